@@ -1,0 +1,1 @@
+"""Rigid transforms, wrenches and convex shapes."""

@@ -1,0 +1,30 @@
+"""Convex shapes, and the bodies that are made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from planners.geometry.pose import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexShape:
+    """The convex hull of `vertices`, grown by a ball of `radius`: spheres, capsules, boxes and hulls alike."""
+
+    vertices: Array
+    """(n, 3), in the frame of the body [m]."""
+    radius: float = 0.0
+    """[m]"""
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionBody:
+    """A named rigid body for collision queries."""
+
+    name: str
+    group: str
+    """Who it belongs to: an arm ("left", "right"), or "cell", "plate", "cup", "cable", "support", "obstacle"."""
+    frame: str
+    """"world", "left/0" (base) to "left/6" (flange; frame after joint i), or the name of a movable frame."""
+    shapes: tuple[ConvexShape, ...]
+    """Convex parts, in `frame`."""

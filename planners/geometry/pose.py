@@ -1,0 +1,124 @@
+"""Rigid transforms as 4x4 homogeneous arrays.
+
+A transform is named `T_a_b`: it takes homogeneous coordinates in frame b to frame a, so that inner names
+cancel: `T_world_tool = T_world_object @ T_object_tool`. Lengths are in metres. Documents carry the same
+transform as `[x, y, z, w, x, y, z]`: position, then a unit quaternion with the scalar first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Transform = NDArray[np.float64]
+"""A 4x4 homogeneous rigid transform."""
+
+
+def transform(rotation: Array | None = None, position: Sequence[float] | Array | None = None) -> Transform:
+    """Assemble `T_a_b` from the (3, 3) rotation and the origin of b in a [m]; either may be left out."""
+    T = np.eye(4)
+    if rotation is not None:
+        T[:3, :3] = rotation
+    if position is not None:
+        T[:3, 3] = position
+    return T
+
+
+def inverse(T_a_b: Transform) -> Transform:
+    """Return `T_b_a`."""
+    R = T_a_b[:3, :3].T
+    return transform(R, -R @ T_a_b[:3, 3])
+
+
+def from_pose7(pose: Sequence[float] | Array) -> Transform:
+    """Read `[x, y, z, w, x, y, z]`; the quaternion is normalised."""
+    values = np.asarray(pose, dtype=float)
+    w, x, y, z = values[3:] / np.linalg.norm(values[3:])
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return transform(rotation, values[:3])
+
+
+def to_pose7(T: Transform) -> list[float]:
+    """Write `[x, y, z, w, x, y, z]` with a unit quaternion whose scalar part is not negative."""
+    R = T[:3, :3]
+    # The largest of the four squared components decides the division, so that nothing small is divided by.
+    squares = np.array(
+        [
+            1 + R[0, 0] + R[1, 1] + R[2, 2],
+            1 + R[0, 0] - R[1, 1] - R[2, 2],
+            1 - R[0, 0] + R[1, 1] - R[2, 2],
+            1 - R[0, 0] - R[1, 1] + R[2, 2],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    d, e, f = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    rows = [
+        (squares[0], a, b, c),
+        (a, squares[1], d, e),
+        (b, d, squares[2], f),
+        (c, e, f, squares[3]),
+    ]
+    quaternion = np.array(rows[largest])
+    quaternion /= np.linalg.norm(quaternion)
+    if quaternion[0] < 0:
+        quaternion = -quaternion
+    return [float(value) for value in (*T[:3, 3], *quaternion)]
+
+
+def skew(vector: Sequence[float] | Array) -> Array:
+    """Return S with `S @ v == cross(vector, v)`."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_from_vector(vector: Sequence[float] | Array) -> Array:
+    """Rotate by `|vector|` radians about `vector` (Rodrigues)."""
+    v = np.asarray(vector, dtype=float)
+    angle = float(np.linalg.norm(v))
+    if angle < 1e-12:
+        return np.eye(3) + skew(v)
+    S = skew(v / angle)
+    return np.eye(3) + math.sin(angle) * S + (1.0 - math.cos(angle)) * (S @ S)
+
+
+def rotation_angle(R_a: Array, R_b: Array) -> float:
+    """Return the angle of the rotation between two orientations [rad], accurate near 0 and near pi."""
+    R = R_a.T @ R_b
+    sine = 0.5 * math.sqrt((R[2, 1] - R[1, 2]) ** 2 + (R[0, 2] - R[2, 0]) ** 2 + (R[1, 0] - R[0, 1]) ** 2)
+    return math.atan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0))
+
+
+def rotation_x(angle: float) -> Array:
+    """Rotate about x [rad]."""
+    return rotation_from_vector([angle, 0.0, 0.0])
+
+
+def rotation_y(angle: float) -> Array:
+    """Rotate about y [rad]."""
+    return rotation_from_vector([0.0, angle, 0.0])
+
+
+def rotation_z(angle: float) -> Array:
+    """Rotate about z [rad]."""
+    return rotation_from_vector([0.0, 0.0, angle])
+
+
+def frame_from_z(z_axis: Sequence[float] | Array, x_hint: Sequence[float] | Array) -> Array:
+    """Return the right-handed rotation whose z is `z_axis` and whose x is `x_hint` projected square to it."""
+    z = np.asarray(z_axis, dtype=float)
+    z = z / np.linalg.norm(z)
+    x = np.asarray(x_hint, dtype=float)
+    x = x - z * float(x @ z)
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -1,0 +1,276 @@
+"""Cheapest paths through a graph whose nodes are examined only when the search reaches them.
+
+Most nodes of a manipulation graph are never on a cheap path, and to examine one costs a cone program. So the
+search is an A* in which a node starts as *unknown*, with a lower bound of its load, and is examined when it is
+first taken from the queue. Whether all nodes are examined beforehand or on demand, the path is the same: costs
+are whole numbers (exactly additive in any order), and equal costs are decided by a second cost, then by node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+RESOLUTION = 1e-9
+"""Costs are counted in whole multiples of this, so that sums do not depend on their order."""
+
+UNKNOWN, ALIVE, DEAD = 0, 1, 2
+_FOUND, _EXHAUSTED = -1, -2
+
+
+@dataclass(frozen=True, eq=False)
+class StateGraph:
+    """A directed graph in compressed rows; an arc costs its own cost plus, if it is loaded, both its ends' loads.
+
+    Loads stand for what depends on a node alone (in paper B, the joint torque of eq. (10)).
+    """
+
+    row_start: NDArray[np.int64]
+    """(N + 1,) arcs of node n are `row_start[n]` up to `row_start[n + 1]`."""
+    head: NDArray[np.int32]
+    """(A,) the node each arc leads to."""
+    cost: NDArray[np.int64]
+    """(A,) in multiples of RESOLUTION, without loads."""
+    loaded: NDArray[np.bool_]
+    """(A,) whether the loads of both ends are added."""
+    effort: NDArray[np.int64]
+    """(A,) second cost, which decides between equally cheap paths."""
+    edge: NDArray[np.int32]
+    """(A,) number of the undirected edge that the arc belongs to."""
+
+    @property
+    def node_count(self) -> int:
+        """Number of nodes."""
+        return len(self.row_start) - 1
+
+    @property
+    def edge_count(self) -> int:
+        """Number of undirected edges."""
+        return int(self.edge.max()) + 1 if len(self.edge) else 0
+
+
+@dataclass(eq=False)
+class Knowledge:
+    """What is known of a graph so far: it only ever grows, and is shared by all searches of the graph."""
+
+    status: NDArray[np.int8]
+    """(N,) UNKNOWN, ALIVE or DEAD."""
+    load: NDArray[np.int64]
+    """(N,) a lower bound while unknown, the load once alive; multiples of RESOLUTION."""
+    edge_dead: NDArray[np.bool_]
+    """(E,) edges that were tried and failed."""
+
+    @classmethod
+    def none(cls, graph: StateGraph) -> Knowledge:
+        """Know nothing of `graph`: all nodes unknown with load 0, no edge dead."""
+        return cls(
+            np.zeros(graph.node_count, np.int8),
+            np.zeros(graph.node_count, np.int64),
+            np.zeros(graph.edge_count, np.bool_),
+        )
+
+
+@dataclass(frozen=True)
+class GraphPath:
+    """A cheapest path: its nodes and edges, its cost, and how many nodes were expanded to find it."""
+
+    nodes: tuple[int, ...]
+    edges: tuple[int, ...]
+    cost: float
+    expanded: int
+
+
+def graph_from_edges(
+    node_count: int,
+    tail: NDArray[np.int32],
+    head: NDArray[np.int32],
+    costs: NDArray[np.float64],
+    loaded: NDArray[np.bool_],
+    effort: NDArray[np.float64],
+) -> StateGraph:
+    """Build a graph from E undirected edges; `costs` is (E, 2): from tail to head, and back."""
+    count = len(tail)
+    tails = np.concatenate([tail, head])
+    heads = np.concatenate([head, tail]).astype(np.int32)
+    order = np.lexsort((heads, tails))
+    row_start = np.zeros(node_count + 1, np.int64)
+    np.cumsum(np.bincount(tails, minlength=node_count), out=row_start[1:])
+    both = np.concatenate([costs[:, 0], costs[:, 1]])
+    edge = np.concatenate([np.arange(count), np.arange(count)]).astype(np.int32)
+    return StateGraph(
+        row_start,
+        heads[order],
+        whole(both)[order],
+        np.concatenate([loaded, loaded])[order],
+        whole(np.concatenate([effort, effort]))[order],
+        edge[order],
+    )
+
+
+def whole(cost: NDArray[np.float64] | float) -> NDArray[np.int64]:
+    """Express costs as whole multiples of RESOLUTION."""
+    return np.rint(np.asarray(cost) / RESOLUTION).astype(np.int64)
+
+
+def cheapest_path(
+    graph: StateGraph,
+    knowledge: Knowledge,
+    start: int,
+    goal: NDArray[np.bool_],
+    heuristic: NDArray[np.int64],
+    examine: Callable[[int], None],
+    *,
+    bottleneck: bool = False,
+) -> GraphPath | None:
+    """Find the cheapest path from `start` to any node of `goal`, or None if there is none.
+
+    `examine(node)` must make an unknown node ALIVE with its exact load, or DEAD, in `knowledge`. `heuristic` is a
+    consistent lower bound of the remaining cost. With `bottleneck` the path with the smallest largest load is
+    sought instead, and arc costs only decide between equals.
+    """
+    search = _Search(graph, knowledge, start, heuristic)
+    while True:
+        node = _advance(
+            graph.row_start, graph.head, graph.cost, graph.loaded, graph.effort, graph.edge,
+            knowledge.status, knowledge.load, knowledge.edge_dead, goal, heuristic, bottleneck,
+            search.keys, search.links, search.counters, search.best, search.parent,
+        )  # fmt: skip
+        if node == _EXHAUSTED:
+            return None
+        if node == _FOUND:
+            return search.path()
+        examine(int(node))
+
+
+class _Search:
+    """The queue and the tree of one search, kept between the calls of the compiled part."""
+
+    def __init__(self, graph: StateGraph, knowledge: Knowledge, start: int, heuristic: NDArray[np.int64]) -> None:
+        self.graph, self.knowledge = graph, knowledge
+        # Every arc enters the queue once when its tail is settled and once more when its head turns out to be
+        # loaded; every node waits once for its examination.
+        capacity = 2 * len(graph.head) + graph.node_count + 2
+        self.keys = np.empty((capacity, 4), np.int64)  # f, effort, g, load counted so far
+        self.links = np.empty((capacity, 3), np.int32)  # node, parent, arc
+        self.counters = np.zeros(3, np.int64)  # queue length, expanded nodes, goal reached
+        self.best = np.full((graph.node_count, 2), -1, np.int64)  # settled cost and effort
+        self.parent = np.full((graph.node_count, 2), -1, np.int32)  # settled parent and arc
+        self.keys[0] = (heuristic[start], 0, 0, 0)
+        self.links[0] = (start, -1, -1)
+        self.counters[0] = 1
+
+    def path(self) -> GraphPath:
+        """Walk back from the goal that was reached."""
+        node = int(self.counters[2])
+        cost = float(self.best[node, 0]) * RESOLUTION
+        nodes, edges = [node], []
+        while self.parent[node, 0] >= 0:
+            edges.append(int(self.graph.edge[self.parent[node, 1]]))
+            node = int(self.parent[node, 0])
+            nodes.append(node)
+        return GraphPath(tuple(reversed(nodes)), tuple(reversed(edges)), cost, int(self.counters[1]))
+
+
+@njit(cache=True, nogil=True)
+def _before(keys, links, i, j):
+    """Whether queue entry i is to be taken before entry j: by f, then effort, then node, then parent."""
+    for k in range(2):
+        if keys[i, k] != keys[j, k]:
+            return keys[i, k] < keys[j, k]
+    for k in range(2):
+        if links[i, k] != links[j, k]:
+            return links[i, k] < links[j, k]
+    return False
+
+
+@njit(cache=True, nogil=True)
+def _swap(keys, links, i, j):
+    for k in range(keys.shape[1]):
+        keys[i, k], keys[j, k] = keys[j, k], keys[i, k]
+    for k in range(links.shape[1]):
+        links[i, k], links[j, k] = links[j, k], links[i, k]
+
+
+@njit(cache=True, nogil=True)
+def _push(keys, links, counters, f, effort, g, load, node, parent, arc):
+    i = counters[0]
+    counters[0] += 1
+    keys[i, 0], keys[i, 1], keys[i, 2], keys[i, 3] = f, effort, g, load
+    links[i, 0], links[i, 1], links[i, 2] = node, parent, arc
+    while i > 0:
+        above = (i - 1) // 2
+        if not _before(keys, links, i, above):
+            break
+        _swap(keys, links, i, above)
+        i = above
+
+
+@njit(cache=True, nogil=True)
+def _pop(keys, links, counters):
+    """Remove the first entry; it is left just behind the queue's end, at index `counters[0]`."""
+    counters[0] -= 1
+    length = counters[0]
+    _swap(keys, links, 0, length)
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= length:
+            break
+        if child + 1 < length and _before(keys, links, child + 1, child):
+            child += 1
+        if not _before(keys, links, child, i):
+            break
+        _swap(keys, links, i, child)
+        i = child
+
+
+@njit(cache=True, nogil=True)
+def _advance(
+    row_start, head, cost, loaded, effort, edge, status, load, edge_dead, goal, heuristic, bottleneck,
+    keys, links, counters, best, parent,
+):  # fmt: skip
+    """Search until a node must be examined (its number is returned), a goal is settled, or nothing is left."""
+    while counters[0] > 0:
+        node = links[0, 0]
+        if best[node, 0] >= 0 or status[node] == 2:
+            _pop(keys, links, counters)
+            continue
+        if status[node] == 0:
+            return node
+        _pop(keys, links, counters)
+        top = counters[0]
+        g, e, counted = keys[top, 2], keys[top, 1], keys[top, 3]
+        from_node, arc = links[top, 1], links[top, 2]
+        if bottleneck:
+            exact = max(g, load[node])
+        elif arc >= 0 and loaded[arc]:
+            exact = g - counted + load[node]
+        else:
+            exact = g
+        if exact > g:
+            _push(keys, links, counters, exact + heuristic[node], e, exact, load[node], node, from_node, arc)
+            continue
+        best[node, 0], best[node, 1] = g, e
+        parent[node, 0], parent[node, 1] = from_node, arc
+        counters[1] += 1
+        if goal[node]:
+            counters[2] = node
+            return -1
+        for a in range(row_start[node], row_start[node + 1]):
+            other = head[a]
+            if edge_dead[edge[a]] or status[other] == 2 or best[other, 0] >= 0:
+                continue
+            if bottleneck:
+                reached = max(g, load[other])
+                second = e + cost[a]
+            else:
+                reached = g + cost[a]
+                second = e + effort[a]
+                if loaded[a]:
+                    reached += load[node] + load[other]
+            _push(keys, links, counters, reached + heuristic[other], second, reached, load[other], other, node, a)
+    return -2
