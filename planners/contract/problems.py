@@ -1,0 +1,113 @@
+"""What is wrong with a body, member by member, as an HTTP problem lists it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NotRequired, TypedDict
+
+from pydantic import ValidationError
+
+from planners.contract.task_spec import KINDS, UNION_TAGS
+from planners.errors import SceneError
+
+MAX_PROBLEMS = 100
+"""More are counted, not listed."""
+LONGEST_KEY = 200
+"""An unknown member with a longer name is pointed at by its object."""
+
+Location = Sequence[str | int]
+
+
+class Problem(TypedDict):
+    """One thing that is wrong."""
+
+    pointer: str
+    """RFC 6901, from the body's root."""
+    detail: str
+    allowed: NotRequired[list[str]]
+    """The valid choices, where they can be listed."""
+
+
+def problems_of(error: ValidationError | SceneError) -> list[Problem]:
+    """Return everything `error` knows about the body, in the order of the body."""
+    if isinstance(error, SceneError):
+        return _scene_problems(error)
+    # A default that could not be derived follows from a fault that is listed itself.
+    faults = [
+        fault
+        for fault in error.errors(include_url=False, include_input=False)
+        if fault["type"] != "default_factory_not_called"
+    ]
+    problems = [_problem(fault) for fault in faults[:MAX_PROBLEMS]]
+    if len(faults) > MAX_PROBLEMS:
+        problems.append(Problem(pointer="", detail=f"{len(faults) - MAX_PROBLEMS} more problems are not listed"))
+    return problems
+
+
+def _scene_problems(error: SceneError) -> list[Problem]:
+    pointers = getattr(error, "pointers", (error.pointer,))
+    problems = [Problem(pointer=pointer, detail=error.detail) for pointer in pointers]
+    if error.allowed is not None:
+        for problem in problems:
+            problem["allowed"] = list(error.allowed)
+    return problems
+
+
+def json_pointer(path: Iterable[str | int]) -> str:
+    """Return the RFC 6901 pointer of a path of keys and indices."""
+    return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in path)
+
+
+def _problem(fault: Mapping[str, Any]) -> Problem:
+    kind, context = fault["type"], fault.get("ctx", {})
+    path = _body_path(fault["loc"], keep_last=kind == "extra_forbidden")
+    if kind == "extra_forbidden" and len(str(path[-1])) > LONGEST_KEY:
+        detail = f"a member whose name has {len(str(path[-1]))} characters is not known here"
+        return Problem(pointer=json_pointer(path[:-1]), detail=detail)
+    if kind in ("union_tag_invalid", "union_tag_not_found"):
+        path = [*path, _quoted(context["discriminator"])[0]]
+    problem = Problem(pointer=json_pointer(path), detail=_detail(kind, context, fault["msg"]))
+    if path == ["kind"]:
+        problem["allowed"] = list(KINDS)
+    choices = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
+    if choices:
+        problem["allowed"] = _quoted(choices)
+    return problem
+
+
+def _body_path(location: Location, *, keep_last: bool) -> list[str | int]:
+    """Leave the names of union branches out; a member that the body itself calls so is kept."""
+    last = len(location) - 1
+    return [step for i, step in enumerate(location) if step not in UNION_TAGS or (keep_last and i == last)]
+
+
+def _quoted(text: str) -> list[str]:
+    return re.findall(r"'([^']*)'", text)
+
+
+_SENTENCES = {
+    "missing": "is required",
+    "extra_forbidden": "is not known here",
+    "float_type": "must be a number; strings and booleans are not numbers",
+    "int_type": "must be a whole number; strings and booleans are not numbers",
+    "finite_number": "must be a finite number",
+    "string_type": "must be a string",
+    "tuple_type": "must be an array",
+    "union_tag_not_found": "is required",
+    "model_type": "must be an object",
+    "model_attributes_type": "must be an object",
+    "dict_type": "must be an object",
+}
+
+
+def _detail(kind: str, context: Mapping[str, Any], message: str) -> str:
+    if kind in _SENTENCES:
+        return _SENTENCES[kind]
+    if kind in ("union_tag_invalid", "literal_error"):
+        return "is none of the valid choices"
+    if kind == "too_long":
+        return f"has too many items: {context['max_length']} are expected"
+    if kind == "string_pattern_mismatch":
+        return f"must match {context['pattern']}"
+    return message.replace("Input should be", "must be", 1)

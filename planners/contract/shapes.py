@@ -1,0 +1,108 @@
+"""Shapes of bodies, as a task names them. Each has its own frame, the body frame."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from planners.contract.counted import Counted
+from planners.contract.quantities import Length, Name, Point2, Scale
+from planners.contract.strict_model import StrictModel
+
+SHORTEST_EDGE = 1e-4
+"""Outline points closer than this are one point given twice [m]."""
+SMALLEST_TURN = 1e-3
+"""An outline that turns less than this at a point has no corner there [rad]."""
+
+
+class Box(StrictModel):
+    """A box; the origin is its centre."""
+
+    type: Literal["box"]
+    size: tuple[Length, Length, Length]
+    """Full lengths along x, y, z [m]."""
+
+
+class Cylinder(StrictModel):
+    """A cylinder about z; the origin is its centre."""
+
+    type: Literal["cylinder"]
+    radius: Length
+    """[m]"""
+    height: Length
+    """[m]"""
+
+
+class Prism(StrictModel):
+    """A convex polygon extruded along z; the origin is at mid-height."""
+
+    type: Literal["prism"]
+    outline: Annotated[tuple[Point2, ...], Counted(3, 64)]
+    """Corners [[x, y], ...], counter-clockwise and strictly convex [m]."""
+    height: Length
+    """[m]"""
+
+    @field_validator("outline")
+    @classmethod
+    def _is_convex_and_counter_clockwise(cls, outline: tuple[Point2, ...]) -> tuple[Point2, ...]:
+        fault = outline_fault(outline)
+        if fault is not None:
+            raise PydanticCustomError("outline", "{fault}", {"fault": fault})
+        return outline
+
+
+class Mesh(StrictModel):
+    """A closed triangle mesh, named by asset or by upload; the frame is the mesh's own."""
+
+    type: Literal["mesh"]
+    asset: Name | None = None
+    upload: Name | None = None
+    scale: Scale = 1.0
+    """What the mesh's coordinates are multiplied by to be metres."""
+
+    @model_validator(mode="after")
+    def _names_one_source(self) -> Self:
+        if (self.asset is None) == (self.upload is None):
+            raise PydanticCustomError("mesh_source", "a mesh names either an asset or an upload")
+        return self
+
+
+Shape = Annotated[Box | Cylinder | Prism | Mesh, Field(discriminator="type")]
+PlateShape = Annotated[Box | Prism, Field(discriminator="type")]
+"""A plate has a flat top and a flat bottom with corners to tilt about."""
+
+
+def outline_fault(outline: tuple[Point2, ...]) -> str | None:
+    """Return why `outline` is not a strictly convex, counter-clockwise polygon, or None if it is one."""
+    ahead = zip(outline, outline[1:] + outline[:1], strict=True)
+    edges = [(bx - ax, by - ay) for (ax, ay), (bx, by) in ahead]
+    for index, edge in enumerate(edges):
+        if math.hypot(*edge) < SHORTEST_EDGE:
+            return f"points {index} and {(index + 1) % len(edges)} are less than {SHORTEST_EDGE} m apart"
+    if _signed_area(outline) < 0.0:
+        return "the outline runs clockwise; list its points counter-clockwise"
+    turns = [_turn(before, after) for before, after in zip(edges[-1:] + edges[:-1], edges, strict=True)]
+    for index, turn in enumerate(turns):
+        if abs(turn) < SMALLEST_TURN:
+            return f"point {index} is no corner: it lies on the line through its neighbours"
+        if turn < 0.0 or turn > math.pi - SMALLEST_TURN:
+            return f"the outline is not convex at point {index}"
+    # Every corner turns left; only an outline that crosses itself turns by more than one full circle.
+    if sum(turns) > 3.0 * math.pi:
+        return "the outline crosses itself"
+    return None
+
+
+def _signed_area(outline: tuple[Point2, ...]) -> float:
+    """Return the area, negative when the outline runs clockwise [m^2]."""
+    ahead = zip(outline, outline[1:] + outline[:1], strict=True)
+    return 0.5 * sum(ax * by - bx * ay for (ax, ay), (bx, by) in ahead)
+
+
+def _turn(before: tuple[float, float], after: tuple[float, float]) -> float:
+    """Return the angle from one edge to the next, in (-pi, pi], positive to the left [rad]."""
+    cross = before[0] * after[1] - before[1] * after[0]
+    return math.atan2(cross, before[0] * after[0] + before[1] * after[1])

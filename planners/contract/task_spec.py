@@ -1,0 +1,276 @@
+"""TaskSpec: what is asked for, with every default filled in. Two kinds, told apart by `kind`."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, Tag, TypeAdapter
+
+from planners.contract.counted import Counted
+from planners.contract.quantities import (
+    Direction,
+    Eccentricity,
+    ExternalId,
+    Factor,
+    Force,
+    FrictionCoefficient,
+    JointPositions,
+    Length,
+    Mass,
+    Name,
+    PeelStiffness,
+    Point2,
+    Point3,
+    Pose,
+    Seed,
+)
+from planners.contract.shapes import PlateShape, Shape
+from planners.contract.strict_model import StrictModel
+
+ORIGIN = (0.0, 0.0, 0.0)
+HINGE_KAPPA = 0.005
+"""kappa of a plate lift's cup [N]: Dex-Net 3.0's published re-implementation; the cup is then nearly a hinge."""
+
+
+class Obstacle(StrictModel):
+    """A body that nothing may touch; it may stand, hang or be mounted anywhere."""
+
+    name: Name
+    shape: Shape
+    pose: Pose
+    """Body frame in the world."""
+
+
+Obstacles = Annotated[tuple[Obstacle, ...], Counted(0, 200)]
+
+
+class Plate(StrictModel):
+    """The plate to be lifted."""
+
+    shape: PlateShape
+    mass: Mass
+    com: Point3 = ORIGIN
+    """Centre of mass in the body frame [m]."""
+
+
+class Support(StrictModel):
+    """What the plate lies on when that is not the table itself; it stands on the table."""
+
+    shape: Shape
+    pose: Pose
+
+
+class LifterCup(StrictModel):
+    """The vacuum lifter's cup on the plate's top face."""
+
+    position: Point2
+    """Centre of the pad from the shape's origin, in plate axes [m]."""
+    radius: Length
+    """[m]"""
+    max_force: Force
+    """Largest suction force [N]."""
+    mu: FrictionCoefficient = 0.5
+    kappa: PeelStiffness = HINGE_KAPPA
+
+
+class PlateLiftFriction(StrictModel):
+    """Friction of the plate lift's contacts."""
+
+    grip: FrictionCoefficient = 0.5
+    push: FrictionCoefficient = 0.5
+    environment: FrictionCoefficient = 0.4
+    eps: Eccentricity = 0.0075
+    """Torsional friction of a gripping finger, as a length [m]."""
+
+
+class HandForceLimit(StrictModel):
+    """What one hand may bear."""
+
+    normal: Force = 17.0
+    """Largest normal force of one contact [N]."""
+    net: Force = 19.0
+    """Largest magnitude of the sum of one hand's contact forces [N]."""
+
+
+class GripSpec(StrictModel):
+    """One place where the gripper may hold the plate, one finger on each face."""
+
+    position: Point3
+    """Midpoint between the pads' centres, in the plate's frame, inside the plate [m]."""
+    approach: Direction
+    """Where the gripper points, in the plate's frame and in the plate's plane."""
+
+
+class PushSpec(StrictModel):
+    """One place where the stick may push the plate."""
+
+    position: Point3
+    """Contact point on the plate's surface, in the plate's frame [m]."""
+    normal: Direction
+    """Into the plate, square to the face at `position`, in the plate's frame."""
+    direction: Direction
+    """Where the stick points, in the plate's frame."""
+
+
+class PlateLiftOptions(StrictModel):
+    """How a plate lift is planned."""
+
+    goal_height: Annotated[float, Field(strict=True, ge=0.001, le=0.5, allow_inf_nan=False)] = 0.03
+    """Height of the plate's lowest corner above its support at the end [m]."""
+    minimise: Literal["cost", "force"] = "cost"
+    """The paper's path cost, or the largest contact normal along the path."""
+    search: Literal["lazy", "full"] = "lazy"
+    """Solve balances only where the search goes, or build the whole graph first. The plan is the same."""
+    contact_density: Factor = 1.0
+    """Number of sampled plate poses, relative to the default."""
+    hold_density: Factor = 1.0
+    """Number of generated grips and pushes, relative to the default."""
+    grips: Annotated[tuple[GripSpec, ...], Counted(1, 200)] | None = None
+    """Grips to use instead of generated ones."""
+    pushes: Annotated[tuple[PushSpec, ...], Counted(1, 400)] | None = None
+    """Pushes to use instead of generated ones."""
+
+
+class PlateLiftTask(StrictModel):
+    """Raise a plate from its support with two hands and the vacuum lifter (paper B)."""
+
+    kind: Literal["plate_lift"]
+    cell: Name = "dual_ur3e_lift"
+    plate: Plate
+    plate_pose: Pose
+    """The plate's body frame in the world: top face up, its whole bottom face at rest."""
+    support: Support | None = None
+    """None: the table."""
+    cup: LifterCup
+    lifter_model: Literal["paper", "cable", "dexnet"] = "paper"
+    friction: PlateLiftFriction = PlateLiftFriction()
+    hand_force_limit: HandForceLimit = HandForceLimit()
+    obstacles: Obstacles = ()
+    start_positions: JointPositions | None = None
+    """None: the cell's home."""
+    seed: Seed = 0
+    external_id: ExternalId | None = None
+    options: PlateLiftOptions = PlateLiftOptions()
+
+
+def _half_peel_limit(validated: dict[str, Any]) -> float:
+    """Return half the kappa at which a pad peels, sqrt(2) F / pi: the default of a hand-held tool's cup [N]."""
+    return 0.5 * math.sqrt(2.0) * validated["max_force"] / math.pi
+
+
+class ToolCup(StrictModel):
+    """The cup of a hand-held suction tool."""
+
+    radius: Length
+    """[m]"""
+    max_force: Force
+    """Largest suction force [N]."""
+    mu: FrictionCoefficient = 0.5
+    kappa: PeelStiffness = Field(default_factory=_half_peel_limit)
+    """Default: half the peel limit sqrt(2) max_force / pi [N]."""
+
+
+class ToolPart(StrictModel):
+    """One shape of a tool."""
+
+    shape: Shape
+    pose: Pose
+    """Shape frame in the tool frame."""
+
+
+class CustomTool(StrictModel):
+    """A suction tool; its origin is the centre of the cup's lip, +z runs from the cup up the shaft."""
+
+    shapes: Annotated[tuple[ToolPart, ...], Counted(1, 64)]
+    mass: Mass
+    com: Point3 = ORIGIN
+    """In the tool frame [m]."""
+    cup: ToolCup
+
+
+def _default_symmetry(validated: dict[str, Any]) -> Literal["axis", "none"]:
+    return "axis" if validated["shape"].type == "cylinder" else "none"
+
+
+class ObjectToMove(StrictModel):
+    """A body that is to be brought from its pose to its goal pose."""
+
+    name: Name
+    shape: Shape
+    mass: Mass
+    com: Point3 = ORIGIN
+    """In the body frame [m]."""
+    pose: Pose
+    goal_pose: Pose
+    goal_symmetry: Literal["none", "axis", "shape"] = Field(default_factory=_default_symmetry)
+    """Default: axis for a cylinder, else none."""
+
+
+class SuctionToolFriction(StrictModel):
+    """Friction of the suction tool's contacts."""
+
+    grip: FrictionCoefficient = 0.5
+    environment: FrictionCoefficient = 0.4
+
+
+class SuctionToolOptions(StrictModel):
+    """How a suction-tool task is planned; nothing can be chosen yet."""
+
+
+ToolName = Literal["long_symmetric", "short_asymmetric"]
+
+
+def _tool_form(tool: Any) -> str:
+    return "tool by name" if isinstance(tool, str) else "custom tool"
+
+
+Tool = Annotated[
+    Annotated[ToolName, Tag("tool by name")] | Annotated[CustomTool, Tag("custom tool")], Discriminator(_tool_form)
+]
+
+
+class SuctionToolTask(StrictModel):
+    """Move objects to their goals with a suction tool that the hands regrasp (paper A)."""
+
+    kind: Literal["suction_tool"]
+    cell: Name = "dual_ur3e_tool"
+    tool: Tool = "long_symmetric"
+    tool_pose: Pose | None = None
+    """None: the cell's tool rest."""
+    objects: Annotated[tuple[ObjectToMove, ...], Counted(1, 50)]
+    friction: SuctionToolFriction = SuctionToolFriction()
+    grip_force_limit: Force = 60.0
+    """[N]"""
+    obstacles: Obstacles = ()
+    start_positions: JointPositions | None = None
+    """None: the cell's home."""
+    seed: Seed = 0
+    external_id: ExternalId | None = None
+    options: SuctionToolOptions = SuctionToolOptions()
+
+
+TaskSpec = Annotated[PlateLiftTask | SuctionToolTask, Field(discriminator="kind")]
+KINDS = ("plate_lift", "suction_tool")
+UNION_TAGS = frozenset({*KINDS, "box", "cylinder", "prism", "mesh", "tool by name", "custom tool"})
+"""Names by which pydantic tells the branches of unions apart in its error locations. None of them is a member."""
+_ADAPTER: TypeAdapter[PlateLiftTask | SuctionToolTask] = TypeAdapter(TaskSpec)
+
+
+def read_task(body: object) -> PlateLiftTask | SuctionToolTask:
+    """Validate a parsed JSON body; defaults are filled in.
+
+    Raises:
+        pydantic.ValidationError: `planners.contract.problems.problems_of` turns it into what the caller is told.
+    """
+    return _ADAPTER.validate_python(body)
+
+
+def write_task(task: PlateLiftTask | SuctionToolTask) -> dict[str, Any]:
+    """Return the task as accepted, every default filled in, as JSON data. `read_task` gives the same task again."""
+    return task.model_dump(mode="json")
+
+
+def task_schema() -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a task body."""
+    return _ADAPTER.json_schema()
