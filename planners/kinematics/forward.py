@@ -1,0 +1,77 @@
+"""Forward kinematics and the Jacobian of one arm, from its Denavit-Hartenberg table.
+
+`T_world_flange = T_world_base @ prod_i Rz(q_i + theta0_i) Tz(d_i) Tx(a_i) Rx(alpha_i)`; frame i is the frame after
+i joints, so that frame 0 is the base and frame 6 the flange. A table has the columns a, alpha, d, theta0 [m, rad].
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from planners.geometry.pose import Array, Transform
+
+
+@njit(cache=True, nogil=True)
+def link_frames(dh: Array, T_world_base: Transform, q: Array, out: Array) -> None:
+    """Write `T_world_i` of all frames of an arm.
+
+    Args:
+        dh: (6, 4), see the module.
+        T_world_base: (4, 4).
+        q: (6,) joint positions in the controller's convention [rad].
+        out: (7, 4, 4), written: frame 0 (base) to frame 6 (flange).
+    """
+    out[0] = T_world_base
+    for i in range(6):
+        a, alpha, d = dh[i, 0], dh[i, 1], dh[i, 2]
+        theta = q[i] + dh[i, 3]
+        ct, st = math.cos(theta), math.sin(theta)
+        ca, sa = math.cos(alpha), math.sin(alpha)
+        for row in range(3):
+            x, y, z = out[i, row, 0], out[i, row, 1], out[i, row, 2]
+            # The new x axis, and the direction that the new y and z are turned out of by alpha.
+            along = x * ct + y * st
+            across = y * ct - x * st
+            out[i + 1, row, 0] = along
+            out[i + 1, row, 1] = across * ca + z * sa
+            out[i + 1, row, 2] = z * ca - across * sa
+            out[i + 1, row, 3] = out[i, row, 3] + a * along + d * z
+        out[i + 1, 3, 0] = 0.0
+        out[i + 1, 3, 1] = 0.0
+        out[i + 1, 3, 2] = 0.0
+        out[i + 1, 3, 3] = 1.0
+
+
+@njit(cache=True, nogil=True)
+def flange_pose(dh: Array, T_world_base: Transform, q: Array) -> Transform:
+    """Return `T_world_flange`, (4, 4), at the joint positions `q` (6,) [rad]; `dh` as in `link_frames`."""
+    frames = np.empty((7, 4, 4))
+    link_frames(dh, T_world_base, q, frames)
+    return frames[6].copy()
+
+
+@njit(cache=True, nogil=True)
+def jacobian(dh: Array, T_world_base: Transform, q: Array, point_world: Array) -> Array:
+    """Return J (6, 6) with `[v; w] = J @ dq` in world axes.
+
+    v is the velocity [m/s] of the point of the flange that is at `point_world` (3,) now, w the flange's angular
+    velocity [rad/s]: column i is `[z_i x (p - o_i); z_i]` with the axis z and origin o of frame i - 1.
+    """
+    frames = np.empty((7, 4, 4))
+    link_frames(dh, T_world_base, q, frames)
+    J = np.empty((6, 6))
+    for i in range(6):
+        zx, zy, zz = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
+        rx = point_world[0] - frames[i, 0, 3]
+        ry = point_world[1] - frames[i, 1, 3]
+        rz = point_world[2] - frames[i, 2, 3]
+        J[0, i] = zy * rz - zz * ry
+        J[1, i] = zz * rx - zx * rz
+        J[2, i] = zx * ry - zy * rx
+        J[3, i] = zx
+        J[4, i] = zy
+        J[5, i] = zz
+    return J
