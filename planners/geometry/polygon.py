@@ -1,0 +1,125 @@
+"""Convex polygons in the plane: counter-clockwise (n, 2) outlines in metres.
+
+Side k of an outline runs from corner k to corner k + 1 (modulo n).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from planners.errors import LiftwrightError
+from planners.geometry.pose import Array
+
+_MIN_SIDE = 1e-6
+"""Shortest side that counts as one [m]."""
+_MIN_TURN = 1e-6
+"""Smallest sine of the turn at a corner: a straight corner is none."""
+
+
+class ShapeError(LiftwrightError):
+    """A shape that cannot be what it is called."""
+
+
+def convex_outline(corners: Sequence[Sequence[float]] | Array) -> Array:
+    """Return the corners as a read-only (n, 2) array.
+
+    Raises:
+        ShapeError: unless they are at least three finite corners, counter-clockwise and strictly convex.
+    """
+    outline = np.array(corners, dtype=float)
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.all(np.isfinite(outline)):
+        raise ShapeError("an outline is a list of at least three finite [x, y] corners")
+    sides = np.roll(outline, -1, axis=0) - outline
+    lengths = np.linalg.norm(sides, axis=1)
+    if np.any(lengths < _MIN_SIDE):
+        raise ShapeError(f"corner {int(np.argmin(lengths))} of the outline coincides with the next one")
+    directions = sides / lengths[:, None]
+    before = np.roll(directions, 1, axis=0)
+    turns = _cross(before, directions)
+    if np.any(turns < _MIN_TURN):
+        raise ShapeError(
+            f"corner {int(np.argmin(turns))} of the outline does not turn left: "
+            "an outline is strictly convex and counter-clockwise"
+        )
+    # Left turns everywhere still allow an outline that winds around twice.
+    winding = float(np.sum(np.arctan2(turns, np.sum(before * directions, axis=1))))
+    if winding > 3.0 * np.pi:
+        raise ShapeError("the outline crosses itself")
+    outline.flags.writeable = False
+    return outline
+
+
+def side_lengths(outline: Array) -> Array:
+    """Return the (n,) lengths of the sides [m]."""
+    return np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1)
+
+
+def side_directions(outline: Array) -> Array:
+    """Return the (n, 2) unit vectors along the sides, counter-clockwise."""
+    return (np.roll(outline, -1, axis=0) - outline) / side_lengths(outline)[:, None]
+
+
+def inward_normals(outline: Array) -> Array:
+    """Return the (n, 2) unit normals of the sides that point into the polygon."""
+    along = side_directions(outline)
+    return np.column_stack([-along[:, 1], along[:, 0]])
+
+
+def area(outline: Array) -> float:
+    """Return the enclosed area [m²]."""
+    return 0.5 * float(np.sum(_cross(outline, np.roll(outline, -1, axis=0))))
+
+
+def centroid(outline: Array) -> Array:
+    """Return the (2,) centroid of the enclosed area [m]."""
+    following = np.roll(outline, -1, axis=0)
+    weights = _cross(outline, following)
+    return (outline + following).T @ weights / (3.0 * float(np.sum(weights)))
+
+
+def depth_inside(outline: Array, points: Array) -> Array:
+    """Return how deep (k, 2) points lie inside [m]: the distance to the nearest side's line, negative outside."""
+    offsets = np.asarray(points, dtype=float)[:, None, :] - outline[None, :, :]
+    return np.min(np.sum(offsets * inward_normals(outline)[None, :, :], axis=2), axis=1)
+
+
+def overlap(outline: Array, other: Array) -> Array:
+    """Return the corners (m, 2) of the intersection of two convex polygons, counter-clockwise; m is 0 when apart.
+
+    Sutherland and Hodgman's clipping of the first outline by each side of the second.
+    """
+    corners = np.asarray(outline, dtype=float)
+    for start, normal in zip(other, inward_normals(other), strict=True):
+        if len(corners) == 0:
+            break
+        corners = _clip(corners, start, normal)
+    return _without_repeats(corners)
+
+
+def _clip(corners: Array, start: Array, normal: Array) -> Array:
+    """Keep the part of the polygon on the inner side of one line."""
+    heights = (corners - start) @ normal
+    kept: list[Array] = []
+    for index, corner in enumerate(corners):
+        following = (index + 1) % len(corners)
+        here, there = heights[index], heights[following]
+        if here >= 0.0:
+            kept.append(corner)
+        if here * there < 0.0:
+            kept.append(corner + here / (here - there) * (corners[following] - corner))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _without_repeats(corners: Array) -> Array:
+    """Drop corners that coincide with the one before."""
+    if len(corners) == 0:
+        return corners
+    gaps = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    return corners[gaps > _MIN_SIDE]
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return the z component of the cross product, row by row."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

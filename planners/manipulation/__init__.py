@@ -1,0 +1,1 @@
+"""Paper B: contacts, dense contacts, holds and the manipulation state graph."""
