@@ -1,0 +1,127 @@
+"""The answer of the balance program: wrenches that hold the plate, or why there are none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from planners.geometry.pose import Array
+from planners.geometry.wrench import grasp_map, rotated
+
+
+class UnbalanceReason(Enum):
+    """Why the plate cannot be held. The value is the sentence shown to a person."""
+
+    PROVEN = "No forces within their limits balance the plate's weight."
+    WITHIN_TOLERANCE = (
+        "The plate is on the border of what can be held; it counts as not held."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ContactWrench:
+    """What one contact exerts on the plate."""
+
+    name: str
+    """"grip_0", "grip_1", "push", "environment_0"..., "cup"."""
+    T_plate_contact: Array
+    """4x4; z is the normal into the plate."""
+    wrench_contact: Array
+    """(6,), in the contact frame."""
+    wrench_world: Array
+    """(6,), in world axes, about the contact point."""
+
+
+@dataclass(frozen=True, eq=False)
+class Balanced:
+    """Least-effort wrenches (5). A cup's pull outward is a negative z force in its contact frame."""
+
+    contacts: tuple[str, ...]
+    """The names of the contacts, in the order of the arrays below; see `ContactWrench.name`."""
+    points: Array
+    """(m, 3), contact points in the plate frame [m]."""
+    rotations: Array
+    """(m, 3, 3), axes of the contact frames in the plate frame; z is the normal into the plate."""
+    wrenches_contact: Array
+    """(m, 6), in the contact frames."""
+    rotation_world_plate: Array
+    """(3, 3), of the pose that was solved."""
+    objective: float
+    """(5a): k_gp f+_gp + k_s f+_s."""
+    f_plus_gp: float
+    """Largest normal force of fingers and stick [N]; 0 without a hand."""
+    f_plus_s: float
+    """Bound on the cup's net pull [N]; equal to `suction_force`, as it is minimised."""
+    suction_force: float
+    """Net pull of the cup, or tension of the cable [N]."""
+    residual_force: float
+    """Norm of the sum of all forces and the weight [N]."""
+    residual_moment: float
+    """Norm of their moment about the centre of mass [Nm]."""
+    least_slack: float
+    """Distance to the nearest limit, in N (torques over their contact's length)."""
+
+    @property
+    def largest_hand_normal(self) -> float:
+        """Largest normal force of fingers and stick [N]."""
+        return self.f_plus_gp
+
+    @cached_property
+    def wrenches_world(self) -> Array:
+        """(m, 6), in world axes, each about its contact point."""
+        forces = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, :3])
+        torques = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, 3:])
+        return rotated(
+            self.rotation_world_plate, np.concatenate([forces, torques], axis=1)
+        )
+
+    def wrench(self, name: str) -> ContactWrench:
+        """Return the wrench of the contact of that name.
+
+        Raises:
+            ValueError: there is no such contact.
+        """
+        return self._wrench(self.contacts.index(name))
+
+    def wrenches(self) -> tuple[ContactWrench, ...]:
+        """Return the wrenches of all contacts."""
+        return tuple(self._wrench(index) for index in range(len(self.contacts)))
+
+    def _wrench(self, index: int) -> ContactWrench:
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.rotations[index], self.points[index]
+        return ContactWrench(
+            self.contacts[index],
+            T,
+            self.wrenches_contact[index],
+            self.wrenches_world[index],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class UnbalanceProof:
+    """A twist with which every allowed force loses power: by virtual power there is no balance.
+
+    Were the plate to move so, all contacts together could put less power into it than its weight takes out.
+    """
+
+    twist: Array
+    """(6,), [linear; angular] of the plate, plate axes, about the centre of mass; its larger part is of size 1."""
+    net_multiplier: Array
+    """(3,), velocity that makes the gripper's bound exact; see `support.grip_power`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unbalanced:
+    """No wrenches within the limits hold the plate."""
+
+    reason: UnbalanceReason
+    proof: UnbalanceProof | None
+    """Re-checked in closed form; none when the reason is not PROVEN."""
+    power: float
+    """The most power of contacts and weight together along the proof's twist [W]; negative; 0 without proof."""
+    shortage: float | None
+    """At least this much upward force at the centre of mass is missing [N]; none when lifting there cannot help."""

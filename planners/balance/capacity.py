@@ -1,0 +1,73 @@
+"""Upper bounds of what hands and lifter can do at all, wherever they hold: closed form, and sound."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from planners.balance.contacts import Friction, HandForceLimit
+from planners.balance.lifter import Lifter
+
+
+@dataclass(frozen=True)
+class LiftCapacity:
+    """The weight of the plate against what can carry it off the table, all in N."""
+
+    needed: float
+    cup: float
+    """Most vertical force of the lifter at any allowed tilt."""
+    gripper: float
+    pusher: float
+
+    @property
+    def available(self) -> float:
+        """Upper bound of the vertical force of lifter and hands together."""
+        return self.cup + self.gripper + self.pusher
+
+    @property
+    def suffices(self) -> bool:
+        """False proves that no pose off the table can be held; true proves nothing."""
+        return self.available >= self.needed
+
+
+def lift_capacity(
+    weight: float,
+    lifter: Lifter,
+    friction: Friction,
+    limits: HandForceLimit,
+    max_tilt: float,
+    grippers: int = 1,
+    pushers: int = 1,
+) -> LiftCapacity:
+    """Bound what can carry a plate of `weight` [N] that touches nothing, tilted by at most `max_tilt` [rad]."""
+    return LiftCapacity(
+        needed=weight,
+        cup=lifter.largest_lift(max_tilt),
+        gripper=grippers * largest_grip_force(friction, limits),
+        pusher=pushers * largest_push_force(friction, limits),
+    )
+
+
+def largest_grip_force(friction: Friction, limits: HandForceLimit) -> float:
+    """Return an upper bound of the norm of the net force of two fingers [N]."""
+    return min(limits.net, 2.0 * limits.normal * math.hypot(1.0, friction.grip))
+
+
+def largest_push_force(friction: Friction, limits: HandForceLimit) -> float:
+    """Return the largest norm of the force of one pushing contact [N]."""
+    return min(limits.net, limits.normal * math.hypot(1.0, friction.push))
+
+
+def largest_environment_normal(
+    weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit
+) -> float:
+    """Return a bound of the sum of the normal forces of whatever the plate stands on [N].
+
+    They are vertical and friction is not, so that they balance the weight and what hands and lifter press down.
+    """
+    return (
+        weight
+        + largest_grip_force(friction, limits)
+        + largest_push_force(friction, limits)
+        + lifter.largest_force()
+    )

@@ -1,0 +1,137 @@
+"""Reuse one proof of imbalance against every node: all poses of the plate with all grips and pushes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from planners.balance.balanced import UnbalanceProof
+from planners.balance.contacts import GripContacts, PushContact
+from planners.balance.solver import PROOF_MARGIN, Balance
+from planners.balance.support import (
+    environment_power,
+    grip_power,
+    point_velocity,
+    push_power,
+)
+from planners.geometry.pose import Array
+from planners.geometry.wrench import rotated
+
+
+class TwistTable:
+    """The nodes (pose, grip, push) of a plate lift, ready to be tested against twists.
+
+    For any twist, the most power of all contacts at a node is a sum of table entries: one of the pose (weight,
+    environment, cup), one of the grip, one of the push. Where the sum is negative the node cannot be balanced.
+    """
+
+    def __init__(
+        self,
+        balance: Balance,
+        rotations: Array,
+        environment_points: Sequence[Array],
+        grips: Sequence[GripContacts],
+        pushes: Sequence[PushContact],
+    ) -> None:
+        """List the nodes.
+
+        Args:
+            balance: The program that the proofs come from.
+            rotations: (n, 3, 3), `R_world_plate` of each pose.
+            environment_points: For each pose, (k, 3), where the plate stands, plate frame.
+            grips: The gripper's contacts.
+            pushes: The stick's contacts.
+        """
+        self._balance = balance
+        self._rotations = np.asarray(rotations, dtype=float)
+        self._ups = self._rotations[:, 2, :]
+        self._groups = _same_count(environment_points, balance.com)
+        self._cup_lever = balance.cup.T_plate_cup[:3, 3] - balance.com
+        self._grip_levers = (
+            np.array([grip.points for grip in grips]).reshape(-1, 2, 3) - balance.com
+        )
+        self._grip_normals = np.array([grip.normals for grip in grips]).reshape(
+            -1, 2, 3
+        )
+        self._push_levers = (
+            np.array([push.point for push in pushes]).reshape(-1, 3) - balance.com
+        )
+        self._push_normals = np.array([push.normal for push in pushes]).reshape(-1, 3)
+
+    def infeasible(self, proof: UnbalanceProof | Array) -> Array:
+        """Test one twist, fixed in the plate, at every node.
+
+        Args:
+            proof: A proof found anywhere, or a bare twist (6,) in plate axes about the centre of mass.
+
+        Returns:
+            Booleans (pose, 1 + grip, 1 + push), index 0 for the hand that is absent: true where there is no balance.
+        """
+        proof = _as_proof(proof)
+        return self._test(proof.twist[None], proof.net_multiplier[None])
+
+    def infeasible_in_world(self, proof: UnbalanceProof | Array, pose: int) -> Array:
+        """Test a proof found at `pose` as a motion fixed in the world: rewritten for each pose; see `infeasible`."""
+        proof = _as_proof(proof)
+        R_poses_source = np.swapaxes(self._rotations, 1, 2) @ self._rotations[pose]
+        twists = np.stack([rotated(R, proof.twist) for R in R_poses_source])
+        return self._test(twists, R_poses_source @ proof.net_multiplier)
+
+    def _test(self, twists: Array, net_multipliers: Array) -> Array:
+        """Test `twists` (n or 1, 6), one a pose or one for all."""
+        balance = self._balance
+        friction, limits = balance.friction, balance.limits
+        poses = self._pose_power(np.broadcast_to(twists, (len(self._rotations), 6)))
+        each = twists[:, None, :]
+        multipliers = net_multipliers[:, None, :]
+        grips = grip_power(
+            each, self._grip_levers, self._grip_normals, friction, limits, multipliers
+        )
+        pushes = push_power(
+            each, self._push_levers, self._push_normals, friction, limits
+        )
+        absent = np.zeros((len(twists), 1))
+        grips = np.concatenate([absent, grips], axis=1)[:, :, None]
+        pushes = np.concatenate([absent, pushes], axis=1)[:, None, :]
+        sizes = np.linalg.norm(twists[:, :3], axis=1) + 1e-12
+        threshold = -PROOF_MARGIN * balance.weight * np.maximum(sizes, 1.0)
+        return poses[:, None, None] + grips + pushes < threshold[:, None, None]
+
+    def _pose_power(self, twists: Array) -> Array:
+        balance = self._balance
+        power = -balance.weight * np.sum(twists[:, :3] * self._ups, axis=1)
+        velocities = point_velocity(twists, self._cup_lever)
+        power += balance.lifter.largest_power(velocities, twists[:, 3:], self._ups)
+        for members, levers in self._groups:
+            power[members] += environment_power(
+                twists[members],
+                levers,
+                self._ups[members],
+                balance.friction,
+                balance.environment_bound,
+            )
+        return power
+
+
+def _as_proof(proof: UnbalanceProof | Array) -> UnbalanceProof:
+    return (
+        proof
+        if isinstance(proof, UnbalanceProof)
+        else UnbalanceProof(np.asarray(proof, dtype=float), np.zeros(3))
+    )
+
+
+def _same_count(
+    environment_points: Sequence[Array], com: Array
+) -> list[tuple[Array, Array]]:
+    """Group the poses by their number of environment points: indices (g,) and levers (g, k, 3)."""
+    points = [
+        np.asarray(each, dtype=float).reshape(-1, 3) for each in environment_points
+    ]
+    counts = np.array([len(each) for each in points])
+    groups = []
+    for count in np.unique(counts[counts > 0]):
+        members = np.flatnonzero(counts == count)
+        groups.append((members, np.stack([points[index] for index in members]) - com))
+    return groups

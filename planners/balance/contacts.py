@@ -1,0 +1,178 @@
+"""What can push on the plate: fingers, a stick, the table, the suction cup. All in the plate frame.
+
+The plate frame is the frame of the plate's shape. A contact frame has its origin at the contact point and
+its z axis along the normal into the plate, so that a push is a positive z force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+
+from planners.errors import LiftwrightError
+from planners.geometry.pose import Array, Transform, transform
+
+
+@dataclass(frozen=True, eq=False)
+class GripContacts:
+    """Two soft fingers on the plate: paper B, eq. (1), F_g1 and F_g2."""
+
+    points: Array
+    """(2, 3), finger 0 then finger 1 [m]."""
+    normals: Array
+    """(2, 3), unit, into the plate."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "points", _locked(self.points, (2, 3), "the points of a grip")
+        )
+        object.__setattr__(
+            self,
+            "normals",
+            _locked(self.normals, (2, 3), "the normals of a grip", unit=True),
+        )
+
+    @cached_property
+    def rotations(self) -> Array:
+        """(2, 3, 3): the axes of each finger's contact frame in the plate frame."""
+        return np.stack([contact_axes(normal) for normal in self.normals])
+
+
+@dataclass(frozen=True, eq=False)
+class PushContact:
+    """One point contact with friction: paper B, eq. (1), F_p."""
+
+    point: Array
+    """(3,) [m]"""
+    normal: Array
+    """(3,), unit, into the plate."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "point", _locked(self.point, (3,), "the point of a push")
+        )
+        object.__setattr__(
+            self,
+            "normal",
+            _locked(self.normal, (3,), "the normal of a push", unit=True),
+        )
+
+    @cached_property
+    def rotation(self) -> Array:
+        """(3, 3): the axes of the contact frame in the plate frame."""
+        return contact_axes(self.normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Cup:
+    """The lifter's suction cup on the plate."""
+
+    T_plate_cup: Transform
+    """z is the normal into the plate, x the plate's x projected on the pad, y = z x x."""
+    radius: float
+    """Of the pad [m]."""
+    max_force: float
+    """Largest vacuum force [N]."""
+    mu: float = 0.5
+    """Friction of pad on plate: Schmalz, dry."""
+    kappa: float = 0.005
+    """Stiffness of the pad's material in (5g) [N]: a public Dex-Net 3.0 implementation."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self,
+            "T_plate_cup",
+            _locked(self.T_plate_cup, (4, 4), "the pose of the cup"),
+        )
+        _require_not_negative(self)
+        if self.radius == 0.0:
+            raise LiftwrightError("radius of Cup must be positive")
+
+    @classmethod
+    def on_top(
+        cls,
+        position: tuple[float, float, float],
+        radius: float,
+        max_force: float,
+        **parameters: float,
+    ) -> Cup:
+        """Place a cup at `position` on a face whose outward normal is the plate's +z."""
+        axes = np.diag([1.0, -1.0, -1.0])
+        return cls(transform(axes, position), radius, max_force, **parameters)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction coefficients of (5c)-(5e)."""
+
+    grip: float = 0.5
+    """Fingers on plate."""
+    push: float = 0.5
+    """Stick on plate."""
+    environment: float = 0.4
+    """Plate on table or support."""
+    eps: float = 0.0075
+    """Eccentricity of the soft finger: torque over tangential force at the limit [m]."""
+
+    def __post_init__(self) -> None:
+        _require_not_negative(self)
+        if 0.0 in (self.grip, self.push, self.environment, self.eps):
+            raise LiftwrightError("friction coefficients and eps must be positive")
+
+
+@dataclass(frozen=True)
+class HandForceLimit:
+    """What one hand may do."""
+
+    normal: float = 17.0
+    """Cap of f+_gp, the normal force at each contact [N]: UR3e payload less sensor and gripper is 17.6 N."""
+    net: float = 19.0
+    """Cap of the norm of the sum of one hand's contact forces [N]."""
+
+    def __post_init__(self) -> None:
+        _require_not_negative(self)
+
+
+def contact_axes(normal: Array) -> Array:
+    """Return (3, 3) right-handed axes whose z is the unit `normal`; x is square to the plate axis furthest from it."""
+    axis = np.zeros(3)
+    axis[int(np.argmin(np.abs(normal)))] = 1.0
+    x = _cross(axis, normal)
+    x /= np.sqrt(x @ x)
+    return np.column_stack([x, _cross(normal, x), normal])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b for two single vectors, ten times faster than `np.cross`."""
+    return np.array(
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    )
+
+
+def _locked(
+    values: Array, shape: tuple[int, ...], what: str, *, unit: bool = False
+) -> Array:
+    array = np.array(values, dtype=float)
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        raise LiftwrightError(
+            f"{what} must be finite numbers of shape {shape}, not {array.shape}"
+        )
+    if unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-6):
+        raise LiftwrightError(f"{what} must have length 1")
+    array.setflags(write=False)
+    return array
+
+
+def _require_not_negative(record: Cup | Friction | HandForceLimit) -> None:
+    for field in fields(record):
+        value = getattr(record, field.name)
+        if isinstance(value, (int, float)) and not value >= 0.0:
+            raise LiftwrightError(
+                f"{field.name} of {type(record).__name__} must not be negative, but is {value}"
+            )

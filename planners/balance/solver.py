@@ -1,0 +1,331 @@
+"""Solve the balance program (5) of paper B for one plate and lifter, at any pose and with any hands."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import clarabel
+import numpy as np
+
+from planners.balance.balanced import (
+    Balanced,
+    Unbalanced,
+    UnbalanceProof,
+    UnbalanceReason,
+)
+from planners.balance.capacity import largest_environment_normal
+from planners.balance.contacts import (
+    Cup,
+    Friction,
+    GripContacts,
+    HandForceLimit,
+    PushContact,
+    contact_axes,
+)
+from planners.balance.lifter import LifterModel, lifter_of
+from planners.balance.support import (
+    environment_power,
+    grip_power,
+    point_velocity,
+    push_power,
+)
+from planners.balance.template import TORQUE_LENGTH, Structure, Template
+from planners.errors import LiftwrightError
+from planners.geometry.pose import Array, skew
+
+GRAVITY = 9.81
+"""[m/s^2], along world -z."""
+MAX_RESIDUAL = 1e-9
+"""Largest residual of (5b) accepted, relative to the weight (moments at 0.1 m)."""
+PROOF_MARGIN = 1e-7
+"""A twist proves something when it loses more than this times the weight [m/s]: rounding is 1e-13 of it."""
+
+
+class Balance:
+    """The balance program of one plate with its cup. Keeps compiled programs: not for two threads at once."""
+
+    def __init__(
+        self,
+        plate_mass: float,
+        plate_com: Array,
+        cup: Cup,
+        friction: Friction | None = None,
+        limits: HandForceLimit | None = None,
+        lifter_model: LifterModel = "paper",
+        gravity: float = GRAVITY,
+    ) -> None:
+        """State the plate.
+
+        Args:
+            plate_mass: [kg].
+            plate_com: (3,), centre of mass in the plate frame [m].
+            cup: The lifter's cup.
+            friction: Coefficients of all contacts.
+            limits: What one hand may do.
+            lifter_model: Which forces the lifter can exert.
+            gravity: [m/s^2], along world -z.
+
+        Raises:
+            LiftwrightError: the mass is not positive, or there is no such lifter model.
+        """
+        if not plate_mass > 0.0:
+            raise LiftwrightError(
+                f"the plate's mass must be positive, but is {plate_mass}"
+            )
+        self.com = np.array(plate_com, dtype=float)
+        self.weight = plate_mass * gravity
+        self.cup = cup
+        self.friction = friction if friction is not None else Friction()
+        self.limits = limits if limits is not None else HandForceLimit()
+        self.lifter = lifter_of(lifter_model, cup)
+        self.environment_bound = largest_environment_normal(
+            self.weight, self.lifter, self.friction, self.limits
+        )
+        self._templates: dict[Structure, Template] = {}
+        self._hand_maps: WeakKeyDictionary[GripContacts | PushContact, Array] = (
+            WeakKeyDictionary()
+        )
+        self._cup_axes = cup.T_plate_cup[:3, :3]
+        self._cup_map = _wrench_map(self._cup_axes, cup.T_plate_cup[:3, 3] - self.com)
+
+    def solve(
+        self,
+        rotation_world_plate: Array,
+        environment_points: Array,
+        grip: GripContacts | None = None,
+        push: PushContact | None = None,
+    ) -> Balanced | Unbalanced:
+        """Find least-effort wrenches, or prove that there are none.
+
+        Args:
+            rotation_world_plate: (3, 3), orientation of the plate.
+            environment_points: (k, 3), where the plate stands on the table or support, plate frame; k may be 0.
+            grip: The gripper's contacts, if it holds the plate.
+            push: The stick's contact, if it touches the plate.
+        """
+        points = np.asarray(environment_points, dtype=float).reshape(-1, 3)
+        contacts = _Contacts(
+            np.asarray(rotation_world_plate, dtype=float), points, grip, push
+        )
+        template = self._template(
+            Structure(len(points), grip is not None, push is not None)
+        )
+        contact_map = self._contact_map(contacts)
+        gravity = np.concatenate([-self.weight * contacts.up, np.zeros(3)])
+        status, x, z = template.solve(contact_map, gravity)
+        # The solver's verdict only says which answer to check first; the checks below decide.
+        if status != clarabel.SolverStatus.PrimalInfeasible:
+            residual = _close_balance(x, contact_map, gravity)
+            hands = template.columns.hand_normals
+            if hands:
+                x[template.columns.hand_effort] = x[hands].max()
+            slack = template.least_slack(x)
+            if slack >= 0.0 and np.abs(residual).max() <= MAX_RESIDUAL * self.weight:
+                return self._balanced(template, contacts, x, residual, slack)
+        return self._unbalanced(contacts, z[:6], template.net_multiplier(z))
+
+    def power_bound(
+        self,
+        proof: UnbalanceProof,
+        rotation_world_plate: Array,
+        environment_points: Array,
+        grip: GripContacts | None = None,
+        push: PushContact | None = None,
+    ) -> float:
+        """Return the most power of all contacts and the weight along the proof's twist [W].
+
+        Negative proves that this plate, at this pose and held so, cannot be balanced.
+        """
+        rotation = np.asarray(rotation_world_plate, dtype=float)
+        points = np.asarray(environment_points, dtype=float).reshape(-1, 3)
+        return self._power(proof, _Contacts(rotation, points, grip, push))
+
+    def _template(self, structure: Structure) -> Template:
+        template = self._templates.get(structure)
+        if template is None:
+            template = Template(structure, self.lifter, self.friction, self.limits)
+            self._templates[structure] = template
+        return template
+
+    def _contact_map(self, contacts: _Contacts) -> Array:
+        """Assemble G of (5b), from the template's variables to wrenches in plate axes about the centre of mass."""
+        blocks = []
+        if contacts.grip is not None:
+            blocks.append(self._hand_map(contacts.grip))
+        if contacts.push is not None:
+            blocks.append(self._hand_map(contacts.push))
+        if len(contacts.points):
+            blocks.append(
+                _force_maps(contact_axes(contacts.up), contacts.points - self.com)
+            )
+        blocks.append(self._cup_map @ self.lifter.contact_map(contacts.up))
+        return np.concatenate(blocks, axis=1)
+
+    def _hand_map(self, hand: GripContacts | PushContact) -> Array:
+        known = self._hand_maps.get(hand)
+        if known is not None:
+            return known
+        if isinstance(hand, PushContact):
+            block = _wrench_map(hand.rotation, hand.point - self.com)[:, :3]
+        else:
+            fingers = zip(hand.rotations, hand.points - self.com, strict=True)
+            scale = np.array([1.0, 1.0, 1.0, self.friction.eps])
+            block = np.concatenate(
+                [_wrench_map(R, p)[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1
+            )
+        self._hand_maps[hand] = block
+        return block
+
+    def _balanced(
+        self,
+        template: Template,
+        contacts: _Contacts,
+        x: Array,
+        residual: Array,
+        least_slack: float,
+    ) -> Balanced:
+        columns = template.columns
+        wrenches = [
+            *(
+                (x[s][0], x[s][1], x[s][2], 0.0, 0.0, x[s][3] * self.friction.eps)
+                for s in columns.fingers
+            ),
+            *((*x[s], 0.0, 0.0, 0.0) for s in ([columns.push] if columns.push else [])),
+            *((*x[s], 0.0, 0.0, 0.0) for s in columns.environment),
+            self.lifter.contact_map(contacts.up) @ x[columns.lifter],
+        ]
+        points, rotations = contacts.frames(self.cup)
+        pull = float(x[columns.pull])
+        return Balanced(
+            contacts=contacts.names,
+            points=points,
+            rotations=rotations,
+            wrenches_contact=np.array(wrenches),
+            rotation_world_plate=contacts.rotation_world_plate,
+            objective=float(template.cost @ x),
+            f_plus_gp=0.0
+            if columns.hand_effort is None
+            else float(x[columns.hand_effort]),
+            f_plus_s=pull,
+            suction_force=pull,
+            residual_force=float(np.linalg.norm(residual[:3])),
+            residual_moment=float(np.linalg.norm(residual[3:])) * TORQUE_LENGTH,
+            least_slack=least_slack,
+        )
+
+    def _unbalanced(
+        self, contacts: _Contacts, balance_dual: Array, net_dual: Array
+    ) -> Unbalanced:
+        # Farkas: the dual of the balance rows, turned round, is a twist that every contact resists too weakly.
+        twist = -np.concatenate([balance_dual[:3], balance_dual[3:] / TORQUE_LENGTH])
+        size = max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]) * TORQUE_LENGTH)
+        if not 0.0 < size < np.inf:
+            return Unbalanced(
+                UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None
+            )
+        proof = UnbalanceProof(twist / size, -net_dual / size)
+        power = self._power(proof, contacts)
+        if power >= -PROOF_MARGIN * self.weight:
+            return Unbalanced(
+                UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None
+            )
+        # An upward force F at the centre of mass adds F times this speed.
+        rising = float(proof.twist[:3] @ contacts.up)
+        shortage = -power / rising if rising > 1e-6 else None
+        return Unbalanced(
+            UnbalanceReason.PROVEN, proof=proof, power=power, shortage=shortage
+        )
+
+    def _power(self, proof: UnbalanceProof, contacts: _Contacts) -> float:
+        twist, up = proof.twist, contacts.up
+        levers = contacts.points - self.com
+        cup = point_velocity(twist, self.cup.T_plate_cup[:3, 3] - self.com)
+        power = -self.weight * float(twist[:3] @ up)
+        power += float(
+            environment_power(twist, levers, up, self.friction, self.environment_bound)
+        )
+        power += float(self.lifter.largest_power(cup, twist[3:], up))
+        if contacts.grip is not None:
+            levers, normals = contacts.grip.points - self.com, contacts.grip.normals
+            power += float(
+                grip_power(
+                    twist,
+                    levers,
+                    normals,
+                    self.friction,
+                    self.limits,
+                    proof.net_multiplier,
+                )
+            )
+        if contacts.push is not None:
+            lever, normal = contacts.push.point - self.com, contacts.push.normal
+            power += float(push_power(twist, lever, normal, self.friction, self.limits))
+        return power
+
+
+class _Contacts(NamedTuple):
+    """One problem: how the plate stands and what touches it."""
+
+    rotation_world_plate: Array
+    points: Array
+    grip: GripContacts | None
+    push: PushContact | None
+
+    @property
+    def up(self) -> Array:
+        """World +z in plate axes: the normal of every environment contact."""
+        return np.ascontiguousarray(self.rotation_world_plate[2])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        fingers = ("grip_0", "grip_1") if self.grip is not None else ()
+        push = ("push",) if self.push is not None else ()
+        return (
+            *fingers,
+            *push,
+            *(f"environment_{index}" for index in range(len(self.points))),
+            "cup",
+        )
+
+    def frames(self, cup: Cup) -> tuple[Array, Array]:
+        """Return the origins (m, 3) and axes (m, 3, 3) of the contact frames, in the order of `names`."""
+        points, rotations = [], []
+        if self.grip is not None:
+            points.append(self.grip.points)
+            rotations.append(self.grip.rotations)
+        if self.push is not None:
+            points.append(self.push.point[None])
+            rotations.append(self.push.rotation[None])
+        points += [self.points, cup.T_plate_cup[None, :3, 3]]
+        axes = np.broadcast_to(contact_axes(self.up), (len(self.points), 3, 3))
+        rotations += [axes, cup.T_plate_cup[None, :3, :3]]
+        return np.concatenate(points), np.concatenate(rotations)
+
+
+def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
+    """Move x by the least it takes to meet (5b) to rounding, in place; return what is left, moments at 0.1 m."""
+    scale = np.array([1.0, 1.0, 1.0, *[1.0 / TORQUE_LENGTH] * 3])
+    scaled_map, scaled_gravity = contact_map * scale[:, None], gravity * scale
+    wrenches = x[: contact_map.shape[1]]
+    residual = scaled_map @ wrenches + scaled_gravity
+    correction, *_ = np.linalg.lstsq(scaled_map, residual, rcond=None)
+    wrenches -= correction
+    return scaled_map @ wrenches + scaled_gravity
+
+
+def _wrench_map(axes: Array, lever: Array) -> Array:
+    """Return the grasp map (6, 6) of a contact whose axes and lever from the centre of mass are given."""
+    block = np.zeros((6, 6))
+    block[:3, :3] = block[3:, 3:] = axes
+    block[3:, :3] = skew(lever) @ axes
+    return block
+
+
+def _force_maps(axes: Array, levers: Array) -> Array:
+    """Return the (6, 3k) that takes the forces of k point contacts with the same axes to wrenches."""
+    x, y, z = levers[:, 0], levers[:, 1], levers[:, 2]
+    zero = np.zeros(len(levers))
+    S = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+    torques = np.einsum("ijk,jl->ikl", S, axes).reshape(3, -1)
+    return np.concatenate([np.tile(axes, len(levers)), torques])

@@ -1,0 +1,113 @@
+"""The most power each contact can put into the plate while the plate moves with a given twist.
+
+These are the support functions of the bounded wrench sets of (5c)-(5j), in closed form. All points are levers
+from the centre of mass and all vectors are in plate axes; leading axes broadcast.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planners.balance.contacts import Friction, HandForceLimit
+from planners.geometry.pose import Array
+
+_RELIEF_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the mean finger velocity tried as the multiplier of the gripper's net limit."""
+
+
+def point_velocity(twists: Array, levers: Array) -> Array:
+    """Return the velocities (..., 3) of the points at `levers` (..., 3) for `twists` (..., 6)."""
+    v, w = twists[..., :3], twists[..., 3:]
+    x, y, z = levers[..., 0], levers[..., 1], levers[..., 2]
+    p, q, r = w[..., 0], w[..., 1], w[..., 2]
+    return np.stack(
+        [
+            v[..., 0] + q * z - r * y,
+            v[..., 1] + r * x - p * z,
+            v[..., 2] + p * y - q * x,
+        ],
+        axis=-1,
+    )
+
+
+def grip_power(
+    twists: Array,
+    levers: Array,
+    normals: Array,
+    friction: Friction,
+    limits: HandForceLimit,
+    net_multiplier: Array | None = None,
+) -> Array:
+    """Return an upper bound (...) of what a gripper can do, with `levers` and `normals` (..., 2, 3).
+
+    The fingers' own limits give a sum over the fingers. The limit on their net force relaxes it: for any
+    velocity m, net |m| + (the sum with m taken off both fingers' velocities) is a bound too. A few m along the
+    mean velocity are tried, and `net_multiplier` (..., 3), with which the bound is exact if m is the optimal one.
+    """
+    velocities = point_velocity(twists[..., None, :], levers)
+    spins = np.sum(twists[..., None, 3:] * normals, axis=-1) * friction.eps
+    mean = velocities.mean(axis=-2)
+    multipliers = [share * mean for share in _RELIEF_SHARES]
+    if net_multiplier is not None:
+        multipliers.append(net_multiplier)
+    bounds = []
+    for multiplier in multipliers:
+        relieved = velocities - multiplier[..., None, :]
+        fingers = limits.normal * _cone_power(
+            relieved, normals, friction.grip, spins
+        ).sum(axis=-1)
+        bounds.append(fingers + limits.net * np.sqrt(np.sum(multiplier**2, axis=-1)))
+    return np.minimum.reduce(bounds)
+
+
+def push_power(
+    twists: Array,
+    levers: Array,
+    normals: Array,
+    friction: Friction,
+    limits: HandForceLimit,
+) -> Array:
+    """Return the most a pushing hand can do (...), with `levers` and `normals` (..., 3)."""
+    velocities = point_velocity(twists, levers)
+    outward, along = _split(velocities, normals)
+    reach = min(limits.normal, limits.net)
+    # The force lies in a plane figure: the cone up to `normal`, cut by a circle of radius `net`.
+    edge = min(limits.normal, limits.net / np.hypot(1.0, friction.push))
+    corner = min(friction.push * reach, np.sqrt(limits.net**2 - reach**2))
+    corners = np.maximum(
+        edge * (outward + friction.push * along), reach * outward + corner * along
+    )
+    speed = np.hypot(outward, along)
+    on_arc = (outward * limits.net <= reach * speed) & (
+        along <= friction.push * outward
+    )
+    return np.maximum(0.0, np.where(on_arc, limits.net * speed, corners))
+
+
+def environment_power(
+    twists: Array, levers: Array, ups: Array, friction: Friction, total_normal: float
+) -> Array:
+    """Return the most what the plate stands on can do (...), with `levers` (..., k, 3) and `ups` (..., 3).
+
+    The normal forces of all points together are at most `total_normal` [N]; the best point takes all of it.
+    """
+    if levers.shape[-2] == 0:
+        return np.zeros(np.broadcast_shapes(twists.shape[:-1], ups.shape[:-1]))
+    velocities = point_velocity(twists[..., None, :], levers)
+    powers = _cone_power(velocities, ups[..., None, :], friction.environment, 0.0)
+    return total_normal * powers.max(axis=-1)
+
+
+def _cone_power(
+    velocities: Array, normals: Array, mu: float, spins: Array | float
+) -> Array:
+    """Return the most power per newton of normal force in a friction cone; zero when none helps."""
+    outward, along = _split(velocities, normals)
+    return np.maximum(0.0, outward + mu * np.sqrt(along**2 + np.square(spins)))
+
+
+def _split(velocities: Array, normals: Array) -> tuple[Array, Array]:
+    """Return the component of the velocities along the normals, and the length of the rest."""
+    outward = np.sum(velocities * normals, axis=-1)
+    rest = velocities - outward[..., None] * normals
+    return outward, np.sqrt(np.sum(rest**2, axis=-1))
