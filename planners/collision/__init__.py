@@ -1,0 +1,1 @@
+"""Compiled, conservative collision queries over convex shapes."""

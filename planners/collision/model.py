@@ -1,0 +1,406 @@
+"""A collision model of bodies, and queries of it with movable frames placed and pairs chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.kernel import (
+    RIGID,
+    STILL,
+    UPRIGHT,
+    CollisionKernel,
+    Indices,
+    first_collisions,
+)
+from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
+from planners.collision.sweep import sweep_edge, sweep_path
+from planners.errors import LiftwrightError
+from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.geometry.pose import Array, Transform, transform
+
+PairChoice = Callable[[CollisionBody, CollisionBody], bool]
+PairMask = NDArray[np.bool_]
+NamePair = tuple[str, str]
+
+_FLANGE = 6
+_DRAWN_RIGHT = 1e-9
+"""Bounding balls and boxes are drawn this much too large, beyond rounding [m]."""
+
+
+class CollisionModelError(LiftwrightError):
+    """A collision query names something the model does not have, or leaves a frame without a place."""
+
+
+@dataclass(frozen=True)
+class EdgeResult:
+    """What a continuous query found."""
+
+    free: bool
+    fraction: float
+    """Where along the edge, or path (by its edges: 2.25 is a quarter into the third), trouble was noticed; it need
+    not be the first place. 1 (the number of edges) when free."""
+    pair: int
+    """Index for `CollisionQuery.pair_names`; -1 when free."""
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionQuery:
+    """Pairs to keep apart in one placement of the movable frames. Safe to share between threads."""
+
+    model: CollisionModel
+    kernel: CollisionKernel
+    """For other compiled code (`planners.collision.kernel`, `.sweep`); treat its arrays as read-only."""
+    pair_bodies: Indices
+    """Index of the model's body pair of each of the kernel's shape pairs."""
+
+    def first_collision(self, Q: Array) -> Indices:
+        """Return, for each configuration (n, 6 per arm) [rad], the first pair within its margin, or -1: (n,)."""
+        return first_collisions(self.kernel, np.ascontiguousarray(np.atleast_2d(Q), dtype=float))
+
+    def edge(self, q_from: Array, q_to: Array) -> EdgeResult:
+        """Check a straight joint motion, ends included (`planners.collision.sweep.edge_collision`)."""
+        pair, fraction = sweep_edge(self.kernel, np.array(q_from, dtype=float), np.array(q_to, dtype=float))
+        return EdgeResult(pair < 0, fraction, pair)
+
+    def path(self, Q: Array) -> EdgeResult:
+        """Check the polyline through the configurations (n, 6 per arm) [rad], ends included."""
+        pair, k, fraction = sweep_path(self.kernel, np.ascontiguousarray(Q, dtype=float))
+        return EdgeResult(pair < 0, k + fraction, pair)
+
+    def pair_names(self, pair: int) -> NamePair:
+        """Name the bodies of a pair that a query returned."""
+        return self.model.pair_names[self.pair_bodies[pair]]
+
+    def frame_index(self, frame: str) -> int:
+        """Return the number of a frame in the kernel, for `planners.collision.kernel.set_frame`."""
+        return self.model.frame_index(frame)
+
+    def kernel_copy(self) -> CollisionKernel:
+        """Return a kernel whose movable frames a caller may overwrite."""
+        return self.kernel._replace(T_parent_follower=self.kernel.T_parent_follower.copy())
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionModel:
+    """Arms and convex bodies, prepared so that a scene is quick to set."""
+
+    arms: tuple[str, ...]
+    """In the order of their joints."""
+    bodies: tuple[CollisionBody, ...]
+    frames: tuple[str, ...]
+    """Names by number, see `planners.collision.kernel`."""
+    pair_names: tuple[NamePair, ...]
+    """All body pairs that a scene may check."""
+    body_pairs: Indices
+    """(n, 2), indices of the bodies of `pair_names`."""
+    shape_pairs: Indices
+    """(m, 2), all pairs of shapes of those bodies."""
+    shape_pair_bodies: Indices
+    """(m,), index in `body_pairs`."""
+    shapes: CollisionKernel
+    """The kernel with no pairs and nothing placed: what all scenes share."""
+    pair_index: Mapping[NamePair, int]
+    """Sorted names of two bodies -> index in `pair_names`."""
+    names: frozenset[str]
+
+    @staticmethod
+    def build(
+        arms: Mapping[str, tuple[Array, Transform]],
+        bodies: Sequence[CollisionBody],
+        excluded: Iterable[NamePair] = (),
+    ) -> CollisionModel:
+        """Compile bodies into a model.
+
+        Args:
+            arms: name -> (DH table (6, 4) with columns a, alpha, d, theta0; `T_world_base`), in the order of joints.
+            bodies: with unique names. A frame that is neither "world" nor "<arm>/i" is movable.
+            excluded: pairs of names, in either order, that are never checked. Pairs in one frame never are.
+
+        Raises:
+            CollisionModelError: a name occurs twice, an excluded name is unknown, or a body has no shapes.
+        """
+        _check_bodies(bodies)
+        frames = _frame_names(tuple(arms), bodies)
+        skipped = {_sorted_pair(pair) for pair in excluded}
+        names = frozenset(body.name for body in bodies)
+        _check_names((name for pair in skipped for name in pair), names)
+        body_pairs = [
+            (i, j)
+            for i, a in enumerate(bodies)
+            for j, b in enumerate(bodies[i + 1 :], start=i + 1)
+            if a.frame != b.frame and _sorted_pair((a.name, b.name)) not in skipped
+        ]
+        first_shape = np.cumsum([0, *(len(body.shapes) for body in bodies)])
+        shape_pairs = [
+            (s, t, k)
+            for k, (i, j) in enumerate(body_pairs)
+            for s in range(first_shape[i], first_shape[i + 1])
+            for t in range(first_shape[j], first_shape[j + 1])
+        ]
+        rows = np.array(shape_pairs, dtype=np.int32).reshape(-1, 3)
+        pair_names = tuple((bodies[i].name, bodies[j].name) for i, j in body_pairs)
+        return CollisionModel(
+            arms=tuple(arms),
+            bodies=tuple(bodies),
+            frames=frames,
+            pair_names=pair_names,
+            body_pairs=np.array(body_pairs, dtype=np.int32).reshape(-1, 2),
+            shape_pairs=np.ascontiguousarray(rows[:, :2]),
+            shape_pair_bodies=np.ascontiguousarray(rows[:, 2]),
+            shapes=_bare_kernel(arms, bodies, frames),
+            pair_index={_sorted_pair(pair): k for k, pair in enumerate(pair_names)},
+            names=names,
+        )
+
+    def frame_index(self, frame: str) -> int:
+        """Return the number of a frame.
+
+        Raises:
+            CollisionModelError: there is no such frame.
+        """
+        if frame not in self.frames:
+            raise CollisionModelError(f"no frame {frame!r}; there are {', '.join(self.frames)}")
+        return self.frames.index(frame)
+
+    @property
+    def movable_frames(self) -> tuple[str, ...]:
+        """Frames that a scene has to place."""
+        return self.frames[1 + 7 * len(self.arms) :]
+
+    def pair_mask(self, only: PairChoice) -> PairMask:
+        """Say for each of `pair_names` whether `only` chooses it: the quick form of `scene(only=...)`."""
+        bodies = self.bodies
+        return np.array([only(bodies[i], bodies[j]) for i, j in self.body_pairs.tolist()], dtype=bool)
+
+    def scene(
+        self,
+        placements: Mapping[str, Placement | None],
+        *,
+        allowed: Iterable[NamePair] = (),
+        margin: float = 0.0,
+        margins: Mapping[NamePair, float] | None = None,
+        only: PairChoice | PairMask | None = None,
+    ) -> CollisionQuery:
+        """Place the movable frames and choose the pairs to check.
+
+        Args:
+            placements: for every movable frame where it is, or None when its bodies are not there.
+            allowed: pairs of names, in either order, that may touch: they are skipped.
+            margin: all other pairs keep farther apart than this [m], at least 0.
+            margins: other margins for some pairs of names.
+            only: checks these pairs alone: a choice by bodies, or what `pair_mask` made of one.
+
+        Raises:
+            CollisionModelError: a frame is left out, follows one that is not there or itself, or a name is unknown.
+        """
+        allowed, margins = tuple(allowed), margins or {}
+        _check_names((name for pair in (*allowed, *margins) for name in pair), self.names)
+        chosen = self._chosen_pairs(placements, allowed, only)
+        selected = np.flatnonzero(chosen[self.shape_pair_bodies])
+        pairs, pair_bodies = self.shape_pairs[selected], self.shape_pair_bodies[selected]
+        body_margins = np.full(len(self.pair_names), margin)
+        for pair, value in margins.items():
+            index = self.pair_index.get(_sorted_pair(pair))
+            if index is not None:
+                body_margins[index] = value
+        followers, T_parent_follower, frame_drivers = self._follow(placements)
+        return CollisionQuery(
+            self,
+            self._kernel(pairs, body_margins[pair_bodies], followers, T_parent_follower, frame_drivers),
+            pair_bodies,
+        )
+
+    def _chosen_pairs(
+        self,
+        placements: Mapping[str, Placement | None],
+        allowed: Iterable[NamePair],
+        only: PairChoice | PairMask | None,
+    ) -> PairMask:
+        if only is None:
+            chosen = np.ones(len(self.pair_names), dtype=bool)
+        else:
+            chosen = only.copy() if isinstance(only, np.ndarray) else self.pair_mask(only)
+        for pair in allowed:
+            index = self.pair_index.get(_sorted_pair(pair))
+            if index is not None:
+                chosen[index] = False
+        absent = [frame for frame, placement in placements.items() if placement is None]
+        if absent:
+            there = np.array([body.frame not in absent for body in self.bodies])
+            chosen &= there[self.body_pairs].all(axis=1)
+        return chosen
+
+    def _follow(self, placements: Mapping[str, Placement | None]) -> tuple[Indices, Array, Indices]:
+        """Order the movable frames with parents first; also return what drives each frame, as in the kernel."""
+        for frame in placements:
+            if frame not in self.movable_frames:
+                raise CollisionModelError(f"no movable frame {frame!r}; there are {', '.join(self.movable_frames)}")
+        drivers = np.full((len(self.frames), 3), (-1, 0, 0), dtype=np.int32)
+        for arm in range(len(self.arms)):
+            for joints in range(1, 7):
+                drivers[1 + 7 * arm + joints] = (arm, joints, 0)
+        rows: list[tuple[int, int, int]] = []
+        transforms: list[Array] = []
+        waiting = list(self.movable_frames)
+        missing = [frame for frame in waiting if frame not in placements]
+        if missing:
+            raise CollisionModelError(f"no placement for the frame {', '.join(missing)}")
+        while waiting:
+            ready = [frame for frame in waiting if _parent(placements[frame]) not in waiting]
+            if not ready:
+                raise CollisionModelError(f"these frames follow each other in a circle: {', '.join(waiting)}")
+            for frame in ready:
+                waiting.remove(frame)
+                placement = placements[frame]
+                if placement is None:
+                    continue
+                parent = _parent(placement)
+                if parent in placements and placements[parent] is None:
+                    raise CollisionModelError(f"the frame {frame!r} follows {parent!r}, which is not there")
+                child, above = self.frame_index(frame), self.frame_index(parent)
+                upright = isinstance(placement, Upright)
+                rows.append((child, above, UPRIGHT if upright else RIGID))
+                transforms.append(_offset(placement))
+                drivers[child] = drivers[above]
+                if upright and drivers[above, 0] >= 0:
+                    drivers[child, 2] = 1
+        return (
+            np.array(rows, dtype=np.int32).reshape(-1, 3),
+            np.array(transforms, dtype=float).reshape(-1, 4, 4),
+            drivers,
+        )
+
+    def _kernel(
+        self, pairs: Indices, margin: Array, followers: Indices, T_parent_follower: Array, frame_drivers: Indices
+    ) -> CollisionKernel:
+        """Complete the shared arrays for one scene."""
+        shared = self.shapes
+        drivers = frame_drivers[shared.shape_frame]
+        used = np.zeros(len(shared.radius), dtype=bool)
+        used[pairs.ravel()] = True
+        arm_used = np.zeros(len(self.arms), dtype=np.int32)
+        moved_by = drivers[used, 0]
+        arm_used[moved_by[moved_by >= 0]] = 1
+        return shared._replace(
+            arm_used=arm_used,
+            followers=followers,
+            T_parent_follower=T_parent_follower,
+            shapes=np.flatnonzero(used).astype(np.int32),
+            drivers=drivers,
+            pairs=np.hstack([pairs, _relative_columns(drivers[pairs[:, 0]], drivers[pairs[:, 1]])]),
+            reach=shared.spheres[:, 3][pairs].sum(axis=1) + margin,
+            margin=np.column_stack([margin, np.minimum(margin, 0.0)]),
+        )
+
+
+def _relative_columns(a: Indices, b: Indices) -> Indices:
+    """Return, for pairs of shapes with these drivers (p, 3), which bounds of their travel add up: (p, 2).
+
+    On one arm only the joints between the two move them against each other; an upright shape turns against its arm,
+    so that each of the two is measured from the base.
+    """
+    columns = np.where(np.column_stack([a[:, 0], b[:, 0]]) < 0, STILL, 0)
+    chained = (a[:, 0] == b[:, 0]) & (a[:, 0] >= 0) & (a[:, 2] == 0) & (b[:, 2] == 0)
+    nearer = np.minimum(a[:, 1], b[:, 1])
+    columns[chained, 0] = np.where(a[:, 1] > b[:, 1], nearer, STILL)[chained]
+    columns[chained, 1] = np.where(b[:, 1] > a[:, 1], nearer, STILL)[chained]
+    return columns.astype(np.int32)
+
+
+def _parent(placement: Placement | None) -> str:
+    match placement:
+        case Attached(arm=arm):
+            return f"{arm}/{_FLANGE}"
+        case Riding(frame=frame) | Upright(frame=frame):
+            return frame
+        case _:
+            return "world"
+
+
+def _offset(placement: Placement) -> Transform:
+    match placement:
+        case Fixed(T_world_body=T) | Attached(T_flange_body=T) | Riding(T_parent_body=T):
+            return T
+        case Upright(point=point):
+            return transform(position=point)
+
+
+def _sorted_pair(pair: NamePair) -> NamePair:
+    a, b = pair
+    return (a, b) if a < b else (b, a)
+
+
+def _check_bodies(bodies: Sequence[CollisionBody]) -> None:
+    seen: set[str] = set()
+    for body in bodies:
+        if body.name in seen:
+            raise CollisionModelError(f"two bodies are named {body.name!r}")
+        if not body.shapes:
+            raise CollisionModelError(f"the body {body.name!r} has no shapes")
+        seen.add(body.name)
+
+
+def _check_names(names: Iterable[str], known: frozenset[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise CollisionModelError(f"no body {name!r}; there are {', '.join(sorted(known))}")
+
+
+def _frame_names(arms: tuple[str, ...], bodies: Sequence[CollisionBody]) -> tuple[str, ...]:
+    known = ["world", *(f"{arm}/{i}" for arm in arms for i in range(7))]
+    for body in bodies:
+        if body.frame not in known:
+            known.append(body.frame)
+    return tuple(known)
+
+
+def _bare_kernel(
+    arms: Mapping[str, tuple[Array, Transform]], bodies: Sequence[CollisionBody], frames: tuple[str, ...]
+) -> CollisionKernel:
+    """Lay the shapes of all bodies out in arrays."""
+    shapes = [shape for body in bodies for shape in body.shapes]
+    ends = np.cumsum([len(shape.vertices) for shape in shapes])
+    counts = [len(shape.vertices) for shape in shapes]
+    shape_frame = [frames.index(body.frame) for body in bodies for _ in body.shapes]
+    return CollisionKernel(
+        vertices=np.vstack([shape.vertices for shape in shapes]).astype(float),
+        vertex_range=np.column_stack([ends - counts, ends]).astype(np.int32),
+        radius=np.array([shape.radius for shape in shapes], dtype=float),
+        spheres=np.array([_bounding_sphere(shape) for shape in shapes]),
+        boxes=np.array([_bounding_box(shape) for shape in shapes]),
+        shape_frame=np.array(shape_frame, dtype=np.int32),
+        dh=np.array([dh for dh, _ in arms.values()], dtype=float).reshape(-1, 6, 4),
+        T_world_base=np.array([T for _, T in arms.values()], dtype=float).reshape(-1, 4, 4),
+        arm_used=np.zeros(len(arms), dtype=np.int32),
+        followers=np.empty((0, 3), dtype=np.int32),
+        T_parent_follower=np.empty((0, 4, 4)),
+        shapes=np.empty(0, dtype=np.int32),
+        drivers=np.empty((0, 3), dtype=np.int32),
+        pairs=np.empty((0, 4), dtype=np.int32),
+        reach=np.empty(0),
+        margin=np.empty((0, 2)),
+    )
+
+
+def _bounding_box(shape: ConvexShape) -> Array:
+    low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    return np.concatenate([0.5 * (low + high), 0.5 * (high - low) + _DRAWN_RIGHT])
+
+
+def _bounding_sphere(shape: ConvexShape) -> Array:
+    """Bound a shape by a ball, close to the least one (Badoiu, Clarkson 2003: walk towards the farthest point)."""
+    vertices = shape.vertices
+    center = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    best, least = center, np.inf
+    for step in range(1, 200):
+        offsets = vertices - center
+        squares = np.einsum("ij,ij->i", offsets, offsets)
+        farthest = int(np.argmax(squares))
+        if squares[farthest] < least:
+            best, least = center, float(squares[farthest])
+        center = center + offsets[farthest] / (step + 1)
+    return np.append(best, np.sqrt(least) + shape.radius + _DRAWN_RIGHT)
