@@ -9,16 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from planners.geometry.pose import Array
-from planners.geometry.wrench import grasp_map, rotated
+from planners.geometry.wrench import rotated
 
 
 class UnbalanceReason(Enum):
     """Why the plate cannot be held. The value is the sentence shown to a person."""
 
     PROVEN = "No forces within their limits balance the plate's weight."
-    WITHIN_TOLERANCE = (
-        "The plate is on the border of what can be held; it counts as not held."
-    )
+    WITHIN_TOLERANCE = "The plate is on the border of what can be held; it counts as not held."
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +72,7 @@ class Balanced:
         """(m, 6), in world axes, each about its contact point."""
         forces = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, :3])
         torques = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, 3:])
-        return rotated(
-            self.rotation_world_plate, np.concatenate([forces, torques], axis=1)
-        )
+        return rotated(self.rotation_world_plate, np.concatenate([forces, torques], axis=1))
 
     def wrench(self, name: str) -> ContactWrench:
         """Return the wrench of the contact of that name.
@@ -93,12 +89,7 @@ class Balanced:
     def _wrench(self, index: int) -> ContactWrench:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.rotations[index], self.points[index]
-        return ContactWrench(
-            self.contacts[index],
-            T,
-            self.wrenches_contact[index],
-            self.wrenches_world[index],
-        )
+        return ContactWrench(self.contacts[index], T, self.wrenches_contact[index], self.wrenches_world[index])
 
 
 @dataclass(frozen=True, eq=False)

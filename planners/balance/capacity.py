@@ -31,20 +31,17 @@ class LiftCapacity:
 
 
 def lift_capacity(
-    weight: float,
-    lifter: Lifter,
-    friction: Friction,
-    limits: HandForceLimit,
-    max_tilt: float,
-    grippers: int = 1,
-    pushers: int = 1,
+    weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit, max_tilt: float
 ) -> LiftCapacity:
-    """Bound what can carry a plate of `weight` [N] that touches nothing, tilted by at most `max_tilt` [rad]."""
+    """Bound what can carry a plate of `weight` [N] that touches nothing, tilted by at most `max_tilt` [rad].
+
+    One gripping and one pushing hand, both at their best at once.
+    """
     return LiftCapacity(
         needed=weight,
         cup=lifter.largest_lift(max_tilt),
-        gripper=grippers * largest_grip_force(friction, limits),
-        pusher=pushers * largest_push_force(friction, limits),
+        gripper=largest_grip_force(friction, limits),
+        pusher=largest_push_force(friction, limits),
     )
 
 
@@ -58,16 +55,9 @@ def largest_push_force(friction: Friction, limits: HandForceLimit) -> float:
     return min(limits.net, limits.normal * math.hypot(1.0, friction.push))
 
 
-def largest_environment_normal(
-    weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit
-) -> float:
+def largest_environment_normal(weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit) -> float:
     """Return a bound of the sum of the normal forces of whatever the plate stands on [N].
 
-    They are vertical and friction is not, so that they balance the weight and what hands and lifter press down.
+    They are vertical and their friction is horizontal: they carry the weight and what hands and lifter press down.
     """
-    return (
-        weight
-        + largest_grip_force(friction, limits)
-        + largest_push_force(friction, limits)
-        + lifter.largest_force()
-    )
+    return weight + largest_grip_force(friction, limits) + largest_push_force(friction, limits) + lifter.largest_force()

@@ -9,12 +9,7 @@ import numpy as np
 from planners.balance.balanced import UnbalanceProof
 from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.solver import PROOF_MARGIN, Balance
-from planners.balance.support import (
-    environment_power,
-    grip_power,
-    point_velocity,
-    push_power,
-)
+from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.geometry.pose import Array
 from planners.geometry.wrench import rotated
 
@@ -48,15 +43,9 @@ class TwistTable:
         self._ups = self._rotations[:, 2, :]
         self._groups = _same_count(environment_points, balance.com)
         self._cup_lever = balance.cup.T_plate_cup[:3, 3] - balance.com
-        self._grip_levers = (
-            np.array([grip.points for grip in grips]).reshape(-1, 2, 3) - balance.com
-        )
-        self._grip_normals = np.array([grip.normals for grip in grips]).reshape(
-            -1, 2, 3
-        )
-        self._push_levers = (
-            np.array([push.point for push in pushes]).reshape(-1, 3) - balance.com
-        )
+        self._grip_levers = np.array([grip.points for grip in grips]).reshape(-1, 2, 3) - balance.com
+        self._grip_normals = np.array([grip.normals for grip in grips]).reshape(-1, 2, 3)
+        self._push_levers = np.array([push.point for push in pushes]).reshape(-1, 3) - balance.com
         self._push_normals = np.array([push.normal for push in pushes]).reshape(-1, 3)
 
     def infeasible(self, proof: UnbalanceProof | Array) -> Array:
@@ -85,12 +74,8 @@ class TwistTable:
         poses = self._pose_power(np.broadcast_to(twists, (len(self._rotations), 6)))
         each = twists[:, None, :]
         multipliers = net_multipliers[:, None, :]
-        grips = grip_power(
-            each, self._grip_levers, self._grip_normals, friction, limits, multipliers
-        )
-        pushes = push_power(
-            each, self._push_levers, self._push_normals, friction, limits
-        )
+        grips = grip_power(each, self._grip_levers, self._grip_normals, friction, limits, multipliers)
+        pushes = push_power(each, self._push_levers, self._push_normals, friction, limits)
         absent = np.zeros((len(twists), 1))
         grips = np.concatenate([absent, grips], axis=1)[:, :, None]
         pushes = np.concatenate([absent, pushes], axis=1)[:, None, :]
@@ -105,30 +90,18 @@ class TwistTable:
         power += balance.lifter.largest_power(velocities, twists[:, 3:], self._ups)
         for members, levers in self._groups:
             power[members] += environment_power(
-                twists[members],
-                levers,
-                self._ups[members],
-                balance.friction,
-                balance.environment_bound,
+                twists[members], levers, self._ups[members], balance.friction, balance.environment_bound
             )
         return power
 
 
 def _as_proof(proof: UnbalanceProof | Array) -> UnbalanceProof:
-    return (
-        proof
-        if isinstance(proof, UnbalanceProof)
-        else UnbalanceProof(np.asarray(proof, dtype=float), np.zeros(3))
-    )
+    return proof if isinstance(proof, UnbalanceProof) else UnbalanceProof(np.asarray(proof, dtype=float), np.zeros(3))
 
 
-def _same_count(
-    environment_points: Sequence[Array], com: Array
-) -> list[tuple[Array, Array]]:
+def _same_count(environment_points: Sequence[Array], com: Array) -> list[tuple[Array, Array]]:
     """Group the poses by their number of environment points: indices (g,) and levers (g, k, 3)."""
-    points = [
-        np.asarray(each, dtype=float).reshape(-1, 3) for each in environment_points
-    ]
+    points = [np.asarray(each, dtype=float).reshape(-1, 3) for each in environment_points]
     counts = np.array([len(each) for each in points])
     groups = []
     for count in np.unique(counts[counts > 0]):

@@ -25,14 +25,8 @@ class GripContacts:
     """(2, 3), unit, into the plate."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "points", _locked(self.points, (2, 3), "the points of a grip")
-        )
-        object.__setattr__(
-            self,
-            "normals",
-            _locked(self.normals, (2, 3), "the normals of a grip", unit=True),
-        )
+        object.__setattr__(self, "points", _locked(self.points, (2, 3), "the points of a grip"))
+        object.__setattr__(self, "normals", _locked(self.normals, (2, 3), "the normals of a grip", unit=True))
 
     @cached_property
     def rotations(self) -> Array:
@@ -50,14 +44,8 @@ class PushContact:
     """(3,), unit, into the plate."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "point", _locked(self.point, (3,), "the point of a push")
-        )
-        object.__setattr__(
-            self,
-            "normal",
-            _locked(self.normal, (3,), "the normal of a push", unit=True),
-        )
+        object.__setattr__(self, "point", _locked(self.point, (3,), "the point of a push"))
+        object.__setattr__(self, "normal", _locked(self.normal, (3,), "the normal of a push", unit=True))
 
     @cached_property
     def rotation(self) -> Array:
@@ -81,23 +69,13 @@ class Cup:
     """Stiffness of the pad's material in (5g) [N]: a public Dex-Net 3.0 implementation."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self,
-            "T_plate_cup",
-            _locked(self.T_plate_cup, (4, 4), "the pose of the cup"),
-        )
+        object.__setattr__(self, "T_plate_cup", _locked(self.T_plate_cup, (4, 4), "the pose of the cup"))
         _require_not_negative(self)
         if self.radius == 0.0:
             raise LiftwrightError("radius of Cup must be positive")
 
     @classmethod
-    def on_top(
-        cls,
-        position: tuple[float, float, float],
-        radius: float,
-        max_force: float,
-        **parameters: float,
-    ) -> Cup:
+    def on_top(cls, position: tuple[float, float, float], radius: float, max_force: float, **parameters: float) -> Cup:
         """Place a cup at `position` on a face whose outward normal is the plate's +z."""
         axes = np.diag([1.0, -1.0, -1.0])
         return cls(transform(axes, position), radius, max_force, **parameters)
@@ -146,23 +124,13 @@ def contact_axes(normal: Array) -> Array:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return a x b for two single vectors, ten times faster than `np.cross`."""
-    return np.array(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def _locked(
-    values: Array, shape: tuple[int, ...], what: str, *, unit: bool = False
-) -> Array:
+def _locked(values: Array, shape: tuple[int, ...], what: str, *, unit: bool = False) -> Array:
     array = np.array(values, dtype=float)
     if array.shape != shape or not np.all(np.isfinite(array)):
-        raise LiftwrightError(
-            f"{what} must be finite numbers of shape {shape}, not {array.shape}"
-        )
+        raise LiftwrightError(f"{what} must be finite numbers of shape {shape}, not {array.shape}")
     if unit and np.any(np.abs(np.linalg.norm(array, axis=-1) - 1.0) > 1e-6):
         raise LiftwrightError(f"{what} must have length 1")
     array.setflags(write=False)
@@ -173,6 +141,4 @@ def _require_not_negative(record: Cup | Friction | HandForceLimit) -> None:
     for field in fields(record):
         value = getattr(record, field.name)
         if isinstance(value, (int, float)) and not value >= 0.0:
-            raise LiftwrightError(
-                f"{field.name} of {type(record).__name__} must not be negative, but is {value}"
-            )
+            raise LiftwrightError(f"{field.name} of {type(record).__name__} must not be negative, but is {value}")

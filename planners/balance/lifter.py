@@ -70,17 +70,11 @@ class SuctionPad:
         R = self.cup.T_plate_cup[:3, :3]
         v, w = velocity @ R, spin @ R
         radius = self.cup.radius
-        slip = (
-            np.abs(v[..., 0]) + np.abs(v[..., 1]) + radius * np.abs(w[..., 2])
-        ) / _SQRT3
+        slip = (np.abs(v[..., 0]) + np.abs(v[..., 1]) + radius * np.abs(w[..., 2])) / _SQRT3
         # The pull enters linearly, so that the most is at no pull or at full pull.
         slack = slip * self.grip_at_rest
-        taut = slip * self.grip_at_rest + self.cup.max_force * (
-            slip * self.grip_per_pull - v[..., 2]
-        )
-        return np.maximum(slack, taut) + radius * self.bending_limit * (
-            np.abs(w[..., 0]) + np.abs(w[..., 1])
-        )
+        taut = slip * self.grip_at_rest + self.cup.max_force * (slip * self.grip_per_pull - v[..., 2])
+        return np.maximum(slack, taut) + radius * self.bending_limit * (np.abs(w[..., 0]) + np.abs(w[..., 1]))
 
     def largest_force(self) -> float:
         """Return an upper bound of the norm of the lifter's force [N]."""
@@ -92,17 +86,12 @@ class SuctionPad:
         slack, taut = self._slope_friction()
         pull = self.cup.max_force
         tilt = min(max_tilt, math.atan2(taut, pull))
-        return max(
-            slack * math.sin(min(max_tilt, 0.5 * math.pi)),
-            pull * math.cos(tilt) + taut * math.sin(tilt),
-        )
+        return max(slack * math.sin(min(max_tilt, 0.5 * math.pi)), pull * math.cos(tilt) + taut * math.sin(tilt))
 
     def _slope_friction(self) -> tuple[float, float]:
         """Return the most friction along the pad, at 45 degrees to its axes, at no pull and at full pull [N]."""
         along = _SQRT2 / _SQRT3
-        return along * self.grip_at_rest, along * (
-            self.grip_at_rest + self.grip_per_pull * self.cup.max_force
-        )
+        return along * self.grip_at_rest, along * (self.grip_at_rest + self.grip_per_pull * self.cup.max_force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +109,7 @@ class Cable:
 
     def contact_map(self, up: Array) -> Array:
         """Return (6, size): takes the tension to the wrench on the plate, in the cup frame; `up` in plate axes."""
-        return np.concatenate([self.cup.T_plate_cup[:3, :3].T @ up, np.zeros(3)])[
-            :, None
-        ]
+        return np.concatenate([self.cup.T_plate_cup[:3, :3].T @ up, np.zeros(3)])[:, None]
 
     def largest_power(self, velocity: Array, spin: Array, up: Array) -> Array:
         """Return the most power (...) for the cup centre's velocity (..., 3), plate axes."""
@@ -149,11 +136,7 @@ def lifter_of(model: LifterModel, cup: Cup) -> Lifter:
     if model == "paper":
         return SuctionPad(cup, grip_at_rest=0.0, grip_per_pull=cup.mu)
     if model == "dexnet":
-        return SuctionPad(
-            cup, grip_at_rest=cup.mu * cup.max_force, grip_per_pull=-cup.mu
-        )
+        return SuctionPad(cup, grip_at_rest=cup.mu * cup.max_force, grip_per_pull=-cup.mu)
     if model == "cable":
         return Cable(cup)
-    raise LiftwrightError(
-        f"no lifter model {model!r}; there are {', '.join(get_args(LifterModel))}"
-    )
+    raise LiftwrightError(f"no lifter model {model!r}; there are {', '.join(get_args(LifterModel))}")

@@ -8,28 +8,11 @@ from weakref import WeakKeyDictionary
 import clarabel
 import numpy as np
 
-from planners.balance.balanced import (
-    Balanced,
-    Unbalanced,
-    UnbalanceProof,
-    UnbalanceReason,
-)
-from planners.balance.capacity import largest_environment_normal
-from planners.balance.contacts import (
-    Cup,
-    Friction,
-    GripContacts,
-    HandForceLimit,
-    PushContact,
-    contact_axes,
-)
+from planners.balance.balanced import Balanced, Unbalanced, UnbalanceProof, UnbalanceReason
+from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
+from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
-from planners.balance.support import (
-    environment_power,
-    grip_power,
-    point_velocity,
-    push_power,
-)
+from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.balance.template import TORQUE_LENGTH, Structure, Template
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, skew
@@ -70,22 +53,16 @@ class Balance:
             LiftwrightError: the mass is not positive, or there is no such lifter model.
         """
         if not plate_mass > 0.0:
-            raise LiftwrightError(
-                f"the plate's mass must be positive, but is {plate_mass}"
-            )
+            raise LiftwrightError(f"the plate's mass must be positive, but is {plate_mass}")
         self.com = np.array(plate_com, dtype=float)
         self.weight = plate_mass * gravity
         self.cup = cup
         self.friction = friction if friction is not None else Friction()
         self.limits = limits if limits is not None else HandForceLimit()
         self.lifter = lifter_of(lifter_model, cup)
-        self.environment_bound = largest_environment_normal(
-            self.weight, self.lifter, self.friction, self.limits
-        )
+        self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
         self._templates: dict[Structure, Template] = {}
-        self._hand_maps: WeakKeyDictionary[GripContacts | PushContact, Array] = (
-            WeakKeyDictionary()
-        )
+        self._hand_maps: WeakKeyDictionary[GripContacts | PushContact, Array] = WeakKeyDictionary()
         self._cup_axes = cup.T_plate_cup[:3, :3]
         self._cup_map = _wrench_map(self._cup_axes, cup.T_plate_cup[:3, 3] - self.com)
 
@@ -105,12 +82,8 @@ class Balance:
             push: The stick's contact, if it touches the plate.
         """
         points = np.asarray(environment_points, dtype=float).reshape(-1, 3)
-        contacts = _Contacts(
-            np.asarray(rotation_world_plate, dtype=float), points, grip, push
-        )
-        template = self._template(
-            Structure(len(points), grip is not None, push is not None)
-        )
+        contacts = _Contacts(np.asarray(rotation_world_plate, dtype=float), points, grip, push)
+        template = self._template(Structure(len(points), grip is not None, push is not None))
         contact_map = self._contact_map(contacts)
         gravity = np.concatenate([-self.weight * contacts.up, np.zeros(3)])
         status, x, z = template.solve(contact_map, gravity)
@@ -141,6 +114,10 @@ class Balance:
         points = np.asarray(environment_points, dtype=float).reshape(-1, 3)
         return self._power(proof, _Contacts(rotation, points, grip, push))
 
+    def capacity(self, max_tilt: float) -> LiftCapacity:
+        """Compare the weight with all that can carry the plate off the table, tilted by at most `max_tilt` [rad]."""
+        return lift_capacity(self.weight, self.lifter, self.friction, self.limits, max_tilt)
+
     def _template(self, structure: Structure) -> Template:
         template = self._templates.get(structure)
         if template is None:
@@ -156,9 +133,7 @@ class Balance:
         if contacts.push is not None:
             blocks.append(self._hand_map(contacts.push))
         if len(contacts.points):
-            blocks.append(
-                _force_maps(contact_axes(contacts.up), contacts.points - self.com)
-            )
+            blocks.append(_force_maps(contact_axes(contacts.up), contacts.points - self.com))
         blocks.append(self._cup_map @ self.lifter.contact_map(contacts.up))
         return np.concatenate(blocks, axis=1)
 
@@ -171,26 +146,16 @@ class Balance:
         else:
             fingers = zip(hand.rotations, hand.points - self.com, strict=True)
             scale = np.array([1.0, 1.0, 1.0, self.friction.eps])
-            block = np.concatenate(
-                [_wrench_map(R, p)[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1
-            )
+            block = np.concatenate([_wrench_map(R, p)[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1)
         self._hand_maps[hand] = block
         return block
 
     def _balanced(
-        self,
-        template: Template,
-        contacts: _Contacts,
-        x: Array,
-        residual: Array,
-        least_slack: float,
+        self, template: Template, contacts: _Contacts, x: Array, residual: Array, least_slack: float
     ) -> Balanced:
         columns = template.columns
         wrenches = [
-            *(
-                (x[s][0], x[s][1], x[s][2], 0.0, 0.0, x[s][3] * self.friction.eps)
-                for s in columns.fingers
-            ),
+            *((x[s][0], x[s][1], x[s][2], 0.0, 0.0, x[s][3] * self.friction.eps) for s in columns.fingers),
             *((*x[s], 0.0, 0.0, 0.0) for s in ([columns.push] if columns.push else [])),
             *((*x[s], 0.0, 0.0, 0.0) for s in columns.environment),
             self.lifter.contact_map(contacts.up) @ x[columns.lifter],
@@ -204,9 +169,7 @@ class Balance:
             wrenches_contact=np.array(wrenches),
             rotation_world_plate=contacts.rotation_world_plate,
             objective=float(template.cost @ x),
-            f_plus_gp=0.0
-            if columns.hand_effort is None
-            else float(x[columns.hand_effort]),
+            f_plus_gp=0.0 if columns.hand_effort is None else float(x[columns.hand_effort]),
             f_plus_s=pull,
             suction_force=pull,
             residual_force=float(np.linalg.norm(residual[:3])),
@@ -214,50 +177,31 @@ class Balance:
             least_slack=least_slack,
         )
 
-    def _unbalanced(
-        self, contacts: _Contacts, balance_dual: Array, net_dual: Array
-    ) -> Unbalanced:
+    def _unbalanced(self, contacts: _Contacts, balance_dual: Array, net_dual: Array) -> Unbalanced:
         # Farkas: the dual of the balance rows, turned round, is a twist that every contact resists too weakly.
         twist = -np.concatenate([balance_dual[:3], balance_dual[3:] / TORQUE_LENGTH])
         size = max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]) * TORQUE_LENGTH)
         if not 0.0 < size < np.inf:
-            return Unbalanced(
-                UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None
-            )
+            return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None)
         proof = UnbalanceProof(twist / size, -net_dual / size)
         power = self._power(proof, contacts)
         if power >= -PROOF_MARGIN * self.weight:
-            return Unbalanced(
-                UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None
-            )
+            return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None)
         # An upward force F at the centre of mass adds F times this speed.
         rising = float(proof.twist[:3] @ contacts.up)
         shortage = -power / rising if rising > 1e-6 else None
-        return Unbalanced(
-            UnbalanceReason.PROVEN, proof=proof, power=power, shortage=shortage
-        )
+        return Unbalanced(UnbalanceReason.PROVEN, proof=proof, power=power, shortage=shortage)
 
     def _power(self, proof: UnbalanceProof, contacts: _Contacts) -> float:
         twist, up = proof.twist, contacts.up
         levers = contacts.points - self.com
         cup = point_velocity(twist, self.cup.T_plate_cup[:3, 3] - self.com)
         power = -self.weight * float(twist[:3] @ up)
-        power += float(
-            environment_power(twist, levers, up, self.friction, self.environment_bound)
-        )
+        power += float(environment_power(twist, levers, up, self.friction, self.environment_bound))
         power += float(self.lifter.largest_power(cup, twist[3:], up))
         if contacts.grip is not None:
             levers, normals = contacts.grip.points - self.com, contacts.grip.normals
-            power += float(
-                grip_power(
-                    twist,
-                    levers,
-                    normals,
-                    self.friction,
-                    self.limits,
-                    proof.net_multiplier,
-                )
-            )
+            power += float(grip_power(twist, levers, normals, self.friction, self.limits, proof.net_multiplier))
         if contacts.push is not None:
             lever, normal = contacts.push.point - self.com, contacts.push.normal
             power += float(push_power(twist, lever, normal, self.friction, self.limits))
@@ -281,12 +225,7 @@ class _Contacts(NamedTuple):
     def names(self) -> tuple[str, ...]:
         fingers = ("grip_0", "grip_1") if self.grip is not None else ()
         push = ("push",) if self.push is not None else ()
-        return (
-            *fingers,
-            *push,
-            *(f"environment_{index}" for index in range(len(self.points))),
-            "cup",
-        )
+        return (*fingers, *push, *(f"environment_{index}" for index in range(len(self.points))), "cup")
 
     def frames(self, cup: Cup) -> tuple[Array, Array]:
         """Return the origins (m, 3) and axes (m, 3, 3) of the contact frames, in the order of `names`."""

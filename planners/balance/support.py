@@ -20,14 +20,7 @@ def point_velocity(twists: Array, levers: Array) -> Array:
     v, w = twists[..., :3], twists[..., 3:]
     x, y, z = levers[..., 0], levers[..., 1], levers[..., 2]
     p, q, r = w[..., 0], w[..., 1], w[..., 2]
-    return np.stack(
-        [
-            v[..., 0] + q * z - r * y,
-            v[..., 1] + r * x - p * z,
-            v[..., 2] + p * y - q * x,
-        ],
-        axis=-1,
-    )
+    return np.stack([v[..., 0] + q * z - r * y, v[..., 1] + r * x - p * z, v[..., 2] + p * y - q * x], axis=-1)
 
 
 def grip_power(
@@ -53,20 +46,12 @@ def grip_power(
     bounds = []
     for multiplier in multipliers:
         relieved = velocities - multiplier[..., None, :]
-        fingers = limits.normal * _cone_power(
-            relieved, normals, friction.grip, spins
-        ).sum(axis=-1)
+        fingers = limits.normal * _cone_power(relieved, normals, friction.grip, spins).sum(axis=-1)
         bounds.append(fingers + limits.net * np.sqrt(np.sum(multiplier**2, axis=-1)))
     return np.minimum.reduce(bounds)
 
 
-def push_power(
-    twists: Array,
-    levers: Array,
-    normals: Array,
-    friction: Friction,
-    limits: HandForceLimit,
-) -> Array:
+def push_power(twists: Array, levers: Array, normals: Array, friction: Friction, limits: HandForceLimit) -> Array:
     """Return the most a pushing hand can do (...), with `levers` and `normals` (..., 3)."""
     velocities = point_velocity(twists, levers)
     outward, along = _split(velocities, normals)
@@ -74,19 +59,13 @@ def push_power(
     # The force lies in a plane figure: the cone up to `normal`, cut by a circle of radius `net`.
     edge = min(limits.normal, limits.net / np.hypot(1.0, friction.push))
     corner = min(friction.push * reach, np.sqrt(limits.net**2 - reach**2))
-    corners = np.maximum(
-        edge * (outward + friction.push * along), reach * outward + corner * along
-    )
+    corners = np.maximum(edge * (outward + friction.push * along), reach * outward + corner * along)
     speed = np.hypot(outward, along)
-    on_arc = (outward * limits.net <= reach * speed) & (
-        along <= friction.push * outward
-    )
+    on_arc = (outward * limits.net <= reach * speed) & (along <= friction.push * outward)
     return np.maximum(0.0, np.where(on_arc, limits.net * speed, corners))
 
 
-def environment_power(
-    twists: Array, levers: Array, ups: Array, friction: Friction, total_normal: float
-) -> Array:
+def environment_power(twists: Array, levers: Array, ups: Array, friction: Friction, total_normal: float) -> Array:
     """Return the most what the plate stands on can do (...), with `levers` (..., k, 3) and `ups` (..., 3).
 
     The normal forces of all points together are at most `total_normal` [N]; the best point takes all of it.
@@ -98,9 +77,7 @@ def environment_power(
     return total_normal * powers.max(axis=-1)
 
 
-def _cone_power(
-    velocities: Array, normals: Array, mu: float, spins: Array | float
-) -> Array:
+def _cone_power(velocities: Array, normals: Array, mu: float, spins: Array | float) -> Array:
     """Return the most power per newton of normal force in a friction cone; zero when none helps."""
     outward, along = _split(velocities, normals)
     return np.maximum(0.0, outward + mu * np.sqrt(along**2 + np.square(spins)))

@@ -55,12 +55,7 @@ class Columns:
     @classmethod
     def of(cls, structure: Structure, lifter: Lifter) -> Columns:
         """Lay out the variables: fingers, push, environment, lifter, f+_gp."""
-        sizes = (
-            [4, 4] * structure.grip
-            + [3] * structure.push
-            + [3] * structure.environment
-            + [lifter.size]
-        )
+        sizes = [4, 4] * structure.grip + [3] * structure.push + [3] * structure.environment + [lifter.size]
         ends = np.cumsum(sizes).tolist()
         slices = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
         fingers = tuple(slices[: 2 * structure.grip])
@@ -118,13 +113,8 @@ class _Cones:
 class Template:
     """One compiled cone program; `solve` writes new data into it. Not for use by two threads at once."""
 
-    def __init__(
-        self,
-        structure: Structure,
-        lifter: Lifter,
-        friction: Friction,
-        limits: HandForceLimit,
-    ) -> None:
+    def __init__(self, structure: Structure, lifter: Lifter, friction: Friction, limits: HandForceLimit) -> None:
+        """Compile the program of one structure; the contacts' places come with `solve`."""
         self.columns = columns = Columns.of(structure, lifter)
         self.cost = np.zeros(columns.size)
         self.cost[columns.pull] = K_SUCTION
@@ -133,25 +123,14 @@ class Template:
             self.cost[columns.hand_effort] = K_HAND
         self._linear = len(cones.linear)
         sizes = [len(offset) for _, offset in cones.second_order]
-        self._starts = self._linear + np.concatenate([[0], np.cumsum(sizes)]).astype(
-            int
-        )
-        self.rows = np.vstack(
-            [row for row, _ in cones.linear]
-            + [block for block, _ in cones.second_order]
-        )
-        self.offsets = np.concatenate(
-            [[bound for _, bound in cones.linear], *(o for _, o in cones.second_order)]
-        )
+        self._starts = self._linear + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+        self.rows = np.vstack([row for row, _ in cones.linear] + [block for block, _ in cones.second_order])
+        self.offsets = np.concatenate([[bound for _, bound in cones.linear], *(o for _, o in cones.second_order)])
         self._heads = self._starts[:-1]
-        self._net_rows = (
-            None if net is None else slice(self._starts[net] + 1, self._starts[net] + 4)
-        )
+        self._net_rows = None if net is None else slice(self._starts[net] + 1, self._starts[net] + 4)
         self._build(sizes)
 
-    def _collect(
-        self, lifter: Lifter, friction: Friction, limits: HandForceLimit
-    ) -> tuple[_Cones, int | None]:
+    def _collect(self, lifter: Lifter, friction: Friction, limits: HandForceLimit) -> tuple[_Cones, int | None]:
         """Gather (5c)-(5j); return them and the place of the gripper's net limit, whose rows change with the grip."""
         columns = self.columns
         cones = _Cones(columns.size)
@@ -173,11 +152,7 @@ class Template:
             cones.norm_at_most(np.eye(columns.size)[columns.push], limits.net)
         for point in columns.environment:
             cones.friction(point, friction.environment)
-        net = (
-            cones.norm_at_most(np.zeros((3, columns.size)), limits.net)
-            if columns.fingers
-            else None
-        )
+        net = cones.norm_at_most(np.zeros((3, columns.size)), limits.net) if columns.fingers else None
         return cones, net
 
     def _build(self, sizes: list[int]) -> None:
@@ -187,10 +162,7 @@ class Template:
         pattern[:6, : columns.wrench_size] = True
         if self._net_rows is not None:
             for finger in columns.fingers:
-                pattern[
-                    6 + self._net_rows.start : 6 + self._net_rows.stop,
-                    finger.start : finger.start + 3,
-                ] = True
+                pattern[6 + self._net_rows.start : 6 + self._net_rows.stop, finger.start : finger.start + 3] = True
         self._pattern = np.ascontiguousarray(pattern.T)
         # The stored values do not matter for the sparsity; ones keep the first equilibration away from zeros.
         first = sparse.csc_matrix(pattern.astype(float))
@@ -201,13 +173,9 @@ class Template:
         kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(self._linear)]
         kinds += [clarabel.SecondOrderConeT(size) for size in sizes]
         empty = sparse.csc_matrix((columns.size, columns.size))
-        self._solver = clarabel.DefaultSolver(
-            empty, self.cost, first, self._b, kinds, _solver_settings()
-        )
+        self._solver = clarabel.DefaultSolver(empty, self.cost, first, self._b, kinds, _solver_settings())
 
-    def solve(
-        self, contact_map: Array, gravity: Array
-    ) -> tuple[clarabel.SolverStatus, Array, Array]:
+    def solve(self, contact_map: Array, gravity: Array) -> tuple[clarabel.SolverStatus, Array, Array]:
         """Solve with new data.
 
         Args:
@@ -224,9 +192,7 @@ class Template:
             for finger in self.columns.fingers:
                 force = slice(finger.start, finger.start + 3)
                 self.rows[self._net_rows, force] = contact_map[:3, force]
-                self._A[
-                    6 + self._net_rows.start : 6 + self._net_rows.stop, force
-                ] = -contact_map[:3, force]
+                self._A[6 + self._net_rows.start : 6 + self._net_rows.stop, force] = -contact_map[:3, force]
         self._b[:3] = -gravity[:3]
         self._b[3:6] = -gravity[3:] / TORQUE_LENGTH
         self._solver.update(A=self._A.T[self._pattern], b=self._b)
@@ -245,12 +211,7 @@ class Template:
         squares = values[self._linear :] ** 2
         heads = self._heads - self._linear
         squares[heads] = 0.0
-        return min(
-            slack,
-            float(
-                (values[self._heads] - np.sqrt(np.add.reduceat(squares, heads))).min()
-            ),
-        )
+        return min(slack, float((values[self._heads] - np.sqrt(np.add.reduceat(squares, heads))).min()))
 
     def net_multiplier(self, z: Array) -> Array:
         """Return the part of the dual z that the gripper's net limit holds, (3,); zeros without a gripper."""

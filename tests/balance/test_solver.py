@@ -1,0 +1,151 @@
+"""The compiled solver against the paper's statement in cvxpy, and its answers against the contract's limits."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import get_args
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
+from planners.balance.lifter import LifterModel
+
+STRUCTURES = list(product(get_args(LifterModel), (0, 1, 2, 4), (False, True), (False, True)))
+SEEDS = range(5)
+
+
+@pytest.fixture(scope="module")
+def solved(random_lift):
+    lifts = [random_lift(seed, *structure) for structure in STRUCTURES for seed in SEEDS]
+    return [(lift, lift.solve()) for lift in lifts]
+
+
+@pytest.fixture(scope="module")
+def stated(solved):
+    statements = [lift.state() for lift, _ in solved]
+    for statement in statements:
+        statement.problem.solve(solver="CLARABEL")
+    return statements
+
+
+def test_the_same_lifts_are_held_as_by_the_statement(solved, stated):
+    verdicts = [isinstance(answer, Balanced) for _, answer in solved]
+    assert verdicts == [statement.is_feasible for statement in stated]
+    assert 0.25 < np.mean(verdicts) < 0.75
+
+
+def test_the_least_effort_is_that_of_the_statement(solved, stated):
+    for (_, answer), statement in zip(solved, stated, strict=True):
+        if isinstance(answer, Balanced):
+            assert answer.objective == approx(statement.problem.value, rel=1e-5, abs=1e-4)
+            assert answer.objective == approx(answer.f_plus_gp + 0.1 * answer.f_plus_s, abs=1e-9)
+
+
+def test_wrenches_balance_the_weight_to_rounding(solved):
+    for lift, answer in solved:
+        if isinstance(answer, Balanced):
+            arms = (answer.points - lift.plate.com) @ lift.rotation.T
+            forces, torques = answer.wrenches_world[:, :3], answer.wrenches_world[:, 3:]
+            assert np.abs(forces.sum(axis=0) - [0, 0, lift.plate.mass * 9.81]).max() < 1e-9
+            assert np.abs((torques + np.cross(arms, forces)).sum(axis=0)).max() < 1e-9
+
+
+def test_wrenches_keep_inside_every_limit(solved):
+    for lift, answer in solved:
+        if isinstance(answer, Balanced):
+            margins = [margin for wrench in answer.wrenches() for margin in contract_margins(lift, wrench)]
+            margins += [lift.plate.limits.net - force for force in net_hand_forces(answer)]
+            # Torque limits of the pad are 1e-6 N inside at an arm of its radius.
+            assert min(margins) > 1e-8
+            assert answer.least_slack > 1e-7
+
+
+def test_every_refusal_is_proven(solved):
+    for lift, answer in solved:
+        if isinstance(answer, Unbalanced):
+            assert answer.reason is UnbalanceReason.PROVEN
+            node = (lift.rotation, lift.environment_points, lift.grip, lift.push)
+            assert lift.balance.power_bound(answer.proof, *node) == approx(answer.power)
+            assert answer.power < 0.0
+
+
+def test_the_proof_is_a_twist_that_no_allowed_forces_can_drive(solved, stated):
+    """Ask cvxpy for the most power along the proof's twist, without the closed forms."""
+    refused = [(lift, a, s) for (lift, a), s in zip(solved, stated, strict=True) if isinstance(a, Unbalanced)]
+    for lift, answer, statement in refused[::7]:
+        best = most_power(lift, statement, answer.proof.twist)
+        weight_power = -lift.plate.mass * 9.81 * answer.proof.twist[:3] @ lift.rotation[2]
+        assert best + weight_power < 1e-6
+        assert best + weight_power < answer.power + 1e-5
+
+
+def test_a_shortage_is_a_force_that_is_really_missing(random_lift):
+    """Less weight by a bit less than the shortage is still too heavy when it hangs on the centre of mass."""
+    from dataclasses import replace
+
+    checked = 0
+    for seed in range(20):
+        lift = random_lift(seed, "paper", 0, True, True)
+        answer = lift.solve()
+        if isinstance(answer, Unbalanced) and answer.shortage is not None and answer.shortage < lift.plate.mass * 9.8:
+            lighter = replace(lift.plate, mass=lift.plate.mass - 0.999 * answer.shortage / 9.81)
+            assert isinstance(replace(lift, plate=lighter).solve(), Unbalanced)
+            checked += 1
+    assert checked > 5
+
+
+def test_answers_do_not_depend_on_what_was_solved_before(random_lift):
+    lift, other = random_lift(1, "paper", 2, True, True), random_lift(2, "paper", 2, True, True)
+    balance = lift.balance
+    balance.solve(other.rotation, other.environment_points, other.grip, other.push)
+    again = balance.solve(lift.rotation, lift.environment_points, lift.grip, lift.push)
+    first = lift.solve()
+    assert isinstance(first, Balanced)
+    assert np.array_equal(again.wrenches_contact, first.wrenches_contact)
+
+
+def contract_margins(lift, wrench):
+    """Read one contact's limits off its world wrench as a reader of the plan document would."""
+    plate, friction = lift.plate, lift.plate.friction
+    R_contact_world = (lift.rotation @ wrench.T_plate_contact[:3, :3]).T
+    force, torque = R_contact_world @ wrench.wrench_world[:3], R_contact_world @ wrench.wrench_world[3:]
+    slip = np.hypot(*force[:2])
+    if wrench.name == "cup":
+        yield from cup_margins(plate, wrench.wrench_world, force, torque)
+    elif wrench.name.startswith("grip"):
+        yield friction.grip * force[2] - math.hypot(slip, torque[2] / friction.eps)
+        yield plate.limits.normal - force[2]
+    else:
+        yield getattr(friction, wrench.name.split("_")[0]) * force[2] - slip
+        if wrench.name == "push":
+            yield plate.limits.normal - force[2]
+
+
+def cup_margins(plate, wrench_world, force, torque):
+    cup, pull = plate.cup, -force[2]
+    if plate.lifter_model == "cable":
+        assert np.abs(np.delete(wrench_world, 2)).max() < 1e-9
+        yield from (wrench_world[2], cup.max_force - wrench_world[2])
+        return
+    grip = cup.mu * (pull if plate.lifter_model == "paper" else cup.max_force - pull)
+    yield from (pull, cup.max_force - pull)
+    yield from grip - math.sqrt(3) * np.abs(force[:2])
+    yield cup.radius * grip - math.sqrt(3) * abs(torque[2])
+    yield from math.pi * cup.radius * cup.kappa - math.sqrt(2) * np.abs(torque[:2])
+
+
+def net_hand_forces(answer):
+    for hand in ("grip", "push"):
+        forces = [w.wrench_world[:3] for w in answer.wrenches() if w.name.startswith(hand)]
+        yield float(np.linalg.norm(np.sum(forces, axis=0))) if forces else 0.0
+
+
+def most_power(lift, statement, twist):
+    import cvxpy as cp
+
+    normals = [F[2] for name, F in statement.wrenches.items() if name.startswith("environment")]
+    bound = [cp.sum(cp.hstack(normals)) <= lift.balance.environment_bound] if normals else []
+    return cp.Problem(cp.Maximize(twist @ statement.total), [*statement.limits, *bound]).solve(solver="CLARABEL")
