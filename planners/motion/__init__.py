@@ -1,0 +1,1 @@
+"""Free motion of the arms: path search, smooth paths, time laws."""

@@ -1,0 +1,212 @@
+"""Time along a path: as fast as the joints' limits allow, smooth, from rest to rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.motion.limits import JointLimits, RateLimit
+from planners.motion.path import JointPath
+from planners.motion.time_law import (
+    fastest_squared_speeds,
+    node_times,
+    smoothed_samples,
+)
+from planners.motion.trajectory import Trajectory, concatenate, hold_still
+
+ROUNDING = 1e-9
+"""Part by which steps and limits are undercut so that rounding cannot exceed them."""
+
+
+@dataclass(frozen=True)
+class TimingSettings:
+    """How a path becomes a trajectory."""
+
+    sample_step: float = 0.02
+    """Longest time between samples [s] (the plan document's rule)."""
+    velocity_scale: float = 1.0
+    """Part of the joints' velocity limits that is used, in (0, 1]."""
+    acceleration_scale: float = 1.0
+    """Part of the joints' acceleration limits that is used, in (0, 1]."""
+    smoothing_time: float = 0.08
+    """Acceleration ramps from one bound to the other within this time, which each motion takes longer [s]."""
+    velocity_mismatch: float = 0.02
+    """Most |Δq/Δt - mean velocity| over a step [rad/s] (the plan document's rule)."""
+    rounds: int = 6
+    """How often the motion is slowed locally, where smoothing exceeded a limit, before it is slowed as a whole."""
+    tolerated_excess: float = 0.02
+    """An excess not worth another round; slowing the whole motion by half of it removes it."""
+
+
+def time_path(
+    path: JointPath,
+    limits: JointLimits,
+    settings: TimingSettings | None = None,
+    rate_limits: Sequence[RateLimit] = (),
+) -> Trajectory:
+    """Move along `path` from rest to rest, resting at its stops, within limits at the samples and between them.
+
+    The time-optimal motion (`fastest_squared_speeds`) is averaged over a short moving window of time, so that the
+    acceleration does not jump; where that exceeds a limit the motion is slowed, first locally, then as a whole. The
+    limits hold for the samples and for the cubic Hermite polynomials between them. A path of length 0 gives two samples
+    one step apart.
+    """
+    settings = settings or TimingSettings()
+    if path.length == 0.0:
+        return hold_still(
+            path.evaluate(np.zeros(1)).positions[0],
+            settings.sample_step * (1.0 - ROUNDING),
+        )
+    knots = np.concatenate([[0.0], path.stops, [path.length]])
+    return concatenate(
+        [
+            _PieceTiming(path, a, b, limits, settings, rate_limits).best()
+            for a, b in pairwise(knots)
+        ]
+    )
+
+
+class _PieceTiming:
+    """The motion along the piece of a path between two stops."""
+
+    def __init__(
+        self,
+        path: JointPath,
+        s_from: float,
+        s_to: float,
+        limits: JointLimits,
+        settings: TimingSettings,
+        rate_limits: Sequence[RateLimit],
+    ) -> None:
+        self.path, self.settings, self.rate_limits = path, settings, rate_limits
+        self.velocity = limits.velocity * settings.velocity_scale
+        self.acceleration = limits.acceleration * settings.acceleration_scale
+        self.s = path.grid(s_from, s_to)
+        points = path.evaluate(self.s)
+        rates = (
+            np.stack([r.rate(self.s) for r in rate_limits], axis=1)
+            if rate_limits
+            else np.empty((self.s.size, 0))
+        )
+        self.first = np.hstack([points.first, rates])
+        self.second = np.hstack([points.second, np.zeros_like(rates)])
+        self.velocity_all = np.concatenate(
+            [self.velocity, [r.velocity for r in rate_limits]]
+        )
+        self.acceleration_all = np.concatenate(
+            [self.acceleration, [r.acceleration for r in rate_limits]]
+        )
+
+    def best(self) -> Trajectory:
+        """The fastest of several attempts, each slower than the last where that one exceeded the limits."""
+        slow_velocity, slow_acceleration = np.ones(self.s.size), np.ones(self.s.size)
+        best, best_duration = None, np.inf
+        for _ in range(self.settings.rounds):
+            motion = _Motion(self, slow_velocity, slow_acceleration)
+            sampled = motion.sample(1.0)
+            excess_v, excess_a = self.excess(sampled)
+            stretch = max(1.0, float(excess_v.max()), float(np.sqrt(excess_a.max())))
+            if stretch * motion.duration < best_duration:
+                best, best_duration = (motion, stretch), stretch * motion.duration
+            if (
+                max(excess_v.max(), excess_a.max())
+                <= 1.0 + self.settings.tolerated_excess
+            ):
+                break
+            motion.slow_where(excess_v, sampled, slow_velocity, power=2.0)
+            motion.slow_where(excess_a, sampled, slow_acceleration, power=1.0)
+        assert best is not None
+        return self._within_limits(*best)
+
+    def _within_limits(self, motion: _Motion, stretch: float) -> Trajectory:
+        """Slow the whole motion until nothing is exceeded. Slower means more samples, hence the loop."""
+        while True:
+            trajectory = motion.sample(stretch)
+            excess_v, excess_a = self.excess(trajectory)
+            needed = max(float(excess_v.max()), float(np.sqrt(excess_a.max())))
+            if needed <= 1.0:
+                return trajectory
+            stretch *= needed * (1.0 + ROUNDING)
+
+    def excess(
+        self, trajectory: Trajectory
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Speed and acceleration over their limits on each interval (n - 1,); 1 is at the limit."""
+        reached = trajectory.extremes()
+        accelerations = np.abs(trajectory.accelerations)
+        accelerations = np.maximum(
+            reached.acceleration, np.maximum(accelerations[1:], accelerations[:-1])
+        )
+        excess_v = (reached.speed / self.velocity).max(axis=1)
+        excess_v = np.maximum(
+            excess_v,
+            reached.velocity_mismatch.max(axis=1) / self.settings.velocity_mismatch,
+        )
+        return excess_v, (accelerations / self.acceleration).max(axis=1)
+
+
+class _Motion:
+    """One smoothed time law of a piece."""
+
+    def __init__(
+        self,
+        piece: _PieceTiming,
+        slow_velocity: NDArray[np.float64],
+        slow_acceleration: NDArray[np.float64],
+    ) -> None:
+        self.piece = piece
+        self.squared = fastest_squared_speeds(
+            piece.s,
+            piece.first,
+            piece.second,
+            piece.velocity_all * np.sqrt(slow_velocity)[:, None],
+            piece.acceleration_all * slow_acceleration[:, None],
+        )
+        self.times = node_times(piece.s, self.squared)
+        self.duration = float(self.times[-1]) + piece.settings.smoothing_time
+
+    def sample(self, stretch: float) -> Trajectory:
+        """Samples of the motion made slower by the factor `stretch`."""
+        piece = self.piece
+        step = piece.settings.sample_step * (1.0 - ROUNDING)
+        at = np.linspace(
+            0.0, self.duration, int(np.ceil(self.duration * stretch / step)) + 1
+        )
+        s, speed, rate = smoothed_samples(
+            piece.s, self.squared, self.times, piece.settings.smoothing_time, at
+        )
+        s = np.clip(s, piece.s[0], piece.s[-1])
+        # Rounding aside the motion ends at rest, on the path's ends.
+        s[0], s[-1] = piece.s[0], piece.s[-1]
+        speed[[0, -1]] = 0.0
+        rate[[0, -1]] = 0.0
+        points = piece.path.evaluate(s)
+        speed, rate = speed[:, None] / stretch, rate[:, None] / stretch**2
+        return Trajectory(
+            at * stretch,
+            points.positions,
+            points.first * speed,
+            points.second * speed**2 + points.first * rate,
+            s,
+        )
+
+    def slow_where(
+        self,
+        excess: NDArray[np.float64],
+        sampled: Trajectory,
+        factors: NDArray[np.float64],
+        power: float,
+    ) -> None:
+        """Divide the limits' factors by the excess at all grid points that the smoothed interval averages over."""
+        window = self.piece.settings.smoothing_time
+        reduction = np.ones(factors.size)
+        for i in np.flatnonzero(excess > 1.0):
+            near = (self.times >= sampled.time[i] - window) & (
+                self.times <= sampled.time[i + 1]
+            )
+            reduction[near] = np.minimum(reduction[near], excess[i] ** -power)
+        factors *= reduction
