@@ -14,9 +14,10 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array, Transform
+from planners.geometry.pose import Array, Transform, inverse
 
 MAX_ITERATIONS = 64
 TOLERANCE = 1e-11
@@ -39,15 +40,15 @@ def support(vertices: Array, start: int, end: int, x: float, y: float, z: float)
 
 
 @njit(cache=True, nogil=True)
-def relative_transform(T_world_a: Array, T_world_b: Array, T_a_b: Array) -> None:
-    """Write the upper three rows of `T_a_b` into the (3, 4) array given."""
-    x = T_world_b[0, 3] - T_world_a[0, 3]
-    y = T_world_b[1, 3] - T_world_a[1, 3]
-    z = T_world_b[2, 3] - T_world_a[2, 3]
+def relative_transform(frames: Array, a: int, b: int, T_a_b: Array) -> None:
+    """Write the upper three rows of `T_a_b` into (3, 4), from the frames' `T_world_frame` (n, 4, 4)."""
+    x = frames[b, 0, 3] - frames[a, 0, 3]
+    y = frames[b, 1, 3] - frames[a, 1, 3]
+    z = frames[b, 2, 3] - frames[a, 2, 3]
     for i in range(3):
-        ax, ay, az = T_world_a[0, i], T_world_a[1, i], T_world_a[2, i]
+        ax, ay, az = frames[a, 0, i], frames[a, 1, i], frames[a, 2, i]
         for j in range(3):
-            T_a_b[i, j] = ax * T_world_b[0, j] + ay * T_world_b[1, j] + az * T_world_b[2, j]
+            T_a_b[i, j] = ax * frames[b, 0, j] + ay * frames[b, 1, j] + az * frames[b, 2, j]
         T_a_b[i, 3] = ax * x + ay * y + az * z
 
 
@@ -194,14 +195,14 @@ def _holds(simplex: Array, count: int, x: float, y: float, z: float) -> bool:
 @njit(cache=True, nogil=True)
 def core_bounds(
     vertices: Array,
-    a_start: int,
-    a_end: int,
-    b_start: int,
-    b_end: int,
+    vertex_range: NDArray[np.int32],
+    a: int,
+    b: int,
     T_a_b: Array,
     near: float,
     far: float,
     axis: Array,
+    row: int,
     simplex: Array,
 ) -> tuple[float, float]:
     """Bound the distance between two cores from below and above, as sharply as the question needs.
@@ -210,21 +211,23 @@ def core_bounds(
     far = nan no answer is good enough, and the bounds close in on the distance itself.
 
     Args:
-        vertices: (n, 3) of all shapes, each in its own frame; a's are `a_start:a_end`, b's `b_start:b_end`.
-        a_start: first vertex of a.
-        a_end: end of a's vertices.
-        b_start: first vertex of b.
-        b_end: end of b's vertices.
+        vertices: (n, 3) of all shapes, each in its own frame.
+        vertex_range: (s, 2), first vertex of each shape and end.
+        a: one shape.
+        b: the other.
         T_a_b: (3, 4), b's frame in a's.
         near: no need to look closer than this [m].
         far: no need to look farther than this [m].
-        axis: (3,) unit vector in a's frame from a towards b that is tried first; the best one found is written back.
+        axis: (p, 3), whose `row` is a unit vector in a's frame from a towards b that is tried first; the best one
+            found is written back.
+        row: of `axis`.
         simplex: (4, 3) work space.
 
     Returns:
         (lower, upper): the distance lies between them. `lower` is negative while no plane parts the cores.
     """
-    nx, ny, nz = axis[0], axis[1], axis[2]
+    a_start, a_end, b_start, b_end = vertex_range[a, 0], vertex_range[a, 1], vertex_range[b, 0], vertex_range[b, 1]
+    nx, ny, nz = axis[row, 0], axis[row, 1], axis[row, 2]
     lower, upper = -math.inf, math.inf
     count = 0
     for _ in range(MAX_ITERATIONS):
@@ -244,7 +247,7 @@ def core_bounds(
         gap = nx * x + ny * y + nz * z
         if gap > lower:
             lower = gap
-            axis[0], axis[1], axis[2] = nx, ny, nz
+            axis[row, 0], axis[row, 1], axis[row, 2] = nx, ny, nz
         if lower > far or (lower > near and upper <= far) or upper - lower <= TOLERANCE:
             break
         if _holds(simplex, count, x, y, z):
@@ -262,20 +265,24 @@ def core_bounds(
     return lower, upper
 
 
-@njit(cache=True, nogil=True)
-def _core_distance(vertices: Array, split: int, T_a_b: Array) -> tuple[float, float]:
-    """Bound the distance between the cores `vertices[:split]` and `vertices[split:]`, as sharply as can be."""
-    axis = np.array([1.0, 0.0, 0.0])
-    return core_bounds(vertices, 0, split, split, len(vertices), T_a_b, -math.inf, math.nan, axis, np.empty((4, 3)))
-
-
 def distance(shape_a: ConvexShape, T_world_a: Transform, shape_b: ConvexShape, T_world_b: Transform) -> float:
     """Return how far apart two placed shapes are [m]; at most 0 where they touch or overlap.
 
     The value is the certified lower bound, within 1e-9 of the distance. Depth of penetration is not measured.
     """
-    T_a_b = (np.linalg.inv(T_world_a) @ T_world_b)[:3]
     vertices = np.ascontiguousarray(np.vstack([shape_a.vertices, shape_b.vertices]), dtype=float)
-    lower, upper = _core_distance(vertices, len(shape_a.vertices), np.ascontiguousarray(T_a_b))
+    split = len(shape_a.vertices)
+    lower, upper = core_bounds(
+        vertices,
+        np.array([[0, split], [split, len(vertices)]], dtype=np.int32),
+        0,
+        1,
+        np.ascontiguousarray((inverse(T_world_a) @ T_world_b)[:3]),
+        -math.inf,
+        math.nan,
+        np.array([[1.0, 0.0, 0.0]]),
+        0,
+        np.empty((4, 3)),
+    )
     core = max(lower, 0.0) if upper > TOLERANCE else 0.0
     return core - shape_a.radius - shape_b.radius

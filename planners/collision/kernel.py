@@ -132,113 +132,104 @@ def place_frames(kernel: CollisionKernel, q: Array, frames: Array) -> None:
         if kernel.arm_used[arm]:
             first = 1 + 7 * arm
             link_frames(kernel.dh[arm], kernel.T_world_base[arm], q[6 * arm : 6 * arm + 6], frames[first : first + 7])
-    for row in range(len(kernel.followers)):
-        out = frames[kernel.followers[row, 0]]
-        parent = frames[kernel.followers[row, 1]]
-        T = kernel.T_parent_follower[row]
-        rigid = kernel.followers[row, 2] == RIGID
+    _place_followers(kernel.followers, kernel.T_parent_follower, frames)
+
+
+@njit(cache=True, nogil=True)
+def _place_followers(followers: Indices, T_parent_follower: Array, frames: Array) -> None:
+    for row in range(len(followers)):
+        child, parent = followers[row, 0], followers[row, 1]
+        rigid = followers[row, 2] == RIGID
+        x, y, z = T_parent_follower[row, 0, 3], T_parent_follower[row, 1, 3], T_parent_follower[row, 2, 3]
         for i in range(3):
-            out[i, 3] = parent[i, 0] * T[0, 3] + parent[i, 1] * T[1, 3] + parent[i, 2] * T[2, 3] + parent[i, 3]
-            for j in range(3):
-                if rigid:
-                    out[i, j] = parent[i, 0] * T[0, j] + parent[i, 1] * T[1, j] + parent[i, 2] * T[2, j]
+            px, py, pz = frames[parent, i, 0], frames[parent, i, 1], frames[parent, i, 2]
+            frames[child, i, 3] = px * x + py * y + pz * z + frames[parent, i, 3]
+            if rigid:
+                for j in range(3):
+                    frames[child, i, j] = (
+                        px * T_parent_follower[row, 0, j]
+                        + py * T_parent_follower[row, 1, j]
+                        + pz * T_parent_follower[row, 2, j]
+                    )
 
 
 @njit(cache=True, nogil=True)
-def _place_center(kernel: CollisionKernel, shape: int, scratch: Scratch) -> None:
-    T = scratch.frames[kernel.shape_frame[shape]]
-    x, y, z = kernel.spheres[shape, 0], kernel.spheres[shape, 1], kernel.spheres[shape, 2]
-    scratch.centers[shape, 0] = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-    scratch.centers[shape, 1] = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-    scratch.centers[shape, 2] = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+def place_center(spheres: Array, shape_frame: Indices, frames: Array, shape: int, centers: Array) -> None:
+    """Write where the centre of a shape's bounding sphere is in the world."""
+    f = shape_frame[shape]
+    x, y, z = spheres[shape, 0], spheres[shape, 1], spheres[shape, 2]
+    for i in range(3):
+        centers[shape, i] = frames[f, i, 0] * x + frames[f, i, 1] * y + frames[f, i, 2] * z + frames[f, i, 3]
 
 
 @njit(cache=True, nogil=True)
-def _center_to_box(kernel: CollisionKernel, a: int, b: int, scratch: Scratch) -> float:
-    """Return the distance from the centre of a's sphere to b's box [m]."""
-    T = scratch.frames[kernel.shape_frame[b]]
-    x = scratch.centers[a, 0] - T[0, 3]
-    y = scratch.centers[a, 1] - T[1, 3]
-    z = scratch.centers[a, 2] - T[2, 3]
+def square_to_box(frames: Array, f: int, boxes: Array, shape: int, centers: Array, other: int) -> float:
+    """Return the squared distance from the centre of another shape's sphere to the box of a shape in frame f [m2]."""
+    x = centers[other, 0] - frames[f, 0, 3]
+    y = centers[other, 1] - frames[f, 1, 3]
+    z = centers[other, 2] - frames[f, 2, 3]
     square = 0.0
     for k in range(3):
-        local = T[0, k] * x + T[1, k] * y + T[2, k] * z
-        outside = abs(local - kernel.boxes[b, k]) - kernel.boxes[b, 3 + k]
+        local = frames[f, 0, k] * x + frames[f, 1, k] * y + frames[f, 2, k] * z
+        outside = abs(local - boxes[shape, k]) - boxes[shape, 3 + k]
         if outside > 0.0:
             square += outside * outside
-    return math.sqrt(square)
+    return square
 
 
 @njit(cache=True, nogil=True)
-def _sphere_misses_box(kernel: CollisionKernel, a: int, b: int, clearance: float, scratch: Scratch) -> bool:
-    """Say whether a's sphere and b's box prove a and b farther apart than `clearance` [m]."""
-    return _center_to_box(kernel, a, b, scratch) > kernel.spheres[a, 3] + kernel.radius[b] + clearance
-
-
-@njit(cache=True, nogil=True)
-def _first_axis(kernel: CollisionKernel, pair: int, scratch: Scratch) -> None:
-    """Start with the direction between the centres where no separating axis is known yet."""
-    axis = scratch.axis[pair]
-    if axis[0] != 0.0 or axis[1] != 0.0 or axis[2] != 0.0:
+def start_axis(axis: Array, pair: int, centers: Array, a: int, b: int, frames: Array, f: int) -> None:
+    """Start with the direction between the centres where no separating axis of a pair is known yet."""
+    if axis[pair, 0] != 0.0 or axis[pair, 1] != 0.0 or axis[pair, 2] != 0.0:
         return
-    a, b = kernel.pairs[pair, 0], kernel.pairs[pair, 1]
-    T = scratch.frames[kernel.shape_frame[a]]
-    x = scratch.centers[b, 0] - scratch.centers[a, 0]
-    y = scratch.centers[b, 1] - scratch.centers[a, 1]
-    z = scratch.centers[b, 2] - scratch.centers[a, 2]
+    x = centers[b, 0] - centers[a, 0]
+    y = centers[b, 1] - centers[a, 1]
+    z = centers[b, 2] - centers[a, 2]
     length = math.sqrt(x * x + y * y + z * z)
     if length < CONTACT:
-        axis[0] = 1.0
+        axis[pair, 0] = 1.0
         return
     for k in range(3):
-        axis[k] = (T[0, k] * x + T[1, k] * y + T[2, k] * z) / length
-
-
-@njit(cache=True, nogil=True)
-def _core_bounds(kernel: CollisionKernel, pair: int, near: float, far: float, scratch: Scratch) -> tuple[float, float]:
-    """Bound the distance of a pair's cores; the frames and centres are in place."""
-    a, b = kernel.pairs[pair, 0], kernel.pairs[pair, 1]
-    _first_axis(kernel, pair, scratch)
-    relative_transform(scratch.frames[kernel.shape_frame[a]], scratch.frames[kernel.shape_frame[b]], scratch.T_a_b)
-    return core_bounds(
-        kernel.vertices,
-        kernel.vertex_range[a, 0],
-        kernel.vertex_range[a, 1],
-        kernel.vertex_range[b, 0],
-        kernel.vertex_range[b, 1],
-        scratch.T_a_b,
-        near,
-        far,
-        scratch.axis[pair],
-        scratch.simplex,
-    )
-
-
-@njit(cache=True, nogil=True)
-def _collides(kernel: CollisionKernel, pair: int, scratch: Scratch) -> bool:
-    """Say whether a pair is within its margin, or cannot be shown not to be."""
-    a, b = kernel.pairs[pair, 0], kernel.pairs[pair, 1]
-    x = scratch.centers[a, 0] - scratch.centers[b, 0]
-    y = scratch.centers[a, 1] - scratch.centers[b, 1]
-    z = scratch.centers[a, 2] - scratch.centers[b, 2]
-    if x * x + y * y + z * z > kernel.reach[pair] * kernel.reach[pair]:
-        return False
-    margin = kernel.margin[pair, 0]
-    if _sphere_misses_box(kernel, a, b, margin, scratch) or _sphere_misses_box(kernel, b, a, margin, scratch):
-        return False
-    threshold = kernel.radius[a] + kernel.radius[b] + margin + CONTACT
-    lower, _ = _core_bounds(kernel, pair, threshold, threshold, scratch)
-    return lower <= threshold
+        axis[pair, k] = (frames[f, 0, k] * x + frames[f, 1, k] * y + frames[f, 2, k] * z) / length
 
 
 @njit(cache=True, nogil=True)
 def first_collision(kernel: CollisionKernel, q: Array, scratch: Scratch) -> int:
     """Return the first pair of the kernel that is within its margin at q (6 per arm) [rad], or -1."""
     place_frames(kernel, q, scratch.frames)
-    for i in range(len(kernel.shapes)):
-        _place_center(kernel, kernel.shapes[i], scratch)
-    for pair in range(len(kernel.pairs)):
-        if _collides(kernel, pair, scratch):
+    # Fields are taken out of the tuples once: inside the loop that would cost more than the tests.
+    frames, centers, axis, T_a_b, simplex = (
+        scratch.frames,
+        scratch.centers,
+        scratch.axis,
+        scratch.T_a_b,
+        scratch.simplex,
+    )
+    spheres, boxes, radius, shape_frame = kernel.spheres, kernel.boxes, kernel.radius, kernel.shape_frame
+    vertices, vertex_range, shapes = kernel.vertices, kernel.vertex_range, kernel.shapes
+    pairs, margin, reach = kernel.pairs, kernel.margin, kernel.reach
+    for i in range(len(shapes)):
+        place_center(spheres, shape_frame, frames, shapes[i], centers)
+    for pair in range(len(pairs)):
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        x = centers[a, 0] - centers[b, 0]
+        y = centers[a, 1] - centers[b, 1]
+        z = centers[a, 2] - centers[b, 2]
+        if x * x + y * y + z * z > reach[pair] * reach[pair]:
+            continue
+        f, g = shape_frame[a], shape_frame[b]
+        threshold = margin[pair, 0]
+        apart = spheres[a, 3] + radius[b] + threshold
+        if square_to_box(frames, g, boxes, b, centers, a) > apart * apart:
+            continue
+        apart = spheres[b, 3] + radius[a] + threshold
+        if square_to_box(frames, f, boxes, a, centers, b) > apart * apart:
+            continue
+        threshold += radius[a] + radius[b] + CONTACT
+        start_axis(axis, pair, centers, a, b, frames, f)
+        relative_transform(frames, f, g, T_a_b)
+        lower, _ = core_bounds(vertices, vertex_range, a, b, T_a_b, threshold, threshold, axis, pair, simplex)
+        if lower <= threshold:
             return pair
     return -1
 

@@ -13,84 +13,138 @@ import math
 import numpy as np
 from numba import njit
 
+from planners.collision.distance import core_bounds, relative_transform
 from planners.collision.kernel import (
     CONTACT,
     MAX_DEPTH,
     MIN_TRAVEL,
+    STILL,
     CollisionKernel,
+    Indices,
     Scratch,
-    _core_bounds,
-    _place_center,
-    _sphere_misses_box,
     first_collision,
     make_scratch,
+    place_center,
     place_frames,
+    square_to_box,
+    start_axis,
 )
 from planners.geometry.pose import Array
 
-CLEAR, UNDECIDED, COLLIDES = 0, 1, 2
-
 
 @njit(cache=True, nogil=True)
-def _bound_travel(kernel: CollisionKernel, shape: int, steps: Array, scratch: Scratch) -> None:
+def _bound_travel(
+    drivers: Indices,
+    spheres: Array,
+    shape_frame: Indices,
+    shape: int,
+    steps: Array,
+    frames: Array,
+    centers: Array,
+    travel: Array,
+) -> None:
     """Bound how far any point of a shape moves against each frame of its arm while the joints turn by `steps`.
 
     A point at distance r from the axis of joint k moves r |step| when joint k turns; meanwhile the joints after k
     change r by no more than they move the point. So the bounds add up from the last joint inwards. The steps are
     those to either side of the interval's middle, where the frames are [rad].
     """
-    arm = kernel.drivers[shape, 0]
+    arm = drivers[shape, 0]
     if arm < 0:
         return
-    joints = kernel.drivers[shape, 1]
-    radius = kernel.spheres[shape, 3]
-    x, y, z = scratch.centers[shape, 0], scratch.centers[shape, 1], scratch.centers[shape, 2]
-    if kernel.drivers[shape, 2]:
+    radius = spheres[shape, 3]
+    x, y, z = centers[shape, 0], centers[shape, 1], centers[shape, 2]
+    if drivers[shape, 2]:
         # It only translates: all its points move as the origin of its frame does.
-        T = scratch.frames[kernel.shape_frame[shape]]
-        x, y, z, radius = T[0, 3], T[1, 3], T[2, 3], 0.0
+        f = shape_frame[shape]
+        x, y, z, radius = frames[f, 0, 3], frames[f, 1, 3], frames[f, 2, 3], 0.0
     total = 0.0
-    for joint in range(joints - 1, -1, -1):
-        T = scratch.frames[1 + 7 * arm + joint]
-        rx, ry, rz = x - T[0, 3], y - T[1, 3], z - T[2, 3]
-        ax, ay, az = T[0, 2], T[1, 2], T[2, 2]
-        cx, cy, cz = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
-        distance = math.sqrt(cx * cx + cy * cy + cz * cz) + radius
-        total += (distance + total) * steps[6 * arm + joint]
-        scratch.travel[shape, joint] = total
+    for joint in range(drivers[shape, 1] - 1, -1, -1):
+        step = steps[6 * arm + joint]
+        if step > 0.0:
+            f = 1 + 7 * arm + joint
+            rx, ry, rz = x - frames[f, 0, 3], y - frames[f, 1, 3], z - frames[f, 2, 3]
+            ax, ay, az = frames[f, 0, 2], frames[f, 1, 2], frames[f, 2, 2]
+            cx, cy, cz = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
+            total += (math.sqrt(cx * cx + cy * cy + cz * cz) + radius + total) * step
+        travel[shape, joint] = total
 
 
 @njit(cache=True, nogil=True)
-def _prepare(kernel: CollisionKernel, shape: int, steps: Array, stamp: int, scratch: Scratch) -> None:
-    """Bring centre and travel of a shape up to date, once an interval."""
-    if scratch.stamp[shape] != stamp:
-        scratch.stamp[shape] = stamp
-        _place_center(kernel, shape, scratch)
-        _bound_travel(kernel, shape, steps, scratch)
+def _unproven(
+    kernel: CollisionKernel,
+    q: Array,
+    steps: Array,
+    stamp: int,
+    pending: Array,
+    depth: int,
+    count: int,
+    scratch: Scratch,
+) -> tuple[int, int]:
+    """Look at the middle q of an interval of half-width `steps`, and keep the pairs that it does not clear.
 
+    Args:
+        kernel: the pairs.
+        q: middle of the interval [rad].
+        steps: (n,), how far each joint is from its ends [rad].
+        stamp: a number that no earlier interval of this sweep had.
+        pending: (depths, p); row `depth` holds the pairs to look at, those left are written to the next row.
+        depth: halvings so far.
+        count: how many pairs row `depth` holds.
+        scratch: work space.
 
-@njit(cache=True, nogil=True)
-def _judge(kernel: CollisionKernel, pair: int, scratch: Scratch) -> int:
-    """Say what the middle of an interval tells about a pair in the whole of it."""
-    a, b = kernel.pairs[pair, 0], kernel.pairs[pair, 1]
-    motion = scratch.travel[a, kernel.pairs[pair, 2]] + scratch.travel[b, kernel.pairs[pair, 3]]
-    margin = kernel.margin[pair, 0]
-    clear = max(margin, kernel.margin[pair, 1] + motion)
-    x = scratch.centers[a, 0] - scratch.centers[b, 0]
-    y = scratch.centers[a, 1] - scratch.centers[b, 1]
-    z = scratch.centers[a, 2] - scratch.centers[b, 2]
-    apart = kernel.spheres[a, 3] + kernel.spheres[b, 3] + clear
-    if x * x + y * y + z * z > apart * apart:
-        return CLEAR
-    if _sphere_misses_box(kernel, a, b, clear, scratch) or _sphere_misses_box(kernel, b, a, clear, scratch):
-        return CLEAR
-    radii = kernel.radius[a] + kernel.radius[b] + CONTACT
-    lower, upper = _core_bounds(kernel, pair, radii + margin, radii + clear, scratch)
-    if lower > radii + clear:
-        return CLEAR
-    if lower <= radii + margin or motion <= MIN_TRAVEL:
-        return COLLIDES
-    return UNDECIDED
+    Returns:
+        (pair, left): the pair that collides, or -1, and the number of pairs left.
+    """
+    place_frames(kernel, q, scratch.frames)
+    frames, centers, axis, T_a_b, simplex = (
+        scratch.frames,
+        scratch.centers,
+        scratch.axis,
+        scratch.T_a_b,
+        scratch.simplex,
+    )
+    travel, stamps = scratch.travel, scratch.stamp
+    spheres, boxes, radius, shape_frame = kernel.spheres, kernel.boxes, kernel.radius, kernel.shape_frame
+    vertices, vertex_range, drivers = kernel.vertices, kernel.vertex_range, kernel.drivers
+    pairs, margins = kernel.pairs, kernel.margin
+    left = 0
+    for i in range(count):
+        pair = pending[depth, i]
+        a, b = pairs[pair, 0], pairs[pair, 1]
+        for k in range(2):
+            shape = pairs[pair, k]
+            if stamps[shape] != stamp:
+                stamps[shape] = stamp
+                place_center(spheres, shape_frame, frames, shape, centers)
+                _bound_travel(drivers, spheres, shape_frame, shape, steps, frames, centers, travel)
+        motion = travel[a, pairs[pair, 2]] + travel[b, pairs[pair, 3]]
+        margin = margins[pair, 0]
+        clear = max(margin, margins[pair, 1] + motion)
+        x = centers[a, 0] - centers[b, 0]
+        y = centers[a, 1] - centers[b, 1]
+        z = centers[a, 2] - centers[b, 2]
+        apart = spheres[a, 3] + spheres[b, 3] + clear
+        if x * x + y * y + z * z > apart * apart:
+            continue
+        f, g = shape_frame[a], shape_frame[b]
+        apart = spheres[a, 3] + radius[b] + clear
+        if square_to_box(frames, g, boxes, b, centers, a) > apart * apart:
+            continue
+        apart = spheres[b, 3] + radius[a] + clear
+        if square_to_box(frames, f, boxes, a, centers, b) > apart * apart:
+            continue
+        radii = radius[a] + radius[b] + CONTACT
+        start_axis(axis, pair, centers, a, b, frames, f)
+        relative_transform(frames, f, g, T_a_b)
+        lower, _ = core_bounds(vertices, vertex_range, a, b, T_a_b, radii + margin, radii + clear, axis, pair, simplex)
+        if lower > radii + clear:
+            continue
+        if lower <= radii + margin or motion <= MIN_TRAVEL or depth == MAX_DEPTH - 1:
+            return pair, 0
+        pending[depth + 1, left] = pair
+        left += 1
+    return -1, left
 
 
 @njit(cache=True, nogil=True)
@@ -100,10 +154,7 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
     q, steps = np.empty(n), np.empty(n)
     pending = np.empty((MAX_DEPTH + 1, len(kernel.pairs)), np.int32)
     counts = np.zeros(MAX_DEPTH + 1, np.int64)
-    for pair in range(len(kernel.pairs)):
-        if kernel.pairs[pair, 2] != 6 or kernel.pairs[pair, 3] != 6:
-            pending[0, counts[0]] = pair
-            counts[0] += 1
+    counts[0] = _moving_pairs(kernel.pairs, pending)
     scratch.stamp[:] = -1
     depth, index, stamp = 0, 0, 0
     while True:
@@ -112,19 +163,10 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
         for k in range(n):
             q[k] = q_from[k] + middle * (q_to[k] - q_from[k])
             steps[k] = half * abs(q_to[k] - q_from[k])
-        place_frames(kernel, q, scratch.frames)
+        pair, left = _unproven(kernel, q, steps, stamp, pending, depth, counts[depth], scratch)
         stamp += 1
-        left = 0
-        for i in range(counts[depth]):
-            pair = pending[depth, i]
-            _prepare(kernel, kernel.pairs[pair, 0], steps, stamp, scratch)
-            _prepare(kernel, kernel.pairs[pair, 1], steps, stamp, scratch)
-            verdict = _judge(kernel, pair, scratch)
-            if verdict == COLLIDES or (verdict == UNDECIDED and depth == MAX_DEPTH - 1):
-                return pair, middle
-            if verdict == UNDECIDED:
-                pending[depth + 1, left] = pair
-                left += 1
+        if pair >= 0:
+            return pair, middle
         if left:
             counts[depth + 1] = left
             depth, index = depth + 1, 2 * index
@@ -134,6 +176,17 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
         if depth == 0:
             return -1, 1.0
         index += 1
+
+
+@njit(cache=True, nogil=True)
+def _moving_pairs(pairs: Indices, pending: Indices) -> int:
+    """Write the pairs whose shapes can move against each other into row 0; return how many they are."""
+    count = 0
+    for pair in range(len(pairs)):
+        if pairs[pair, 2] != STILL or pairs[pair, 3] != STILL:
+            pending[0, count] = pair
+            count += 1
+    return count
 
 
 @njit(cache=True, nogil=True)
