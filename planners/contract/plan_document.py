@@ -1,0 +1,378 @@
+"""PlanDocument: the JSON result of one task, by which the motion can be replayed and every claim be checked.
+
+The models state the document for readers and for OpenAPI, and `check_document` checks what is written against them.
+Arrays of samples are checked by their lengths only: a plan has hundreds of thousands of numbers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import ConfigDict, Field, JsonValue, SkipValidation, model_validator
+from pydantic_core import PydanticCustomError
+
+from planners.contract.shapes import Box, Cylinder, Prism
+from planners.contract.strict_model import StrictModel
+from planners.contract.task_spec import TaskSpec
+
+SCHEMA_VERSION = "1.0"
+JOINTS = (
+    *("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"),
+    *("wrist_1_joint", "wrist_2_joint", "wrist_3_joint"),
+)
+"""Joints of one arm from base to flange."""
+JOINT_NAMES = tuple(f"{arm}_{joint}" for arm in ("left", "right") for joint in JOINTS)
+"""The order of joints in every array of twelve."""
+
+Real = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Real, Real, Real]
+PoseArray = tuple[Real, Real, Real, Real, Real, Real, Real]
+"""[x, y, z, w, x, y, z]"""
+SixJoints = tuple[Real, Real, Real, Real, Real, Real]
+WrenchArray = tuple[Real, Real, Real, Real, Real, Real]
+"""[fx, fy, fz, tx, ty, tz] in world axes, the torque about the stated point."""
+Numbers = Annotated[list[float], SkipValidation]
+"""One number a sample."""
+Rows = Annotated[list[list[float]], SkipValidation]
+"""One row a sample."""
+ArmName = Literal["left", "right"]
+Outcome = Literal["solved", "infeasible", "not_found"]
+SegmentKind = Literal[
+    "transit", "transfer", "handover", "approach", "retreat", "grip", "release", "attach", "detach"
+]  # fmt: skip
+
+
+class Software(StrictModel):
+    """What made the plan."""
+
+    name: str
+    version: str
+    commit: str | None
+
+
+class Cause(StrictModel):
+    """One reason why there is no plan, in numbers."""
+
+    reason: str
+    needed: Real | None
+    available: Real | None
+    unit: str | None
+    where: JsonValue = None
+
+
+class Explanation(StrictModel):
+    """What came out, for a person."""
+
+    summary: str
+    causes: list[Cause] = Field(default_factory=list)
+
+
+class ArmDocument(StrictModel):
+    """One arm: `T_world_flange = base · Π Rz(q + theta0) Tz(d) Tx(a) Rx(alpha)`."""
+
+    base: PoseArray
+    dh: Annotated[list[tuple[Real, Real, Real, Real]], Field(min_length=6, max_length=6)]
+    """Rows [a, alpha, d, theta0]."""
+    position_min: SixJoints
+    position_max: SixJoints
+    velocity_max: SixJoints
+    acceleration_max: SixJoints
+
+
+class GripperDocument(StrictModel):
+    """A gripper; its TCP lies between the pads' centres, z the approach, y the opening axis."""
+
+    kind: Literal["gripper"]
+    tcp: list[tuple[Real, Real]]
+    """Rows [width, z from the flange]."""
+
+
+class StickDocument(StrictModel):
+    """A stick; its TCP is the centre of the tip's hemisphere, in the flange frame."""
+
+    kind: Literal["stick"]
+    tcp: PoseArray
+    tip_radius: Real
+
+
+class CellDocument(StrictModel):
+    """What is needed of the cell to replay and check a plan."""
+
+    name: str
+    hash: str
+    gravity: Vector
+    arms: dict[ArmName, ArmDocument]
+    hands: dict[ArmName, Annotated[GripperDocument | StickDocument, Field(discriminator="kind")]]
+
+
+class InlineMesh(StrictModel):
+    """A mesh with all its data: nothing else is needed to draw or collide it."""
+
+    type: Literal["mesh"]
+    vertices: Rows
+    faces: Annotated[list[list[int]], SkipValidation]
+    convex_parts: Annotated[list[list[list[float]]], SkipValidation]
+    """Vertices of each convex part."""
+
+
+class BodyDocument(StrictModel):
+    """A body at the start."""
+
+    role: Literal["plate", "object", "tool", "support", "obstacle", "table", "frame", "cup", "cable"]
+    shape: Annotated[Box | Cylinder | Prism | InlineMesh, Field(discriminator="type")]
+    mass: Real | None
+    com: Vector
+    pose: PoseArray
+    static: bool
+
+
+class ContactStateDocument(StrictModel):
+    """Which element of a body touches its environment between a segment's first and last sample."""
+
+    element: Literal["face", "edge", "vertex", "none"]
+    index: int | None
+    with_: Annotated[str | None, Field(alias="with")]
+    vertices: list[Vector]
+    """In the body frame."""
+
+
+class GripDocument(StrictModel):
+    """A grasp."""
+
+    arm: ArmName
+    body: str
+    pose: PoseArray
+    """`T_body_tcp`"""
+    width: Real
+
+
+class PushDocument(StrictModel):
+    """A point contact with the stick."""
+
+    arm: ArmName
+    body: str
+    point: Vector
+    """In the body frame."""
+    normal: Vector
+    """Into the body, in the body frame."""
+
+
+class HoldDocument(StrictModel):
+    """What the hands have on a body."""
+
+    grip: GripDocument | None
+    push: PushDocument | None
+
+
+class Attachment(StrictModel):
+    """A body rides on an arm's flange or on another body, at a constant pose."""
+
+    to: str
+    pose: PoseArray
+    """`T_to_body`"""
+
+
+class _Contact(StrictModel):
+    sample: int
+    body: str
+    by: str
+    finger: Literal[0, 1] | None
+    point: Vector
+    normal: Vector
+    """Into the body."""
+    wrench: WrenchArray
+    """That `by` exerts on `body`, about `point`."""
+
+
+class SoftFingerContact(_Contact):
+    """A pad: friction of a soft finger, its torque about the normal only."""
+
+    kind: Literal["soft_finger"]
+    mu: Real
+    eps: Real
+    limit: Real | None
+
+
+class PointContact(_Contact):
+    """A stick's tip: friction, no torque."""
+
+    kind: Literal["point"]
+    mu: Real
+    limit: Real | None
+
+
+class EnvironmentContact(_Contact):
+    """One corner of the contact with a resting surface: friction, no torque."""
+
+    kind: Literal["environment"]
+    mu: Real
+    limit: Real | None
+
+
+class SuctionContact(_Contact):
+    """A suction pad; x = body x projected on the pad, y = z cross x, pull outward positive."""
+
+    kind: Literal["suction"]
+    mu: Real
+    radius: Real
+    kappa: Real
+    limit: Real
+    suction_force: Real
+    x_axis: Vector
+
+
+class InertiaEntry(StrictModel):
+    """The inertial wrench that was counted in a set, about `point`, the centre of mass."""
+
+    kind: Literal["inertia"]
+    sample: int
+    body: str
+    by: str | None = None
+    finger: None = None
+    point: Vector
+    normal: Vector | None = None
+    wrench: WrenchArray
+
+
+Contact = Annotated[
+    SoftFingerContact | PointContact | EnvironmentContact | SuctionContact | InertiaEntry, Field(discriminator="kind")
+]
+
+
+class Segment(StrictModel):
+    """A stretch of motion of one kind, with one set of attachments."""
+
+    kind: SegmentKind
+    movers: list[ArmName]
+    contact_state: ContactStateDocument | None
+    hold: HoldDocument | None
+    time: Numbers
+    positions: Rows
+    velocities: Rows
+    accelerations: Rows
+    gripper_width: dict[ArmName, Numbers]
+    attached: dict[str, list[Attachment]]
+    body_poses: dict[str, Rows]
+    contacts: list[Contact]
+
+    @model_validator(mode="after")
+    def _arrays_fit_the_samples(self) -> Self:
+        n = len(self.time)
+        if n < 2:
+            raise PydanticCustomError("samples", "a segment has at least two samples")
+        for name, array, width in self._sampled():
+            if len(array) != n or (width is not None and any(len(row) != width for row in array)):
+                wanted = f"{n}" if width is None else f"{n} x {width}"
+                raise PydanticCustomError("samples", "{name} is not {wanted}", {"name": name, "wanted": wanted})
+        if any(not 0 <= contact.sample < n for contact in self.contacts):
+            raise PydanticCustomError("samples", "a contact names a sample that the segment does not have")
+        return self
+
+    def _sampled(self) -> Iterator[tuple[str, Sequence[Any], int | None]]:
+        """Yield name, array and row length of everything that is sampled."""
+        yield "positions", self.positions, 12
+        yield "velocities", self.velocities, 12
+        yield "accelerations", self.accelerations, 12
+        for arm, widths in self.gripper_width.items():
+            yield f"gripper_width/{arm}", widths, None
+        for body, poses in self.body_poses.items():
+            yield f"body_poses/{body}", poses, 7
+
+
+class Check(StrictModel):
+    """One thing that was checked again on the finished document."""
+
+    name: str
+    passed: bool
+    margin: Real | None
+    """How far the worst case is from failing; negative when it fails."""
+    unit: str | None
+    where: JsonValue = None
+
+
+class Certificate(StrictModel):
+    """An independent second opinion."""
+
+    passed: bool
+    checks: list[Check]
+
+
+class ForceCurve(StrictModel):
+    """One quantity of the simulated lift over time."""
+
+    name: str
+    unit: str
+    time: Numbers
+    value: Numbers
+
+
+class Simulation(StrictModel):
+    """The cooperative lift that follows the plan. Further members are explained where they are written."""
+
+    model_config = ConfigDict(extra="allow")
+
+    outcome: str
+    force_curves: list[ForceCurve]
+    minimum_total_force: Real | None
+
+
+class StageTime(StrictModel):
+    """How long one stage took."""
+
+    name: str
+    seconds: Real
+
+
+class Statistics(StrictModel):
+    """What the work cost and what fell by the way."""
+
+    total_seconds: Real | None
+    stages: list[StageTime]
+    graph: dict[str, JsonValue]
+    search: dict[str, JsonValue]
+    rejections: dict[str, int]
+
+
+class PlanDocument(StrictModel):
+    """The result of one task."""
+
+    schema_version: Literal["1.0"]
+    id: str
+    task: TaskSpec
+    """As accepted, every default filled in."""
+    seed: int
+    software: Software
+    outcome: Outcome
+    explanation: Explanation
+    cell: CellDocument
+    joint_names: Annotated[list[str], Field(min_length=12, max_length=12)]
+    bodies: dict[str, BodyDocument]
+    segments: list[Segment]
+    certificate: Certificate | None
+    simulation: Simulation | None
+    statistics: Statistics
+
+
+def check_document(document: dict[str, Any]) -> None:
+    """Check that a finished document is what the contract says.
+
+    Raises:
+        pydantic.ValidationError: naming the members that are not.
+    """
+    PlanDocument.model_validate(document)
+
+
+def encode_document(document: dict[str, Any]) -> bytes:
+    """Write a document as JSON; every number is written so that reading it gives the same number.
+
+    Raises:
+        ValueError: if a number is not finite.
+    """
+    return json.dumps(document, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode("utf-8")
+
+
+def document_schema() -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a plan document."""
+    return PlanDocument.model_json_schema()

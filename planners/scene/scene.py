@@ -1,0 +1,296 @@
+"""PlateLiftScene: everything a plate lift is planned for, checked and in one place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planners.contract.shapes import Box, Cylinder, Mesh, Prism
+from planners.contract.task_spec import (
+    HandForceLimit,
+    Obstacle,
+    PlateLiftFriction,
+    PlateLiftOptions,
+    PlateLiftTask,
+    SuctionToolTask,
+    Support,
+)
+from planners.errors import SceneError
+from planners.geometry import polygon
+from planners.geometry.pose import Array, Transform, from_pose7
+from planners.scene.body import Body, Plate, Role
+from planners.scene.cell import Cell, known_cells, load_cell
+from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
+from planners.scene.given_holds import check_given_holds
+from planners.scene.rest import (
+    REST_GAP,
+    REST_TILT,
+    Surface,
+    face_tilt,
+    footprint,
+    gaps,
+    lowest_face,
+    overhang,
+    rests_level,
+    settled,
+    upper_surface,
+)
+from planners.scene.solid import solid_of
+from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
+
+PLANNED_KINDS = ("plate_lift",)
+"""The kinds of task that can be planned."""
+PLANNED_LIFTERS: tuple[Literal["paper", "cable"], ...] = ("paper", "cable")
+PLANNED_SHAPES = ("box", "cylinder", "prism")
+RESERVED_NAMES = frozenset({"plate", "support", "table", "cup", "cable", "tool", "world", "left", "right"})
+CONTAINMENT_SLACK = 1e-9
+"""Rounding allowed where a point must lie inside a body [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlateLiftScene:
+    """A plate lift at its start. Everything rests, nothing overlaps, every name is unique."""
+
+    cell: Cell
+    plate: Plate
+    """Settled: level and at `support_top`, though the task may have placed it a little off."""
+    support: Body | None
+    """The board it lies on or beside; None for the bare table."""
+    support_name: Literal["table", "support"]
+    """What the plate rests on."""
+    support_top: float
+    """Height of the surface that the plate rests on [m]."""
+    support_outline: Array
+    """(n, 2) that surface in the world, counter-clockwise [m]."""
+    cup: SuctionCup
+    lifter_model: Literal["paper", "cable"]
+    friction: PlateLiftFriction
+    hand_force_limit: HandForceLimit
+    obstacles: tuple[Body, ...]
+    start_positions: Array
+    """(12,), left arm first [rad]."""
+    start_widths: dict[str, float]
+    """Opening of each gripper at the start [m]: fully open."""
+    seed: int
+    options: PlateLiftOptions
+
+    @property
+    def T_world_plate(self) -> Transform:
+        """The plate at the start."""
+        return self.plate.T_world_body
+
+    def bodies(self) -> tuple[Body, ...]:
+        """Return the bodies the task brings: plate, support if any, cup, cable, obstacles."""
+        support = () if self.support is None else (self.support,)
+        return (self.plate, *support, self.cup.body, self.cup.cable, *self.obstacles)
+
+
+def build_scene(task: PlateLiftTask | SuctionToolTask, lifter: LifterShape = DEFAULT_LIFTER) -> PlateLiftScene:
+    """Place everything a task names, and refuse what cannot stand as it says.
+
+    Raises:
+        SceneError: naming the member that is wrong, and the valid choices where there are any.
+    """
+    if not isinstance(task, PlateLiftTask):
+        raise SceneError("/kind", f"tasks of kind {task.kind} cannot be planned yet", list(PLANNED_KINDS))
+    if task.lifter_model == "dexnet":
+        raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
+    cell = _cell(task.cell)
+    _check_names(task.obstacles, cell)
+    table = _table_surface(cell)
+    support = None if task.support is None else _place_support(task.support, table)
+    plate, surface = _place_plate(task, support, table)
+    _check_pad(task, plate)
+    check_given_holds(task.options, plate)
+    scene = PlateLiftScene(
+        cell=cell,
+        plate=plate,
+        support=support,
+        support_name="support" if surface.name == "support" else "table",
+        support_top=surface.height,
+        support_outline=surface.outline,
+        cup=place_cup(task.cup, plate, lifter),
+        lifter_model=task.lifter_model,
+        friction=task.friction,
+        hand_force_limit=task.hand_force_limit,
+        obstacles=tuple(_obstacle(i, obstacle) for i, obstacle in enumerate(task.obstacles)),
+        start_positions=_start_positions(task, cell),
+        start_widths={arm: cell.arms[arm].hand.width_max for arm in cell.gripper_arms},
+        seed=task.seed,
+        options=task.options,
+    )
+    _refuse_overlaps_at_start(scene)
+    return scene
+
+
+def _cell(name: str) -> Cell:
+    if name not in known_cells():
+        raise SceneError("/cell", f"there is no cell {name}", known_cells())
+    cell = load_cell(name)
+    if not _lifts_plates(cell):
+        fitting = [other for other in known_cells() if _lifts_plates(load_cell(other))]
+        raise SceneError("/cell", "a plate lift needs a cell with one gripper and one stick", fitting)
+    return cell
+
+
+def _lifts_plates(cell: Cell) -> bool:
+    return len(cell.gripper_arms) == 1 and len(cell.pusher_arms) == 1
+
+
+def _check_names(obstacles: Iterable[Obstacle], cell: Cell) -> None:
+    widths = {arm: cell.arms[arm].hand.width_max for arm in cell.gripper_arms}
+    taken = RESERVED_NAMES | {body.name for body in cell.collision_bodies(widths)}
+    seen: set[str] = set()
+    for i, obstacle in enumerate(obstacles):
+        if obstacle.name in taken:
+            raise SceneError(f"/obstacles/{i}/name", f"the name {obstacle.name} is reserved")
+        if obstacle.name in seen:
+            raise SceneError(f"/obstacles/{i}/name", f"the name {obstacle.name} is used twice")
+        seen.add(obstacle.name)
+
+
+def _table_surface(cell: Cell) -> Surface:
+    (table,) = (body for body in cell.bodies if body.name == "table")
+    corners = np.vstack([shape.vertices for shape in table.shapes])
+    top = corners[np.abs(corners[:, 2] - cell.table_top) < 1e-6, :2]
+    return Surface("table", cell.table_top, top[ConvexHull(top).vertices])
+
+
+def _known_shape(shape: Box | Cylinder | Prism | Mesh, pointer: str) -> Box | Cylinder | Prism:
+    if isinstance(shape, Mesh):
+        raise SceneError(f"{pointer}/type", "meshes cannot be planned with yet", list(PLANNED_SHAPES))
+    return shape
+
+
+def _static_body(name: str, role: Role, shape: Box | Cylinder | Prism, T_world_body: Transform) -> Body:
+    return Body(name, role, shape, solid_of(shape), None, np.zeros(3), T_world_body, static=True)
+
+
+def _obstacle(index: int, obstacle: Obstacle) -> Body:
+    shape = _known_shape(obstacle.shape, f"/obstacles/{index}/shape")
+    return _static_body(obstacle.name, "obstacle", shape, from_pose7(obstacle.pose))
+
+
+def _place_support(support: Support, table: Surface) -> Body:
+    """Settle the support on the table; its centre must be over it, or it would tip."""
+    shape = _known_shape(support.shape, "/support/shape")
+    body = _static_body("support", "support", shape, from_pose7(support.pose))
+    face = lowest_face(body.solid, body.T_world_body)
+    if not rests_level(face, body.T_world_body, table.height):
+        raise SceneError("/support/pose", _why_not_level("the support", body, table))
+    T_world_support = settled(face, body.T_world_body, table.height)
+    corners = footprint(face, T_world_support)
+    if overhang(polygon.centroid(corners)[None], table) > 0.0:
+        raise SceneError("/support/pose", "the centre of the support is not over the table")
+    return _static_body("support", "support", shape, T_world_support)
+
+
+def _place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tuple[Plate, Surface]:
+    """Settle the plate on the support or the table, and return it with the surface it rests on."""
+    given = task.plate
+    com = np.array(given.com)
+    plate = Plate(
+        "plate", "plate", given.shape, solid_of(given.shape), given.mass, com, from_pose7(task.plate_pose), False
+    )
+    if plate.solid.depth(com) < -CONTAINMENT_SLACK:
+        raise SceneError("/plate/com", "the centre of mass is not inside the plate")
+    if plate.T_world_body[2, 2] <= 0.0:
+        raise SceneError("/plate_pose", "the plate lies upside down or on its side: its +z must point up")
+    surface = _surface_below(plate, support, table)
+    face = plate.solid.flat_faces()[0]
+    if not rests_level(face, plate.T_world_body, surface.height):
+        raise SceneError("/plate_pose", _why_not_level("the plate", plate, surface))
+    T_world_plate = settled(face, plate.T_world_body, surface.height)
+    _check_footprint(footprint(face, T_world_plate), surface)
+    return Plate("plate", "plate", given.shape, plate.solid, given.mass, com, T_world_plate, False), surface
+
+
+def _surface_below(plate: Plate, support: Body | None, table: Surface) -> Surface:
+    """Return the surface nearest to the plate's bottom face."""
+    surfaces = [table]
+    if support is not None:
+        top = upper_surface("support", support.solid, support.T_world_body)
+        if top is None:
+            raise SceneError("/support/pose", "the support has no level face on top")
+        surfaces.insert(0, top)
+    face = plate.solid.flat_faces()[0]
+    return min(surfaces, key=lambda surface: float(np.abs(gaps(face, plate.T_world_body, surface.height)).max()))
+
+
+def _why_not_level(who: str, body: Body, surface: Surface) -> str:
+    face = lowest_face(body.solid, body.T_world_body)
+    tilt = face_tilt(face, body.T_world_body)
+    if tilt > REST_TILT:
+        degrees = math.degrees(tilt)
+        return f"{who} is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees"
+    heights = gaps(face, body.T_world_body, surface.height)
+    farthest = 1e3 * float(heights[np.argmax(np.abs(heights))])
+    where = "above" if farthest > 0.0 else "below"
+    return (
+        f"{who} rests on nothing: its bottom face is {abs(farthest):.4g} mm {where} the top of the {surface.name}, "
+        f"more than {1e3 * REST_GAP:g} mm"
+    )
+
+
+def _check_footprint(corners: Array, surface: Surface) -> None:
+    """Refuse a plate whose bottom face is not wholly on its surface."""
+    beyond = overhang(corners, surface)
+    if beyond == 0.0:
+        return
+    if surface.name == "support" and polygon.area(corners) > polygon.area(surface.outline):
+        raise SceneError("/support/shape", "the support is smaller than the plate: its whole bottom face must rest")
+    detail = f"the plate's bottom face sticks out {1e3 * beyond:.4g} mm over the edge of the {surface.name}"
+    raise SceneError("/plate_pose", detail)
+
+
+def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
+    inside = float(polygon.depth_inside(plate.outline, np.array([task.cup.position]))[0])
+    if inside < task.cup.radius - CONTAINMENT_SLACK:
+        beyond = 1e3 * (task.cup.radius - inside)
+        raise SceneError("/cup/position", f"the pad sticks out {beyond:.4g} mm over the edge of the plate's top face")
+
+
+def _start_positions(task: PlateLiftTask, cell: Cell) -> Array:
+    arms = [cell.arms["left"], cell.arms["right"]]
+    if task.start_positions is None:
+        return np.concatenate([arm.home for arm in arms])
+    lower = np.concatenate([arm.position_min for arm in arms])
+    upper = np.concatenate([arm.position_max for arm in arms])
+    positions = np.array(task.start_positions)
+    for i in np.flatnonzero((positions < lower) | (positions > upper)):
+        detail = f"the joint's limits are {lower[i]:.6g} and {upper[i]:.6g} rad"
+        raise SceneError(f"/start_positions/{i}", detail)
+    return positions
+
+
+def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
+    """Let static things overlap one another; the plate, the cup, the cable and the arms must be clear of all."""
+    cell = scene.cell
+    fixed = [placed_body(body, np.eye(4), None) for body in cell.bodies]
+    obstacles = [_placed(body, f"/obstacles/{i}/pose") for i, body in enumerate(scene.obstacles)]
+    support = [] if scene.support is None else [_placed(scene.support, "/support/pose")]
+    plate = [_placed(scene.plate, "/plate_pose")]
+    cup = [_placed(scene.cup.body, "/cup/position")]
+    cable = [_placed(scene.cup.cable, "/cup/position")]
+    arms = placed_arms(cell, scene.start_positions, scene.start_widths)
+    resting = {_sorted_pair("plate", scene.support_name)}
+    refuse_overlaps(support, fixed, {_sorted_pair("support", "table")})
+    refuse_overlaps(plate, [*fixed, *support, *obstacles], resting)
+    refuse_overlaps(cup, [*fixed, *support, *obstacles])
+    refuse_overlaps(cable, obstacles)
+    refuse_overlaps(arms, [*plate, *cup, *cable, *support, *obstacles])
+    refuse_overlaps(arms, fixed, cell.excluded_pairs)
+    refuse_overlaps(arms, arms, cell.excluded_pairs)
+
+
+def _placed(body: Body, pointer: str) -> PlacedBody:
+    return placed_body(body.collision_body(), body.T_world_body, pointer)
+
+
+def _sorted_pair(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a < b else (b, a)
