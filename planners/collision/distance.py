@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, inverse
 
+Indices = NDArray[np.int32]
+
 MAX_ITERATIONS = 64
 TOLERANCE = 1e-11
 """Bounds closer than this are one number [m]."""
@@ -195,7 +197,7 @@ def _holds(simplex: Array, count: int, x: float, y: float, z: float) -> bool:
 @njit(cache=True, nogil=True)
 def core_bounds(
     vertices: Array,
-    vertex_range: NDArray[np.int32],
+    vertex_range: Indices,
     a: int,
     b: int,
     T_a_b: Array,
@@ -263,6 +265,73 @@ def core_bounds(
             break
         nx, ny, nz = x / length, y / length, z / length
     return lower, upper
+
+
+@njit(cache=True, nogil=True)
+def _gap_along(
+    vertices: Array, vertex_range: Indices, a: int, b: int, T_a_b: Array, x: float, y: float, z: float
+) -> float:
+    """Return how far b lies beyond a along the unit vector (x, y, z) of a's frame; negative where they overlap."""
+    i = support(vertices, vertex_range[a, 0], vertex_range[a, 1], x, y, z)
+    local_x = T_a_b[0, 0] * x + T_a_b[1, 0] * y + T_a_b[2, 0] * z
+    local_y = T_a_b[0, 1] * x + T_a_b[1, 1] * y + T_a_b[2, 1] * z
+    local_z = T_a_b[0, 2] * x + T_a_b[1, 2] * y + T_a_b[2, 2] * z
+    j = support(vertices, vertex_range[b, 0], vertex_range[b, 1], -local_x, -local_y, -local_z)
+    near_b = local_x * vertices[j, 0] + local_y * vertices[j, 1] + local_z * vertices[j, 2]
+    far_a = x * vertices[i, 0] + y * vertices[i, 1] + z * vertices[i, 2]
+    return near_b + x * T_a_b[0, 3] + y * T_a_b[1, 3] + z * T_a_b[2, 3] - far_a
+
+
+@njit(cache=True, nogil=True)
+def face_gap(
+    vertices: Array,
+    vertex_range: Indices,
+    normals: Array,
+    normal_range: Indices,
+    a: int,
+    b: int,
+    T_a_b: Array,
+    lower: float,
+    enough: float,
+    axis: Array,
+    row: int,
+) -> float:
+    """Sharpen a lower bound on the gap of overlapping cores by the normals of their faces.
+
+    A bound of -d says that moving b by d parts them. Pairs of edges are not tried, so the bound may be too low.
+
+    Args:
+        vertices: as in `core_bounds`.
+        vertex_range: as in `core_bounds`.
+        normals: (n, 3), outward normals of all shapes' faces.
+        normal_range: (s, 2), first normal of each shape and end.
+        a: one shape.
+        b: the other.
+        T_a_b: (3, 4), b's frame in a's.
+        lower: what is known already [m].
+        enough: no need to look for a larger one [m].
+        axis: (p, 3), whose `row` receives the direction of the bound returned.
+        row: of `axis`.
+    """
+    for i in range(normal_range[a, 0], normal_range[a, 1]):
+        if lower > enough:
+            return lower
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        gap = _gap_along(vertices, vertex_range, a, b, T_a_b, x, y, z)
+        if gap > lower:
+            lower = gap
+            axis[row, 0], axis[row, 1], axis[row, 2] = x, y, z
+    for i in range(normal_range[b, 0], normal_range[b, 1]):
+        if lower > enough:
+            return lower
+        x = -(T_a_b[0, 0] * normals[i, 0] + T_a_b[0, 1] * normals[i, 1] + T_a_b[0, 2] * normals[i, 2])
+        y = -(T_a_b[1, 0] * normals[i, 0] + T_a_b[1, 1] * normals[i, 1] + T_a_b[1, 2] * normals[i, 2])
+        z = -(T_a_b[2, 0] * normals[i, 0] + T_a_b[2, 1] * normals[i, 1] + T_a_b[2, 2] * normals[i, 2])
+        gap = _gap_along(vertices, vertex_range, a, b, T_a_b, x, y, z)
+        if gap > lower:
+            lower = gap
+            axis[row, 0], axis[row, 1], axis[row, 2] = x, y, z
+    return lower
 
 
 def distance(shape_a: ConvexShape, T_world_a: Transform, shape_b: ConvexShape, T_world_b: Transform) -> float:

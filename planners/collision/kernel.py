@@ -14,13 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from planners.collision.distance import core_bounds, relative_transform
+from planners.collision.distance import Indices, core_bounds, face_gap, relative_transform
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
-
-Indices = NDArray[np.int32]
 
 RIGID, UPRIGHT = 0, 1
 """How a movable frame follows its parent: rigidly, or with a point of it and the axes of the world."""
@@ -47,6 +44,10 @@ class CollisionKernel(NamedTuple):
     """(s, 4), centre in the frame of the shape and radius of a ball around it (its growth included)."""
     boxes: Array
     """(s, 6), centre and half extents, along the axes of its frame, of a box around its core."""
+    normals: Array
+    """(n, 3), normals of the faces of all cores, outward, each in its own frame."""
+    normal_range: Indices
+    """(s, 2), first normal of a shape and end."""
     shape_frame: Indices
     """(s,)"""
     dh: Array
@@ -178,7 +179,38 @@ def square_to_box(frames: Array, f: int, boxes: Array, shape: int, centers: Arra
 
 
 @njit(cache=True, nogil=True)
-def start_axis(axis: Array, pair: int, centers: Array, a: int, b: int, frames: Array, f: int) -> None:
+def core_gap(kernel: CollisionKernel, pair: int, near: float, far: float, scratch: Scratch) -> float:
+    """Return a lower bound on the distance of a pair's cores, sharp enough to compare with `near` and `far`.
+
+    The frames and centres of both shapes are in place. Where `near` is negative the bound may be too: the cores then
+    overlap by no more than its size.
+    """
+    a, b = kernel.pairs[pair, 0], kernel.pairs[pair, 1]
+    f, g = kernel.shape_frame[a], kernel.shape_frame[b]
+    _start_axis(scratch.axis, pair, scratch.centers, a, b, scratch.frames, f)
+    relative_transform(scratch.frames, f, g, scratch.T_a_b)
+    lower, _ = core_bounds(
+        kernel.vertices, kernel.vertex_range, a, b, scratch.T_a_b, near, far, scratch.axis, pair, scratch.simplex
+    )
+    if near < 0.0 and lower <= far:
+        lower = face_gap(
+            kernel.vertices,
+            kernel.vertex_range,
+            kernel.normals,
+            kernel.normal_range,
+            a,
+            b,
+            scratch.T_a_b,
+            lower,
+            far,
+            scratch.axis,
+            pair,
+        )
+    return lower
+
+
+@njit(cache=True, nogil=True)
+def _start_axis(axis: Array, pair: int, centers: Array, a: int, b: int, frames: Array, f: int) -> None:
     """Start with the direction between the centres where no separating axis of a pair is known yet."""
     if axis[pair, 0] != 0.0 or axis[pair, 1] != 0.0 or axis[pair, 2] != 0.0:
         return
@@ -198,16 +230,9 @@ def first_collision(kernel: CollisionKernel, q: Array, scratch: Scratch) -> int:
     """Return the first pair of the kernel that is within its margin at q (6 per arm) [rad], or -1."""
     place_frames(kernel, q, scratch.frames)
     # Fields are taken out of the tuples once: inside the loop that would cost more than the tests.
-    frames, centers, axis, T_a_b, simplex = (
-        scratch.frames,
-        scratch.centers,
-        scratch.axis,
-        scratch.T_a_b,
-        scratch.simplex,
-    )
+    frames, centers = scratch.frames, scratch.centers
     spheres, boxes, radius, shape_frame = kernel.spheres, kernel.boxes, kernel.radius, kernel.shape_frame
-    vertices, vertex_range, shapes = kernel.vertices, kernel.vertex_range, kernel.shapes
-    pairs, margin, reach = kernel.pairs, kernel.margin, kernel.reach
+    shapes, pairs, margin, reach = kernel.shapes, kernel.pairs, kernel.margin, kernel.reach
     for i in range(len(shapes)):
         place_center(spheres, shape_frame, frames, shapes[i], centers)
     for pair in range(len(pairs)):
@@ -226,10 +251,7 @@ def first_collision(kernel: CollisionKernel, q: Array, scratch: Scratch) -> int:
         if square_to_box(frames, f, boxes, a, centers, b) > apart * apart:
             continue
         threshold += radius[a] + radius[b] + CONTACT
-        start_axis(axis, pair, centers, a, b, frames, f)
-        relative_transform(frames, f, g, T_a_b)
-        lower, _ = core_bounds(vertices, vertex_range, a, b, T_a_b, threshold, threshold, axis, pair, simplex)
-        if lower <= threshold:
+        if core_gap(kernel, pair, threshold, threshold, scratch) <= threshold:
             return pair
     return -1
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
+from planners.collision.distance import Indices
 from planners.collision.kernel import (
     RIGID,
     STILL,
     UPRIGHT,
     CollisionKernel,
-    Indices,
     first_collisions,
 )
 from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
@@ -105,7 +106,12 @@ class CollisionModel:
     """The kernel with no pairs and nothing placed: what all scenes share."""
     pair_index: Mapping[NamePair, int]
     """Sorted names of two bodies -> index in `pair_names`."""
+    frame_numbers: Mapping[str, int]
+    """Inverse of `frames`."""
     names: frozenset[str]
+    """Of the bodies."""
+    arm_drivers: Indices
+    """(frames, 3), what drives each frame as in `CollisionKernel.drivers`; movable frames as if at rest."""
 
     @staticmethod
     def build(
@@ -153,7 +159,9 @@ class CollisionModel:
             shape_pair_bodies=np.ascontiguousarray(rows[:, 2]),
             shapes=_bare_kernel(arms, bodies, frames),
             pair_index={_sorted_pair(pair): k for k, pair in enumerate(pair_names)},
+            frame_numbers={name: k for k, name in enumerate(frames)},
             names=names,
+            arm_drivers=_arm_drivers(len(arms), len(frames)),
         )
 
     def frame_index(self, frame: str) -> int:
@@ -162,9 +170,10 @@ class CollisionModel:
         Raises:
             CollisionModelError: there is no such frame.
         """
-        if frame not in self.frames:
+        number = self.frame_numbers.get(frame)
+        if number is None:
             raise CollisionModelError(f"no frame {frame!r}; there are {', '.join(self.frames)}")
-        return self.frames.index(frame)
+        return number
 
     @property
     def movable_frames(self) -> tuple[str, ...]:
@@ -191,7 +200,8 @@ class CollisionModel:
             placements: for every movable frame where it is, or None when its bodies are not there.
             allowed: pairs of names, in either order, that may touch: they are skipped.
             margin: all other pairs keep farther apart than this [m], at least 0.
-            margins: other margins for some pairs of names.
+            margins: other margins for some pairs of names. A negative one allows them to overlap by that much, as
+                far as the normal of a face of either shows it.
             only: checks these pairs alone: a choice by bodies, or what `pair_mask` made of one.
 
         Raises:
@@ -201,18 +211,17 @@ class CollisionModel:
         _check_names((name for pair in (*allowed, *margins) for name in pair), self.names)
         chosen = self._chosen_pairs(placements, allowed, only)
         selected = np.flatnonzero(chosen[self.shape_pair_bodies])
-        pairs, pair_bodies = self.shape_pairs[selected], self.shape_pair_bodies[selected]
-        body_margins = np.full(len(self.pair_names), margin)
+        pair_bodies = self.shape_pair_bodies[selected]
+        pair_margins = np.full(len(self.pair_names), margin)
         for pair, value in margins.items():
             index = self.pair_index.get(_sorted_pair(pair))
             if index is not None:
-                body_margins[index] = value
+                pair_margins[index] = value
         followers, T_parent_follower, frame_drivers = self._follow(placements)
-        return CollisionQuery(
-            self,
-            self._kernel(pairs, body_margins[pair_bodies], followers, T_parent_follower, frame_drivers),
-            pair_bodies,
+        kernel = self._kernel(
+            self.shape_pairs[selected], pair_margins[pair_bodies], followers, T_parent_follower, frame_drivers
         )
+        return CollisionQuery(self, kernel, pair_bodies)
 
     def _chosen_pairs(
         self,
@@ -236,79 +245,91 @@ class CollisionModel:
 
     def _follow(self, placements: Mapping[str, Placement | None]) -> tuple[Indices, Array, Indices]:
         """Order the movable frames with parents first; also return what drives each frame, as in the kernel."""
-        for frame in placements:
-            if frame not in self.movable_frames:
-                raise CollisionModelError(f"no movable frame {frame!r}; there are {', '.join(self.movable_frames)}")
-        drivers = np.full((len(self.frames), 3), (-1, 0, 0), dtype=np.int32)
-        for arm in range(len(self.arms)):
-            for joints in range(1, 7):
-                drivers[1 + 7 * arm + joints] = (arm, joints, 0)
-        rows: list[tuple[int, int, int]] = []
-        transforms: list[Array] = []
-        waiting = list(self.movable_frames)
-        missing = [frame for frame in waiting if frame not in placements]
-        if missing:
-            raise CollisionModelError(f"no placement for the frame {', '.join(missing)}")
+        order = self._parents_first(placements)
+        followers = np.empty((len(order), 3), dtype=np.int32)
+        transforms = np.empty((len(order), 4, 4))
+        drivers = self.arm_drivers.copy()
+        for row, (frame, placement) in enumerate(order):
+            child, parent = self.frame_index(frame), self.frame_index(_parent(placement))
+            upright = isinstance(placement, Upright)
+            followers[row] = child, parent, UPRIGHT if upright else RIGID
+            transforms[row] = _offset(placement)
+            drivers[child] = drivers[parent]
+            if upright and drivers[parent, 0] >= 0:
+                drivers[child, 2] = 1
+        return followers, transforms, drivers
+
+    def _parents_first(self, placements: Mapping[str, Placement | None]) -> list[tuple[str, Placement]]:
+        waiting = dict(placements)
+        if waiting.keys() != set(self.movable_frames):
+            raise CollisionModelError(
+                f"placements are given for {', '.join(sorted(waiting)) or 'no frame'}, "
+                f"but the movable frames are {', '.join(self.movable_frames) or 'none'}"
+            )
+        absent = {frame for frame, placement in placements.items() if placement is None}
+        order: list[tuple[str, Placement]] = []
         while waiting:
-            ready = [frame for frame in waiting if _parent(placements[frame]) not in waiting]
+            ready = [frame for frame, placement in waiting.items() if _parent(placement) not in waiting]
             if not ready:
                 raise CollisionModelError(f"these frames follow each other in a circle: {', '.join(waiting)}")
             for frame in ready:
-                waiting.remove(frame)
-                placement = placements[frame]
-                if placement is None:
-                    continue
-                parent = _parent(placement)
-                if parent in placements and placements[parent] is None:
-                    raise CollisionModelError(f"the frame {frame!r} follows {parent!r}, which is not there")
-                child, above = self.frame_index(frame), self.frame_index(parent)
-                upright = isinstance(placement, Upright)
-                rows.append((child, above, UPRIGHT if upright else RIGID))
-                transforms.append(_offset(placement))
-                drivers[child] = drivers[above]
-                if upright and drivers[above, 0] >= 0:
-                    drivers[child, 2] = 1
-        return (
-            np.array(rows, dtype=np.int32).reshape(-1, 3),
-            np.array(transforms, dtype=float).reshape(-1, 4, 4),
-            drivers,
-        )
+                placement = waiting.pop(frame)
+                if placement is not None:
+                    if _parent(placement) in absent:
+                        raise CollisionModelError(
+                            f"the frame {frame!r} follows {_parent(placement)!r}, which is absent"
+                        )
+                    order.append((frame, placement))
+        return order
 
     def _kernel(
         self, pairs: Indices, margin: Array, followers: Indices, T_parent_follower: Array, frame_drivers: Indices
     ) -> CollisionKernel:
         """Complete the shared arrays for one scene."""
         shared = self.shapes
-        drivers = frame_drivers[shared.shape_frame]
         used = np.zeros(len(shared.radius), dtype=bool)
-        used[pairs.ravel()] = True
-        arm_used = np.zeros(len(self.arms), dtype=np.int32)
-        moved_by = drivers[used, 0]
-        arm_used[moved_by[moved_by >= 0]] = 1
+        used[pairs] = True
+        shapes = np.flatnonzero(used).astype(np.int32)
+        drivers = frame_drivers[shared.shape_frame]
+        arm_used = np.zeros(len(self.arms) + 1, dtype=np.int32)
+        # What no arm drives counts for the last entry, which is cut off.
+        arm_used[drivers[shapes, 0]] = 1
+        columns = np.empty((len(pairs), 4), dtype=np.int32)
+        columns[:, :2] = pairs
+        _relative_columns(drivers[pairs[:, 0]], drivers[pairs[:, 1]], columns[:, 2:])
+        margins = np.empty((len(pairs), 2))
+        margins[:, 0] = margin
+        np.minimum(margin, 0.0, out=margins[:, 1])
         return shared._replace(
-            arm_used=arm_used,
+            arm_used=arm_used[: len(self.arms)],
             followers=followers,
             T_parent_follower=T_parent_follower,
-            shapes=np.flatnonzero(used).astype(np.int32),
+            shapes=shapes,
             drivers=drivers,
-            pairs=np.hstack([pairs, _relative_columns(drivers[pairs[:, 0]], drivers[pairs[:, 1]])]),
-            reach=shared.spheres[:, 3][pairs].sum(axis=1) + margin,
-            margin=np.column_stack([margin, np.minimum(margin, 0.0)]),
+            pairs=columns,
+            reach=shared.spheres[pairs[:, 0], 3] + shared.spheres[pairs[:, 1], 3] + margin,
+            margin=margins,
         )
 
 
-def _relative_columns(a: Indices, b: Indices) -> Indices:
-    """Return, for pairs of shapes with these drivers (p, 3), which bounds of their travel add up: (p, 2).
+def _relative_columns(a: Indices, b: Indices, out: Indices) -> None:
+    """Write, for pairs of shapes with these drivers (p, 3), which bounds of their travel add up: (p, 2).
 
     On one arm only the joints between the two move them against each other; an upright shape turns against its arm,
     so that each of the two is measured from the base.
     """
-    columns = np.where(np.column_stack([a[:, 0], b[:, 0]]) < 0, STILL, 0)
-    chained = (a[:, 0] == b[:, 0]) & (a[:, 0] >= 0) & (a[:, 2] == 0) & (b[:, 2] == 0)
-    nearer = np.minimum(a[:, 1], b[:, 1])
-    columns[chained, 0] = np.where(a[:, 1] > b[:, 1], nearer, STILL)[chained]
-    columns[chained, 1] = np.where(b[:, 1] > a[:, 1], nearer, STILL)[chained]
-    return columns.astype(np.int32)
+    one_arm = (a[:, 0] == b[:, 0]) & (a[:, 0] >= 0) & (a[:, 2] + b[:, 2] == 0)
+    nearer = np.where(one_arm, np.minimum(a[:, 1], b[:, 1]), 0)
+    out[:, 0] = np.where((a[:, 0] < 0) | (one_arm & (a[:, 1] <= b[:, 1])), STILL, nearer)
+    out[:, 1] = np.where((b[:, 0] < 0) | (one_arm & (b[:, 1] <= a[:, 1])), STILL, nearer)
+
+
+def _arm_drivers(n_arms: int, n_frames: int) -> Indices:
+    drivers = np.full((n_frames, 3), (-1, 0, 0), dtype=np.int32)
+    for arm in range(n_arms):
+        for joints in range(1, 7):
+            drivers[1 + 7 * arm + joints] = (arm, joints, 0)
+    return drivers
 
 
 def _parent(placement: Placement | None) -> str:
@@ -365,6 +386,9 @@ def _bare_kernel(
     shapes = [shape for body in bodies for shape in body.shapes]
     ends = np.cumsum([len(shape.vertices) for shape in shapes])
     counts = [len(shape.vertices) for shape in shapes]
+    normals = [_face_normals(shape.vertices) for shape in shapes]
+    normal_ends = np.cumsum([len(rows) for rows in normals])
+    normal_counts = [len(rows) for rows in normals]
     shape_frame = [frames.index(body.frame) for body in bodies for _ in body.shapes]
     return CollisionKernel(
         vertices=np.vstack([shape.vertices for shape in shapes]).astype(float),
@@ -372,6 +396,8 @@ def _bare_kernel(
         radius=np.array([shape.radius for shape in shapes], dtype=float),
         spheres=np.array([_bounding_sphere(shape) for shape in shapes]),
         boxes=np.array([_bounding_box(shape) for shape in shapes]),
+        normals=np.ascontiguousarray(np.vstack(normals)),
+        normal_range=np.column_stack([normal_ends - normal_counts, normal_ends]).astype(np.int32),
         shape_frame=np.array(shape_frame, dtype=np.int32),
         dh=np.array([dh for dh, _ in arms.values()], dtype=float).reshape(-1, 6, 4),
         T_world_base=np.array([T for _, T in arms.values()], dtype=float).reshape(-1, 4, 4),
@@ -384,6 +410,17 @@ def _bare_kernel(
         reach=np.empty(0),
         margin=np.empty((0, 2)),
     )
+
+
+def _face_normals(vertices: Array) -> Array:
+    """Return the outward normals (n, 3) of a hull's faces; none for a flat or thin one."""
+    try:
+        planes = ConvexHull(vertices).equations[:, :3]
+    except (QhullError, ValueError):
+        return np.empty((0, 3))
+    # Triangles of one face share a normal.
+    _, first = np.unique(planes.round(6), axis=0, return_index=True)
+    return planes[first]
 
 
 def _bounding_box(shape: ConvexShape) -> Array:

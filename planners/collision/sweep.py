@@ -13,21 +13,20 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.collision.distance import core_bounds, relative_transform
+from planners.collision.distance import Indices
 from planners.collision.kernel import (
     CONTACT,
     MAX_DEPTH,
     MIN_TRAVEL,
     STILL,
     CollisionKernel,
-    Indices,
     Scratch,
+    core_gap,
     first_collision,
     make_scratch,
     place_center,
     place_frames,
     square_to_box,
-    start_axis,
 )
 from planners.geometry.pose import Array
 
@@ -97,17 +96,10 @@ def _unproven(
         (pair, left): the pair that collides, or -1, and the number of pairs left.
     """
     place_frames(kernel, q, scratch.frames)
-    frames, centers, axis, T_a_b, simplex = (
-        scratch.frames,
-        scratch.centers,
-        scratch.axis,
-        scratch.T_a_b,
-        scratch.simplex,
-    )
+    frames, centers = scratch.frames, scratch.centers
     travel, stamps = scratch.travel, scratch.stamp
     spheres, boxes, radius, shape_frame = kernel.spheres, kernel.boxes, kernel.radius, kernel.shape_frame
-    vertices, vertex_range, drivers = kernel.vertices, kernel.vertex_range, kernel.drivers
-    pairs, margins = kernel.pairs, kernel.margin
+    drivers, pairs, margins = kernel.drivers, kernel.pairs, kernel.margin
     left = 0
     for i in range(count):
         pair = pending[depth, i]
@@ -135,9 +127,7 @@ def _unproven(
         if square_to_box(frames, f, boxes, a, centers, b) > apart * apart:
             continue
         radii = radius[a] + radius[b] + CONTACT
-        start_axis(axis, pair, centers, a, b, frames, f)
-        relative_transform(frames, f, g, T_a_b)
-        lower, _ = core_bounds(vertices, vertex_range, a, b, T_a_b, radii + margin, radii + clear, axis, pair, simplex)
+        lower = core_gap(kernel, pair, radii + margin, radii + clear, scratch)
         if lower > radii + clear:
             continue
         if lower <= radii + margin or motion <= MIN_TRAVEL or depth == MAX_DEPTH - 1:
