@@ -1,0 +1,136 @@
+"""Bodies that are no task spec, and where the caller is pointed."""
+
+import copy
+import json
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from planners.contract.problems import MAX_PROBLEMS, problems_of
+from planners.contract.task_spec import UNION_TAGS, read_task, task_schema
+
+ROOT = Path(__file__).parents[2]
+AB1 = json.loads((ROOT / "assets/tasks/ab1.json").read_text())
+CASES = yaml.safe_load((ROOT / "tests/problems/task_spec_refusals.yaml").read_text())
+
+
+def step_to(body, pointer):
+    """Return the container and the key that a JSON pointer names."""
+    *path, key = [step.replace("~1", "/").replace("~0", "~") for step in pointer.split("/")[1:]]
+    for step in path:
+        body = body[int(step) if isinstance(body, list) else step]
+    return body, int(key) if isinstance(body, list) else key
+
+
+def changed(changes, without=()):
+    body = copy.deepcopy(AB1)
+    for pointer in without:
+        container, key = step_to(body, pointer)
+        del container[key]
+    for pointer, value in changes.items():
+        container, key = step_to(body, pointer)
+        container[key] = value
+    return body
+
+
+def problems(body):
+    with pytest.raises(ValidationError) as caught:
+        read_task(body)
+    return problems_of(caught.value)
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
+def test_each_fault_is_pointed_at(case):
+    found = problems(changed(case.get("with", {}), case.get("without", ())))
+    assert sorted(problem["pointer"] for problem in found) == sorted(each["pointer"] for each in case["problems"])
+    assert all(problem["detail"] for problem in found)
+    choices = {each["pointer"]: each["allowed"] for each in case["problems"] if "allowed" in each}
+    assert {problem["pointer"]: problem["allowed"] for problem in found if "allowed" in problem} == choices
+
+
+@pytest.mark.parametrize("body", [None, 3, "plate", [], [AB1], True])
+def test_a_body_that_is_no_object_is_pointed_at_as_a_whole(body):
+    assert [problem["pointer"] for problem in problems(body)] == [""]
+
+
+def numbers_in(value, pointer=""):
+    """Yield the pointers of all numbers."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from numbers_in(inner, f"{pointer}/{key}")
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from numbers_in(inner, f"{pointer}/{index}")
+    elif isinstance(value, int | float):
+        yield pointer
+
+
+FULL = read_task(AB1).model_dump(mode="json") | {
+    "start_positions": [0.0] * 12,
+    "support": {"shape": {"type": "cylinder", "radius": 0.4, "height": 0.04}, "pose": [0, 0, 0, 1, 0, 0, 0]},
+    "obstacles": [
+        {
+            "name": "a",
+            "shape": {"type": "prism", "outline": [[0, 0], [1, 0], [0, 1]], "height": 0.1},
+            "pose": [0, 0, 0, 1, 0, 0, 0],
+        },
+        {"name": "b", "shape": {"type": "mesh", "asset": "x", "scale": 1.0}, "pose": [0, 0, 0, 1, 0, 0, 0]},
+    ],
+    "options": {
+        "goal_height": 0.03,
+        "contact_density": 1.0,
+        "hold_density": 1.0,
+        "grips": [{"position": [0.1, 0.1, 0], "approach": [1, 0, 0]}],
+        "pushes": [{"position": [0.1, 0.1, 0], "normal": [1, 0, 0], "direction": [1, 0, 0]}],
+    },
+}
+
+
+@pytest.mark.parametrize("pointer", list(numbers_in(FULL)))
+def test_strings_and_booleans_and_infinities_are_numbers_nowhere(pointer):
+    read_task(FULL)
+    for wrong in ("1", True, None, float("nan"), float("inf"), 1e300, 10**400, [], {}):
+        body = copy.deepcopy(FULL)
+        container, key = step_to(body, pointer)
+        container[key] = wrong
+        assert [problem["pointer"] for problem in problems(body)] == [pointer]
+
+
+def test_the_names_of_union_branches_are_members_of_nothing():
+    """Else leaving them out of a pointer would lose a step of the body's own path."""
+    schema = task_schema()
+    members = {name for definition in schema["$defs"].values() for name in definition.get("properties", {})}
+    assert members
+    assert not members & UNION_TAGS
+
+
+@pytest.mark.parametrize(
+    ("name", "body"),
+    [
+        ("ten thousand obstacles", {**AB1, "obstacles": [{"name": f"o{i}"} for i in range(10_000)]}),
+        ("ten thousand good obstacles", {**AB1, "obstacles": [FULL["obstacles"][0]] * 10_000}),
+        ("a million unknown members", {**AB1, **{f"m{i}": i for i in range(1_000_000)}}),
+        ("a million corners", changed({"/plate/shape": {"type": "prism", "outline": [[0, 0]] * 10**6, "height": 1}})),
+        ("two hundred wide obstacles", {**AB1, "obstacles": [{f"m{i}": 0 for i in range(100)}] * 200}),
+        ("a key of ten megabytes", {**AB1, "x" * 10**7: 1}),
+        ("a kind of ten megabytes", {**AB1, "kind": "x" * 10**7}),
+        ("a name of ten megabytes", {**AB1, "cell": "x" * 10**7}),
+    ],
+)
+def test_hostile_bodies_get_a_short_answer_at_once(name, body):
+    started = time.perf_counter()
+    found = problems(body)
+    assert time.perf_counter() - started < 1.0
+    assert len(found) <= MAX_PROBLEMS + 1
+    assert len(json.dumps(found)) < 100_000
+
+
+def test_a_deeply_nested_member_is_refused_without_a_recursion_error():
+    deep = []
+    for _ in range(900):
+        deep = [deep]
+    for pointer in ("/plate", "/cell", "/kind", "/obstacles", "/options", "/deep"):
+        assert problems(changed({pointer: deep}))
