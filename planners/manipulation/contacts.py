@@ -14,7 +14,7 @@ from planners.geometry.pose import Array, skew
 
 @dataclass(frozen=True)
 class PrincipalContact:
-    """⟨element of the plate – element of the environment⟩; both are None when nothing touches."""
+    """⟨element of the plate, element of the environment⟩; both are None when nothing touches."""
 
     plate: Element | None
     environment: Element | None
@@ -41,7 +41,7 @@ FLAT_ENVIRONMENT: Boundary = {ENVIRONMENT_FACE: frozenset()}
 
 
 def includes(stronger: PrincipalContact, weaker: PrincipalContact, plate: Boundary, environment: Boundary) -> bool:
-    """Tell whether ⟨a–b⟩ includes ⟨c–d⟩: paper B's three conditions.
+    """Tell whether ⟨a, b⟩ includes ⟨c, d⟩: paper B's three conditions.
 
     1) c bounds a and d bounds b; 2) c bounds a and d is b; 3) c is a and d bounds b. The paper prints "or" inside
     each condition, where the work it cites and its own Fig. 4 have "and". No contact is included in every contact.

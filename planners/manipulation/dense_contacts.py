@@ -35,7 +35,7 @@ from planners.manipulation.contacts import (
 _FLAT = 1e-9
 """Largest tilt of a plate at rest [rad]."""
 _LENGTH_STEPS = 32
-"""Chords by which the length of a motion is measured."""
+"""Chords, at least, by which the length of a motion is measured."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class PlateMotion:
     @cached_property
     def length(self) -> MotionLength:
         """The angle swept and the way of the centre of mass, by chords."""
-        T = self.poses(np.linspace(0.0, 1.0, _LENGTH_STEPS + 1))
+        T = self.poses(np.union1d(np.linspace(0.0, 1.0, _LENGTH_STEPS + 1), self.breaks))
         chords = np.diff(self.plate.com_world(T), axis=0)
         turns = _rotation_angles(T[:-1, :3, :3], T[1:, :3, :3])
         return MotionLength(float(np.sum(turns)), float(np.sum(np.linalg.norm(chords, axis=1))))

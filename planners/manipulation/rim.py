@@ -77,12 +77,18 @@ def _places(outline: Array, usable: Array, ends: Array, count: int) -> Array:
     A station sits there or half a step beside: whichever keeps the stations farther from where the rim is interrupted.
     """
     total = float(ends[-1])
-    step = total / count
-    candidates = [
-        np.sort((_anchor(outline, usable, ends) + (np.arange(count) + offset) * step) % total) for offset in (0.0, 0.5)
-    ]
-    gaps = [np.abs(places[:, None] - np.concatenate([[0.0], ends])[None, :]).min() for places in candidates]
-    return candidates[1] if gaps[1] > gaps[0] + 1e-9 else candidates[0]
+    anchor = _anchor(outline, usable, ends)
+    at_anchor, beside_it = (
+        np.sort((anchor + (np.arange(count) + offset) * total / count) % total).astype(np.float64)
+        for offset in (0.0, 0.5)
+    )
+    interruptions = np.concatenate([[0.0], ends])
+    return beside_it if _gap(beside_it, interruptions) > _gap(at_anchor, interruptions) + 1e-9 else at_anchor
+
+
+def _gap(places: Array, others: Array) -> float:
+    """Return the smallest distance between a place and one of the others."""
+    return float(np.abs(places[:, None] - others[None, :]).min())
 
 
 def _anchor(outline: Array, usable: Array, ends: Array) -> float:

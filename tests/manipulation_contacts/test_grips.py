@@ -1,0 +1,190 @@
+"""Grips by their laws: antipodal, pads on the plate, even and symmetric."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from planners.errors import LiftwrightError, SceneError
+from planners.geometry.polygon import depth_inside
+from planners.geometry.polyhedron import Prism
+from planners.geometry.pose import rotation_y, rotation_z, to_pose7, transform
+from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, grips_from_data
+
+JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))
+ACRYLIC = Prism.from_box([0.3, 0.3, 0.04])
+PLYWOOD = Prism.from_box([0.4, 0.5, 0.044])
+SAMPLING = GripSampling()
+
+
+def random_plate(seed: int) -> Prism:
+    points = np.random.default_rng(seed).normal(scale=0.2, size=(7, 2))
+    return Prism.from_outline(points[ConvexHull(points).vertices], 0.03)
+
+
+PLATES = [
+    ACRYLIC,
+    PLYWOOD,
+    Prism.from_outline([[0, 0], [0.5, 0.05], [0.1, 0.4]], 0.02),
+    Prism.from_outline([[0.2 * math.cos(a), 0.2 * math.sin(a)] for a in math.pi / 3 * np.arange(6)], 0.05),
+    *(random_plate(seed) for seed in range(6)),
+]
+
+
+@pytest.fixture(params=range(len(PLATES)))
+def plate(request) -> Prism:
+    return PLATES[request.param]
+
+
+def test_the_papers_plates_have_the_papers_numbers_of_grips():
+    assert len(generate_grips(ACRYLIC, JAW)) == 30
+    assert len(generate_grips(PLYWOOD, JAW)) == 36
+
+
+def test_fingers_are_antipodal_on_top_and_bottom(plate):
+    grips = generate_grips(plate, JAW)
+    assert grips
+    for number, grip in enumerate(grips):
+        assert grip.index == number
+        assert grip.width == pytest.approx(plate.height)
+        for points, normals in zip(grip.points, grip.normals, strict=True):
+            assert normals[0] == pytest.approx(-normals[1])
+            assert points[1] - points[0] == pytest.approx(plate.height * normals[0])
+            assert sorted(points[:, 2]) == pytest.approx([-plate.height / 2, plate.height / 2])
+
+
+def test_finger_0_is_on_the_tcps_negative_y_and_both_at_the_pads_centres(plate):
+    for grip in generate_grips(plate, JAW):
+        for T, points, normals in zip(grip.T_plate_tcp, grip.points, grip.normals, strict=True):
+            assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+            assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+            in_tcp = (points - T[:3, 3]) @ T[:3, :3]
+            half = 0.5 * plate.height
+            assert in_tcp == pytest.approx(np.array([[0, -half, 0], [0, half, 0]]), abs=1e-12)
+            assert normals @ T[:3, :3] == pytest.approx(np.array([[0, 1, 0], [0, -1, 0]]), abs=1e-12)
+
+
+def test_the_flips_share_the_approach_and_swap_the_fingers(plate):
+    for grip in generate_grips(plate, JAW):
+        one, other = grip.T_plate_tcp
+        assert one[:3, 2] == pytest.approx(other[:3, 2])
+        assert one[:3, 3] == pytest.approx(other[:3, 3])
+        assert one[:3, 1] == pytest.approx(-other[:3, 1])
+        assert grip.points[0] == pytest.approx(grip.points[1][::-1])
+        assert grip.normals[0] == pytest.approx(grip.normals[1][::-1])
+
+
+def test_the_hand_comes_from_outside_square_to_a_side(plate):
+    for grip in generate_grips(plate, JAW):
+        rim = (grip.T_plate_tcp[0, :3, 3] - SAMPLING.depth * grip.approach)[None, :2]
+        assert depth_inside(plate.outline, rim)[0] == pytest.approx(0.0, abs=1e-9)
+        # Square to the side: no direction leads deeper as fast as the approach.
+        assert depth_inside(plate.outline, rim + 1e-4 * grip.approach[:2])[0] == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_pads_lie_on_the_plate_across_their_whole_width(plate):
+    across, along = JAW.pad_size
+    for grip in generate_grips(plate, JAW):
+        T = grip.T_plate_tcp[0]
+        depths = (SAMPLING.rim_tolerance - SAMPLING.depth, 0.5 * along)
+        corners = [T[:2, 3] + w * T[:2, 0] + d * T[:2, 2] for w in (-across / 2, across / 2) for d in depths]
+        assert depth_inside(plate.outline, np.array(corners)).min() > -1e-9
+
+
+@pytest.mark.parametrize("size", [[0.3, 0.3, 0.04], [0.4, 0.5, 0.044], [0.9, 0.2, 0.03], [0.31, 0.47, 0.03]])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_grips_of_a_rectangle_are_symmetric(size, axis):
+    places = np.array([grip.T_plate_tcp[0][:2, [2, 3]].ravel() for grip in generate_grips(Prism.from_box(size), JAW)])
+    mirror = np.ones(4)
+    mirror[[2 * axis, 2 * axis + 1]] = -1.0
+    assert {tuple(row) for row in np.round(places, 9) + 0.0} == {
+        tuple(row) for row in np.round(places * mirror, 9) + 0.0
+    }
+
+
+def test_neighbouring_grips_on_a_side_are_equally_far_apart(plate):
+    grips = generate_grips(plate, JAW)
+    gaps = [
+        np.linalg.norm(a.T_plate_tcp[0, :3, 3] - b.T_plate_tcp[0, :3, 3])
+        for a, b in pairwise(grips)
+        if np.allclose(a.approach, b.approach)
+    ]
+    assert gaps == pytest.approx([gaps[0]] * len(gaps))
+
+
+def test_no_grip_on_a_plate_thicker_than_the_opening():
+    assert generate_grips(Prism.from_box([0.3, 0.3, 0.0811]), JAW) == ()
+    assert generate_grips(Prism.from_box([0.3, 0.3, 0.0809]), JAW) != ()
+
+
+def test_grips_whose_pad_meets_the_cup_are_left_out_and_no_others():
+    cup = CupFootprint((0.11, 0.02), 0.0275)
+    kept = {tuple(grip.T_plate_tcp[0].ravel()) for grip in generate_grips(ACRYLIC, JAW, cup=cup)}
+    every = generate_grips(ACRYLIC, JAW)
+    assert 0 < len(every) - len(kept) < 5
+    across, along = (np.linspace(-0.5, 0.5, 200) * size for size in JAW.pad_size)
+    for grip in every:
+        T = grip.T_plate_tcp[0]
+        pad = T[:2, 3] + across[:, None, None] * T[:2, 0] + along[None, :, None] * T[:2, 2]
+        distance = np.linalg.norm(pad - np.array(cup.centre), axis=2).min()
+        limit = cup.radius + SAMPLING.cup_clearance
+        assert abs(distance - limit) > 1e-4, "the sampled distance must decide"
+        assert (tuple(T.ravel()) in kept) == (distance > limit)
+
+
+def test_a_generated_grip_read_back_as_data_is_the_same_grip(plate):
+    grips = generate_grips(plate, JAW)
+    data = [{"pose": to_pose7(grip.T_plate_tcp[0])} for grip in grips]
+    for given, made in zip(grips_from_data(data, plate, JAW, friction=0.5, pointer="/g"), grips, strict=True):
+        assert given.index == made.index
+        assert given.width == pytest.approx(made.width)
+        for name in ("T_plate_tcp", "points", "normals"):
+            assert getattr(given, name) == pytest.approx(getattr(made, name), abs=1e-9)
+
+
+@pytest.mark.parametrize(("friction", "accepted"), [(0.30, True), (0.26, False)])
+def test_a_given_grip_is_antipodal_when_its_axis_is_within_the_friction_cones(friction, accepted):
+    plate = Prism.from_box([0.3, 0.3, 0.04])
+    # Fingers open along y of the TCP; z of the plate, leaned by 15 degrees (tangent 0.268).
+    rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    pose = to_pose7(transform(rotation_y(math.radians(15)) @ rotation, [-0.1, 0.0, 0.0]))
+    if accepted:
+        (grip,) = grips_from_data([{"pose": pose}], plate, JAW, friction=friction, pointer="/grips")
+        assert grip.width == pytest.approx(0.04 / math.cos(math.radians(15)))
+    else:
+        with pytest.raises(SceneError, match="antipodal") as caught:
+            grips_from_data([{"pose": pose}], plate, JAW, friction=friction, pointer="/grips")
+        assert caught.value.pointer == "/grips/0/pose"
+
+
+UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("rotation", "position", "says"),
+    [
+        (UPRIGHT, [-0.2, 0, 0], "misses"),
+        (UPRIGHT, [-0.13, 0, 0.005], "midway"),
+        (rotation_z(0.0), [0, 0, 0], "wide"),
+    ],
+)
+def test_given_grips_that_cannot_close_on_the_plate_are_refused(rotation, position, says):
+    data = [{"pose": to_pose7(transform(rotation, position))}]
+    with pytest.raises(SceneError, match=says):
+        grips_from_data(data, ACRYLIC, JAW, friction=0.5, pointer="/g")
+
+
+@pytest.mark.parametrize("entry", [{}, {"pose": [0, 0, 0]}, {"pose": [0, 0, float("inf"), 1, 0, 0, 0]}])
+def test_given_grips_that_are_no_pose_are_refused(entry):
+    with pytest.raises(SceneError) as caught:
+        grips_from_data([entry], ACRYLIC, JAW, friction=0.5, pointer="/g")
+    assert caught.value.pointer == "/g/0/pose"
+
+
+def test_a_sampling_that_means_nothing_is_refused():
+    with pytest.raises(LiftwrightError):
+        GripSampling(count=0)

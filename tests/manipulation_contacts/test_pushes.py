@@ -1,0 +1,163 @@
+"""Pushes by their laws: on the surface, inside the push cone, the stick clear of the plate, even and symmetric."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from planners.errors import LiftwrightError, SceneError
+from planners.geometry.polyhedron import Prism
+from planners.manipulation.pushes import Push, PushSampling, generate_pushes, pushes_from_data
+
+TIP = 0.010
+SAMPLING = PushSampling()
+ACRYLIC = Prism.from_box([0.3, 0.3, 0.04])
+PLYWOOD = Prism.from_box([0.4, 0.5, 0.044])
+
+
+def random_plate(seed: int) -> Prism:
+    points = np.random.default_rng(seed).normal(scale=0.2, size=(7, 2))
+    return Prism.from_outline(points[ConvexHull(points).vertices], 0.03)
+
+
+PLATES = [
+    ACRYLIC,
+    PLYWOOD,
+    Prism.from_outline([[0, 0], [0.5, 0.05], [0.1, 0.4]], 0.02),
+    *(random_plate(seed) for seed in range(6)),
+]
+
+
+@pytest.fixture(params=range(len(PLATES)))
+def plate(request) -> Prism:
+    return PLATES[request.param]
+
+
+def outside(plate: Prism, points: np.ndarray) -> np.ndarray:
+    """(m,) largest distance of each point beyond a face's plane."""
+    body = plate.polyhedron
+    planes = [(body.face_normal(k), body.vertices[face[0]]) for k, face in enumerate(body.faces)]
+    return np.max([(points - corner) @ normal for normal, corner in planes], axis=0)
+
+
+def test_the_papers_plates_have_the_papers_numbers_of_pushes():
+    assert len(generate_pushes(ACRYLIC, TIP)) == 64
+    assert len(generate_pushes(PLYWOOD, TIP)) == 72
+
+
+def test_contacts_are_on_the_surface_and_normals_point_into_the_plate(plate):
+    pushes = generate_pushes(plate, TIP)
+    assert pushes
+    assert [push.index for push in pushes] == list(range(len(pushes)))
+    points, normals = np.array([p.point for p in pushes]), np.array([p.normal for p in pushes])
+    assert outside(plate, points) == pytest.approx(np.zeros(len(pushes)), abs=1e-12)
+    assert outside(plate, points - 1e-3 * normals) == pytest.approx(np.full(len(pushes), 1e-3))
+    assert np.all(outside(plate, points + 1e-3 * normals) < -1e-4)
+
+
+def test_the_stick_is_inside_the_push_cone(plate):
+    for push in generate_pushes(plate, TIP):
+        assert np.linalg.norm(push.axis) == pytest.approx(1.0)
+        assert math.acos(float(push.axis @ push.normal)) <= math.radians(70) + 1e-9
+
+
+def test_directions_outside_a_narrower_cone_are_left_out():
+    narrow = generate_pushes(ACRYLIC, TIP, PushSampling(axis_angle_max=math.radians(30)))
+    assert len(narrow) == 16
+    assert all(push.point[2] == 0.0 for push in narrow)
+
+
+def test_the_tcp_is_the_tips_centre_with_z_along_the_stick_at_every_roll(plate):
+    for push in generate_pushes(plate, TIP):
+        assert push.T_plate_tcp.shape == (8, 4, 4)
+        for T in push.T_plate_tcp:
+            assert T[:3, 3] + TIP * push.normal == pytest.approx(push.point)
+            assert T[:3, 2] == pytest.approx(push.axis)
+            assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+            assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+        x, y = push.T_plate_tcp[0, :3, 0], push.T_plate_tcp[0, :3, 1]
+        turned = np.column_stack([push.T_plate_tcp[:, :3, 0] @ x, push.T_plate_tcp[:, :3, 0] @ y])
+        turns = math.pi / 4 * np.arange(8)
+        assert turned == pytest.approx(np.column_stack([np.cos(turns), np.sin(turns)]), abs=1e-12)
+
+
+def test_the_stick_touches_the_plate_at_its_tip_only(plate):
+    ways = np.linspace(0.001, 0.4, 200)
+    for push in generate_pushes(plate, TIP):
+        centre = push.T_plate_tcp[0, :3, 3]
+        assert np.all(outside(plate, centre - ways[:, None] * push.axis) > TIP)
+
+
+def test_at_the_sides_the_stick_comes_from_above_and_under_the_plate_from_below(plate):
+    for push in generate_pushes(plate, TIP):
+        if push.normal[2] == 0.0:
+            assert push.point[2] == 0.0
+            assert push.axis[2] < 0.0
+        else:
+            assert push.point[2] == -0.5 * plate.height
+            assert push.axis[2] > 0.0
+
+
+def test_the_retreat_leaves_the_plate_and_moves_the_stick_back(plate):
+    for push in generate_pushes(plate, TIP):
+        assert np.linalg.norm(push.retreat) == pytest.approx(1.0)
+        assert push.retreat @ push.normal < -0.1
+        assert push.retreat @ push.axis < -0.1
+        beside = push.normal - push.axis
+        assert push.retreat @ beside == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [[0.3, 0.3, 0.04], [0.4, 0.5, 0.044], [0.9, 0.2, 0.03]])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_the_pushes_of_a_rectangle_are_symmetric(size, axis):
+    def keys(pushes: tuple[Push, ...], mirror: np.ndarray) -> set[tuple[float, ...]]:
+        return {tuple(np.round([*(p.point * mirror), *(p.axis * mirror)], 9) + 0.0) for p in pushes}
+
+    pushes = generate_pushes(Prism.from_box(size), TIP)
+    mirror = np.ones(3)
+    mirror[axis] = -1.0
+    assert keys(pushes, mirror) == keys(pushes, np.ones(3))
+    assert len(keys(pushes, mirror)) == len(pushes)
+
+
+def test_generated_pushes_read_back_as_data_are_the_same_pushes(plate):
+    pushes = generate_pushes(plate, TIP)
+    data = [{"point": push.point.tolist(), "axis": (2.0 * push.axis).tolist()} for push in pushes]
+    for given, made in zip(pushes_from_data(data, plate, TIP, SAMPLING, "/p"), pushes, strict=True):
+        assert given.index == made.index
+        for name in ("point", "normal", "axis", "T_plate_tcp"):
+            assert getattr(given, name) == pytest.approx(getattr(made, name), abs=1e-9)
+
+
+def test_a_stick_may_stand_square_on_the_bottom():
+    (push,) = pushes_from_data([{"point": [0, 0, -0.02], "axis": [0, 0, 1]}], ACRYLIC, TIP, SAMPLING, "/p")
+    assert push.T_plate_tcp[3, :3, :3].T @ push.T_plate_tcp[3, :3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+    assert push.retreat == pytest.approx([0, 0, -1])
+
+
+@pytest.mark.parametrize(
+    ("entry", "member"),
+    [
+        ({"point": [0.15, 0, 0.001]}, "axis"),
+        ({"point": [0.15, 0, 0], "axis": [0, 0, 0]}, "axis"),
+        ({"point": [0.15, 0, 0], "axis": [-0.1, 0, 1]}, "axis"),
+        ({"point": [0.15, 0, 0], "axis": [1, 0, 0]}, "axis"),
+        ({"point": [0.1503, 0, 0], "axis": [-1, 0, 0]}, "point"),
+        ({"point": [0.15, 0.15, 0], "axis": [-1, 0, 0]}, "point"),
+        ({"point": [0.0, 0, 0], "axis": [-1, 0, 0]}, "point"),
+        ({"point": [0.0, 0], "axis": [-1, 0, 0]}, "point"),
+    ],
+)
+def test_given_pushes_off_the_plate_or_outside_the_cone_are_refused(entry, member):
+    with pytest.raises(SceneError) as caught:
+        pushes_from_data([entry], ACRYLIC, TIP, SAMPLING, "/pushes")
+    assert caught.value.pointer == f"/pushes/0/{member}"
+
+
+@pytest.mark.parametrize("wrong", [{"count": 0}, {"rolls": 0}, {"axis_angle_max": 2.0}, {"bottom_depth": -0.1}])
+def test_samplings_that_mean_nothing_are_refused(wrong):
+    with pytest.raises(LiftwrightError):
+        PushSampling(**wrong)
