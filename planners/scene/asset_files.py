@@ -1,0 +1,350 @@
+"""What the files of the assets folder say, validated: robots, hands, mounts and cells."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from assets import assets_folder
+from planners.errors import AssetError
+from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Triple = tuple[float, float, float]
+Lengths = tuple[Positive, Positive, Positive]
+LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
+ArmName = Literal["left", "right"]
+
+LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+"""In the order of the frames they move with."""
+ARM_NAMES: tuple[ArmName, ...] = ("left", "right")
+"""In the order of their joints."""
+
+
+class _Part(BaseModel):
+    """A mapping in a file. A number is a number, a field is known, and nothing changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class _Asset(_Part):
+    """A whole file, found by its name."""
+
+    name: Name
+
+
+class Placement(_Part):
+    """Where something sits: `position` [m], turned about the fixed axes x, then y, then z [deg]."""
+
+    position: Triple
+    rpy_deg: Triple
+
+    def transform(self) -> Transform:
+        """Return `T_parent_child`."""
+        roll, pitch, yaw = np.radians(self.rpy_deg)
+        return transform(rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll), self.position)
+
+
+class MeshFile(_Part):
+    """A mesh that an installed package ships."""
+
+    package: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
+    path: str
+    """Inside the package."""
+    scale: Positive = 1.0
+    """Metres a unit of the file."""
+
+
+class JointFile(_Part):
+    """A row of the Denavit-Hartenberg table, with the joint's limits."""
+
+    name: Name
+    a: float
+    alpha_deg: float
+    d: float
+    theta0_deg: float
+    position_deg: tuple[float, float]
+    velocity_deg: Positive
+    """[deg/s]"""
+    acceleration: Positive
+    """[rad/s^2]"""
+    torque: Positive
+    """[Nm]"""
+
+    @model_validator(mode="after")
+    def _range_is_not_empty(self) -> Self:
+        if self.position_deg[0] >= self.position_deg[1]:
+            raise ValueError("position_deg must list the lower limit first")
+        return self
+
+
+class LinkFile(Placement):
+    """A link's mesh, placed in the frame that the link moves with."""
+
+    name: LinkName
+    mass: Positive | None
+    """[kg]"""
+    mesh: MeshFile
+
+
+class RobotFile(_Asset):
+    """robots/*.yaml: one arm, whatever it is mounted on."""
+
+    joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
+    links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
+    links_of: Name | None = None
+    """Another robot whose links stand in."""
+    payload: Positive
+    """[kg]"""
+    reach: Positive
+    """[m]"""
+
+    @model_validator(mode="after")
+    def _links_are_complete(self) -> Self:
+        if (self.links is None) == (self.links_of is None):
+            raise ValueError("exactly one of links and links_of is required")
+        if self.links is not None and tuple(link.name for link in self.links) != LINK_NAMES:
+            raise ValueError(f"links must be named {', '.join(LINK_NAMES)}, in this order")
+        return self
+
+
+class SensorFile(_Part):
+    """The force-torque sensor with its coupling: a cylinder from the flange on."""
+
+    radius: Positive
+    length: Positive
+    mass: Positive
+
+
+class LinkageFile(_Part):
+    """Joint origins [y, z] of a four-bar finger on the +y side, fully open [m]."""
+
+    outer_knuckle: tuple[float, float]
+    outer_finger: tuple[float, float]
+    inner_finger: tuple[float, float]
+    pad: tuple[float, float]
+    inner_knuckle: tuple[float, float]
+
+
+class GripperMeshes(_Part):
+    """The convex pieces of a gripper: its base, and the parts that both fingers have."""
+
+    base: MeshFile
+    outer_knuckle: MeshFile
+    outer_finger: MeshFile
+    inner_finger: MeshFile
+    inner_knuckle: MeshFile
+
+
+class _HandFile(_Asset):
+    sensor: SensorFile
+    mass: Positive
+    """[kg], without the sensor."""
+    com: NotNegative
+    """Centre of mass of hand and sensor on the flange's z axis [m]."""
+
+
+class GripperFile(_HandFile):
+    """hands/*.yaml of kind gripper: two parallel fingers that open along the flange's y axis."""
+
+    kind: Literal["gripper"]
+    force_range: tuple[Positive, Positive]
+    """Least and greatest grip force [N]."""
+    width_max: Positive
+    linkage: LinkageFile
+    pad_size: Lengths
+    """Width, thickness in the opening direction, length [m]."""
+    meshes: GripperMeshes
+
+
+class StickFile(_HandFile):
+    """hands/*.yaml of kind stick: a rod along the flange's z axis with a round tip."""
+
+    kind: Literal["stick"]
+    tip_distance: Positive
+    """From the flange to the tip's pole [m]."""
+    tip_radius: Positive
+    stick_radius: Positive
+    tip_length: NotNegative
+    """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
+
+    @model_validator(mode="after")
+    def _tip_is_beyond_the_sensor(self) -> Self:
+        if self.tip_distance - self.tip_radius - self.tip_length <= self.sensor.length:
+            raise ValueError("tip_distance leaves no stick between the sensor and the tip")
+        return self
+
+
+class ArmMountFile(Placement):
+    """Where an arm's base frame is in the world, and where its joints rest."""
+
+    home_deg: tuple[float, float, float, float, float, float]
+
+
+class BoxFile(_Part):
+    """A box along the world's axes."""
+
+    center: Triple
+    size: Lengths
+    """Full lengths [m]."""
+
+
+class FrameFile(_Part):
+    """Upright profiles of a square section, from the floor up."""
+
+    profile: Positive
+    height: Positive
+    columns: tuple[tuple[float, float], ...]
+    """Centres [x, y] on the floor [m]."""
+
+
+class MountFile(_Asset):
+    """mounts/*.yaml: everything of a cell that does not depend on which hands the arms carry."""
+
+    arms: dict[ArmName, ArmMountFile]
+    table: BoxFile
+    platform: dict[Name, BoxFile]
+    """What the arms are mounted on."""
+    frame: FrameFile
+
+    @model_validator(mode="after")
+    def _both_arms_are_mounted(self) -> Self:
+        _require_both_arms(self.arms)
+        return self
+
+
+class ArmFile(_Part):
+    """Which robot an arm is and what it carries."""
+
+    robot: Name
+    hand: Name
+
+
+class CellFile(_Asset):
+    """cells/*.yaml."""
+
+    mount: Name
+    arms: dict[ArmName, ArmFile]
+    gravity: Triple
+    """[m/s^2]"""
+
+    @model_validator(mode="after")
+    def _both_arms_are_there(self) -> Self:
+        _require_both_arms(self.arms)
+        return self
+
+
+def _require_both_arms(arms: Mapping[ArmName, object]) -> None:
+    missing = [name for name in ARM_NAMES if name not in arms]
+    if missing:
+        raise ValueError(f"arms.{missing[0]} is required")
+
+
+_HAND_KINDS: dict[str, type[GripperFile | StickFile]] = {"gripper": GripperFile, "stick": StickFile}
+_File = TypeVar("_File", bound=_Asset)
+
+
+@dataclass(frozen=True)
+class AssetShelf:
+    """Folders of assets, searched in order: `<folder>/robots/<name>.yaml` and so on."""
+
+    folders: tuple[Path, ...]
+
+    def names(self, kind: str) -> list[str]:
+        """List the names of all files of a kind ("robots", "hands", "mounts", "cells")."""
+        return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
+
+    def find(self, kind: str, name: str, where: str) -> Path:
+        """Return the file of a name; `where` says which field asks for it.
+
+        Raises:
+            AssetError: There is none; the message lists those there are.
+        """
+        for folder in self.folders:
+            path = folder / kind / f"{name}.yaml"
+            if path.is_file():
+                return path
+        known = ", ".join(self.names(kind)) or "none"
+        raise AssetError(f"{where}: no file {name!r} among the {kind}; there are: {known}")
+
+
+def shipped_shelf() -> AssetShelf:
+    """Return the assets that are part of the product."""
+    return AssetShelf((assets_folder(),))
+
+
+def fingerprint(contents: Iterable[bytes]) -> str:
+    """Return a hash of contents in this order, the same on every machine."""
+    digest = hashlib.sha256()
+    for content in contents:
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()
+
+
+def read_cell_file(path: Path) -> CellFile:
+    """Read cells/*.yaml."""
+    return _validated(CellFile, path, _read_mapping(path))
+
+
+def read_mount_file(path: Path) -> MountFile:
+    """Read mounts/*.yaml."""
+    return _validated(MountFile, path, _read_mapping(path))
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Read robots/*.yaml."""
+    return _validated(RobotFile, path, _read_mapping(path))
+
+
+def read_hand_file(path: Path) -> GripperFile | StickFile:
+    """Read hands/*.yaml."""
+    data = _read_mapping(path)
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _HAND_KINDS:
+        raise AssetError(f"{path}: kind: must be one of {', '.join(sorted(_HAND_KINDS))}")
+    return _validated(_HAND_KINDS[kind], path, data)
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise AssetError(f"{path}: is not YAML: {error}") from error
+    if not isinstance(data, dict):
+        raise AssetError(f"{path}: must be a mapping of fields")
+    return data
+
+
+def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
+    """Validate as JSON: there, and only there, does strict mode accept arrays for tuples."""
+    try:
+        document = json.dumps(data)
+    except TypeError as error:
+        raise AssetError(f"{path}: holds something that is neither number, text, list nor mapping: {error}") from error
+    try:
+        file = model.model_validate_json(document)
+    except ValidationError as error:
+        faults = "; ".join(_sentence(fault["loc"], fault["msg"]) for fault in error.errors())
+        raise AssetError(f"{path}: {faults}") from error
+    if file.name != path.stem:
+        raise AssetError(f"{path}: name: must be that of the file, {path.stem!r}")
+    return file
+
+
+def _sentence(location: tuple[int | str, ...], message: str) -> str:
+    field = ".".join(str(step) for step in location if step != "[key]")
+    text = message.replace("Input should be", "must be").replace("Field required", "is required")
+    text = text.replace("Extra inputs are not permitted", "is not known here").removeprefix("Value error, ")
+    return f"{field}: {text}" if field else text

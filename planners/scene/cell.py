@@ -1,0 +1,228 @@
+"""The cell: two arms with their hands, the table, and the platform they are mounted on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planners.geometry.convex import CollisionBody
+from planners.geometry.pose import Array, transform
+from planners.geometry.shapes import box, placed
+from planners.scene.arm import Arm
+from planners.scene.asset_files import (
+    ARM_NAMES,
+    AssetShelf,
+    BoxFile,
+    CellFile,
+    FrameFile,
+    MountFile,
+    fingerprint,
+    read_cell_file,
+    read_mount_file,
+    shipped_shelf,
+)
+from planners.scene.hand import Gripper, Pusher, load_hand
+from planners.scene.robot import load_robot
+
+
+@dataclass(frozen=True, eq=False)
+class StaticBox:
+    """A box along the world's axes that never moves."""
+
+    name: str
+    role: str
+    """"table" or "frame", as in a plan document."""
+    center: Array
+    """(3,) [m]."""
+    size: Array
+    """(3,) full lengths [m]."""
+
+    def collision_body(self) -> CollisionBody:
+        """Return the box for collision queries."""
+        shape = placed(box(self.size), transform(None, self.center))
+        return CollisionBody(self.name, "cell", "world", (shape,))
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of a plan document's `bodies`."""
+        return {
+            "role": self.role,
+            "shape": {"type": "box", "size": self.size.tolist()},
+            "mass": None,
+            "com": [0.0, 0.0, 0.0],
+            "pose": [*self.center.tolist(), 1.0, 0.0, 0.0, 0.0],
+            "static": True,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """Everything that stays when the task changes."""
+
+    name: str
+    hash: str
+    """Of the content of all files the cell is made of, meshes included."""
+    arms: dict[str, Arm]
+    """By name, left first."""
+    boxes: tuple[StaticBox, ...]
+    """The table first."""
+    gravity: Array
+    """(3,) [m/s^2]."""
+
+    @cached_property
+    def bodies(self) -> tuple[CollisionBody, ...]:
+        """The table and the platform, in frame "world"."""
+        return tuple(static.collision_body() for static in self.boxes)
+
+    @property
+    def table_top(self) -> float:
+        """Height of the table's top [m]."""
+        return float(self.boxes[0].center[2] + 0.5 * self.boxes[0].size[2])
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Twelve names: the left arm's six, then the right's."""
+        return tuple(name for arm in self.arms.values() for name in arm.joint_names)
+
+    @property
+    def gripper_arms(self) -> tuple[str, ...]:
+        """Names of the arms that carry a gripper."""
+        return tuple(name for name, arm in self.arms.items() if isinstance(arm.hand, Gripper))
+
+    @property
+    def pusher_arms(self) -> tuple[str, ...]:
+        """Names of the arms that carry a stick."""
+        return tuple(name for name, arm in self.arms.items() if isinstance(arm.hand, Pusher))
+
+    @property
+    def home(self) -> Array:
+        """(12,) where all joints rest [rad]."""
+        return np.concatenate([arm.home for arm in self.arms.values()])
+
+    def collision_bodies(self, widths: Mapping[str, float] | None = None) -> tuple[CollisionBody, ...]:
+        """Return links, hands and the cell's own bodies.
+
+        Args:
+            widths: opening of each gripper by arm [m]; a gripper not listed is fully open.
+
+        Raises:
+            WidthError: A gripper does not open so far.
+        """
+        widths = widths or {}
+        on_arms = [(*arm.link_bodies(), *arm.hand_bodies(widths.get(name))) for name, arm in self.arms.items()]
+        return (*itertools.chain.from_iterable(on_arms), *self.bodies)
+
+    @cached_property
+    def excluded_pairs(self) -> frozenset[tuple[str, str]]:
+        """Sorted pairs of names that are never checked.
+
+        Two rules, neither of which can hide a collision:
+
+        - Nothing that never moves is checked against another: cell bodies, and the base links bolted to them. No
+          motion changes these pairs. (The bases overlap the platform, which is how they are mounted.)
+        - On one arm, nothing is checked whose frames are at most one joint apart: parts of one link or hand, and
+          neighbours across a joint, which touch in its housing. The makers let every joint turn all the way round, so
+          that neighbours never meet elsewhere; and what is mounted on the flange stays on the far side of it, where
+          wrist 2 never is.
+        """
+        bodies = self.collision_bodies()
+        pairs = itertools.combinations(bodies, 2)
+        return frozenset(_sorted(a.name, b.name) for a, b in pairs if _never_collide(a.frame, b.frame))
+
+    def body_documents(self) -> dict[str, dict[str, Any]]:
+        """Return the entries of the table and the platform in a plan document's `bodies`."""
+        return {static.name: static.document() for static in self.boxes}
+
+    def document(self) -> dict[str, Any]:
+        """Return a plan document's `cell`."""
+        return {
+            "name": self.name,
+            "hash": self.hash,
+            "gravity": self.gravity.tolist(),
+            "arms": {name: arm.document() for name, arm in self.arms.items()},
+            "hands": {name: arm.hand.document() for name, arm in self.arms.items()},
+        }
+
+
+def known_cells() -> list[str]:
+    """List the names of the cells that are shipped."""
+    return shipped_shelf().names("cells")
+
+
+def load_cell(name: str) -> Cell:
+    """Load a shipped cell.
+
+    Raises:
+        AssetError: There is none of this name, or one of its files is wrong; the message names file and field.
+    """
+    shelf = shipped_shelf()
+    return _load(shelf.find("cells", name, "cell"), shelf)
+
+
+def load_cell_file(path: Path | str) -> Cell:
+    """Load a cell of one's own.
+
+    The mount, robots and hands it names are looked up in the folder that `cells/` stands in, then among the shipped.
+
+    Raises:
+        AssetError: A file is missing or wrong; the message names file and field.
+    """
+    path = Path(path)
+    return _load(path, AssetShelf((path.absolute().parent.parent, *shipped_shelf().folders)))
+
+
+def _load(path: Path, shelf: AssetShelf) -> Cell:
+    file = read_cell_file(path)
+    mount = read_mount_file(shelf.find("mounts", file.mount, f"{path}: mount"))
+    arms = _arms(file, mount, shelf, path)
+    contents = [file.model_dump_json(), mount.model_dump_json()]
+    contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
+    digest = fingerprint(text.encode() for text in contents)
+    return Cell(file.name, digest, arms, _boxes(mount), np.array(file.gravity))
+
+
+def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> dict[str, Arm]:
+    wanted = file.arms
+    robots = {w.robot: load_robot(w.robot, shelf, f"{path}: arms.{arm}.robot") for arm, w in wanted.items()}
+    hands = {w.hand: load_hand(w.hand, shelf, f"{path}: arms.{arm}.hand") for arm, w in wanted.items()}
+    arms = {}
+    for name in ARM_NAMES:
+        place, robot = mount.arms[name], robots[wanted[name].robot]
+        home = np.radians(place.home_deg)
+        arms[name] = Arm(name, robot, place.transform(), home, hands[wanted[name].hand])
+    return arms
+
+
+def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:
+    platform = [_static_box(f"platform_{name}", "frame", file) for name, file in mount.platform.items()]
+    return (_static_box("table", "table", mount.table), *platform, *_columns(mount.frame))
+
+
+def _static_box(name: str, role: str, file: BoxFile) -> StaticBox:
+    return StaticBox(name, role, np.array(file.center), np.array(file.size))
+
+
+def _columns(frame: FrameFile) -> list[StaticBox]:
+    size = np.array([frame.profile, frame.profile, frame.height])
+    centers = [np.array([x, y, 0.5 * frame.height]) for x, y in frame.columns]
+    return [StaticBox(f"frame_{i}", "frame", center, size) for i, center in enumerate(centers)]
+
+
+def _sorted(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a < b else (b, a)
+
+
+def _never_collide(frame_a: str, frame_b: str) -> bool:
+    """Tell whether the rules of `Cell.excluded_pairs` leave out bodies of these frames."""
+    arm_a, _, joints_a = frame_a.partition("/")
+    arm_b, _, joints_b = frame_b.partition("/")
+    # The world has no joints; bases are after none.
+    a, b = int(joints_a or 0), int(joints_b or 0)
+    if a == 0 and b == 0:
+        return True
+    return arm_a == arm_b and abs(a - b) <= 1

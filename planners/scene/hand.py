@@ -1,0 +1,314 @@
+"""What an arm carries at its flange: a parallel gripper, or a stick to push with. Both on a force-torque sensor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from planners.errors import AssetError, LiftwrightError
+from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.geometry.shapes import box, capsule, cylinder, placed
+from planners.scene.asset_files import (
+    AssetShelf,
+    GripperFile,
+    MeshFile,
+    SensorFile,
+    StickFile,
+    fingerprint,
+    read_hand_file,
+)
+from planners.scene.meshes import Hull, enclosing_hull, hull_points, hull_with_faces, mesh_path
+
+TCP_STEP = 1e-3
+"""Steps of a gripper's TCP table [m]: interpolated linearly between them, the TCP is right to 2 micrometres."""
+
+_SIDES = (rotation_z(math.pi), np.eye(3))
+"""Turns of finger 0, at -y, and finger 1 against the finger at +y that a hand file describes."""
+
+
+class WidthError(LiftwrightError):
+    """An opening is asked for that the gripper does not have."""
+
+    def __init__(self, name: str, width: float, width_max: float) -> None:
+        """Name the gripper, what was asked for and its stroke [m]."""
+        super().__init__(f"{name} cannot open to {width} m: 0 to {width_max} m")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A convex rigid piece of a hand, in its own frame."""
+
+    points: Array
+    """(n, 3) corners of the convex hull of the mesh [m]."""
+    shape: ConvexShape
+    """Few vertices around `points`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linkage:
+    """A parallel finger: a four-bar whose crank turns by q and whose pad never tilts.
+
+    Joint origins (y, z) of the finger at +y, fully open, in the gripper's base frame: y away from the middle, z away
+    from the flange. With the sums `y = outer_knuckle + pad - half the pad's thickness` and `c = outer_finger +
+    inner_finger`, the pad's inner face is at `y + c_y cos q - c_z sin q` and its centre at the height
+    `z + c_y sin q + c_z cos q`.
+    """
+
+    outer_knuckle: Array
+    outer_finger: Array
+    inner_finger: Array
+    pad: Array
+    inner_knuckle: Array
+    pad_thickness: float
+    """[m]"""
+
+    @property
+    def _crank(self) -> Array:
+        return self.outer_finger + self.inner_finger
+
+    def angle(self, width: float) -> float:
+        """Return the crank angle q at which the inner faces of the two pads are `width` apart [rad]."""
+        half_gap = 0.5 * width - (self.outer_knuckle[0] + self.pad[0] - 0.5 * self.pad_thickness)
+        y, z = self._crank
+        return math.acos(half_gap / math.hypot(y, z)) - math.atan2(z, y)
+
+    def frames(self, q: float) -> dict[str, Transform]:
+        """Return `T_base_part` of the parts of the finger at +y at the crank angle `q` [rad]."""
+        turn = rotation_x(q)
+        outer_knuckle = transform(turn, [0.0, *self.outer_knuckle])
+        outer_finger = outer_knuckle @ transform(None, [0.0, *self.outer_finger])
+        inner_finger = outer_finger @ transform(turn.T, [0.0, *self.inner_finger])
+        return {
+            "outer_knuckle": outer_knuckle,
+            "outer_finger": outer_finger,
+            "inner_finger": inner_finger,
+            "inner_knuckle": transform(turn, [0.0, *self.inner_knuckle]),
+            "pad": inner_finger @ transform(None, [0.0, *self.pad]),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """Two parallel fingers that open along the flange's y axis; finger 0 is at -y.
+
+    The TCP is the midpoint between the pad centres at the current width, with the flange's axes: z approaches,
+    y opens. It moves along z as the gripper opens.
+    """
+
+    name: str
+    width_max: float
+    """Largest distance of the pads' inner faces [m]."""
+    pad_size: Array
+    """(3,) width along x, thickness along y, length along z [m]."""
+    force_min: float
+    """[N]"""
+    force_max: float
+    """[N]"""
+    mass: float
+    """Gripper and sensor [kg]."""
+    com: Array
+    """(3,) of gripper and sensor, in the flange frame [m]."""
+    sensor: ConvexShape
+    """In the flange frame."""
+    base_height: float
+    """Where the gripper's base frame is on the flange's z axis; its axes are the flange's [m]."""
+    linkage: Linkage
+    base: Part
+    finger_parts: dict[str, Part]
+    """By name: outer_knuckle, outer_finger, inner_finger, inner_knuckle."""
+    fingerprint: str
+    """Hash of the files it was loaded from, meshes included."""
+
+    kind = "gripper"
+
+    def T_flange_tcp(self, width: float) -> Transform:
+        """Return `T_flange_tcp` at an opening [m].
+
+        Raises:
+            WidthError: The gripper does not open so far.
+        """
+        pad = self.linkage.frames(self._angle(width))["pad"]
+        return transform(None, [0.0, 0.0, self.base_height + pad[2, 3]])
+
+    @cached_property
+    def tcp_table(self) -> Array:
+        """(n, 2) rows of opening and height of the TCP above the flange, to interpolate linearly [m]."""
+        steps = math.ceil(self.width_max / TCP_STEP)
+        widths = np.linspace(0.0, self.width_max, steps + 1)
+        return np.column_stack([widths, [self.T_flange_tcp(float(width))[2, 3] for width in widths]])
+
+    def bodies(self, arm: str, width: float) -> tuple[CollisionBody, ...]:
+        """Return the sensor, the base, and per finger its pad and its other parts, in the frame "<arm>/6".
+
+        Args:
+            arm: name of the arm that carries the gripper.
+            width: opening [m].
+
+        Raises:
+            WidthError: The gripper does not open so far.
+        """
+        shapes = {"ft300": self.sensor, "gripper_base": placed(self.base.shape, self._T_flange_base)}
+        pad = box(self.pad_size)
+        for finger, frames in enumerate(self._finger_frames(width)):
+            shapes[f"pad_{finger}"] = placed(pad, frames["pad"])
+            for name, part in self.finger_parts.items():
+                shapes[f"finger_{finger}_{name}"] = placed(part.shape, frames[name])
+        return _bodies(arm, shapes)
+
+    def hulls(self, width: float) -> dict[str, Hull]:
+        """Return the unsimplified hulls of base, pads and finger parts, in the flange frame, named as in `bodies`."""
+        points = {"gripper_base": _moved(self.base.points, self._T_flange_base)}
+        pad = box(self.pad_size).vertices
+        for finger, frames in enumerate(self._finger_frames(width)):
+            points[f"pad_{finger}"] = _moved(pad, frames["pad"])
+            for name, part in self.finger_parts.items():
+                points[f"finger_{finger}_{name}"] = _moved(part.points, frames[name])
+        return {name: hull_with_faces(corners) for name, corners in points.items()}
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of a plan document's `cell.hands`."""
+        return {"kind": "gripper", "tcp": self.tcp_table.tolist()}
+
+    @property
+    def _T_flange_base(self) -> Transform:
+        return transform(None, [0.0, 0.0, self.base_height])
+
+    def _angle(self, width: float) -> float:
+        if not 0.0 <= width <= self.width_max:
+            raise WidthError(self.name, width, self.width_max)
+        return self.linkage.angle(width)
+
+    def _finger_frames(self, width: float) -> list[dict[str, Transform]]:
+        """Return `T_flange_part` of each part of both fingers."""
+        frames = self.linkage.frames(self._angle(width))
+        sides = [self._T_flange_base @ transform(side) for side in _SIDES]
+        return [{name: T_flange_side @ T for name, T in frames.items()} for T_flange_side in sides]
+
+
+@dataclass(frozen=True, eq=False)
+class Pusher:
+    """A stick along the flange's z axis that pushes with its round tip.
+
+    The TCP is the centre of the tip's hemisphere, with the flange's axes: the contact point on a surface with the
+    inward normal n is `tcp + tip_radius * n`.
+    """
+
+    name: str
+    T_flange_tcp: Transform
+    tip_radius: float
+    """[m]"""
+    mass: float
+    """Stick and sensor [kg]."""
+    com: Array
+    """(3,) of stick and sensor, in the flange frame [m]."""
+    sensor: ConvexShape
+    """In the flange frame."""
+    stick: ConvexShape
+    """Capsule that ends short of the tip, in the flange frame: it never touches what the tip touches."""
+    tip: ConvexShape
+    """Capsule that may touch, in the flange frame; one end is the tip's hemisphere."""
+    fingerprint: str
+    """Hash of the files it was loaded from, meshes included."""
+
+    kind = "stick"
+
+    def bodies(self, arm: str) -> tuple[CollisionBody, ...]:
+        """Return the sensor, the stick and the tip, in the frame "<arm>/6"."""
+        return _bodies(arm, {"ft300": self.sensor, "stick": self.stick, "tip": self.tip})
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of a plan document's `cell.hands`."""
+        from_flange = self.T_flange_tcp[:3, 3].tolist()
+        return {"kind": "stick", "tcp": [*from_flange, 1.0, 0.0, 0.0, 0.0], "tip_radius": self.tip_radius}
+
+
+def load_hand(name: str, shelf: AssetShelf, where: str) -> Gripper | Pusher:
+    """Load hands/<name>.yaml with its meshes.
+
+    Args:
+        name: name of the hand.
+        shelf: where to look.
+        where: the field that names the hand, for messages.
+
+    Raises:
+        AssetError: A file is missing or wrong.
+    """
+    path = shelf.find("hands", name, where)
+    file = read_hand_file(path)
+    try:
+        return _gripper(file) if isinstance(file, GripperFile) else _pusher(file)
+    except AssetError as error:
+        raise AssetError(f"{path}: {error}") from error
+
+
+def _gripper(file: GripperFile) -> Gripper:
+    origins = {name: np.array(origin) for name, origin in file.linkage.model_dump().items()}
+    meshes = {name: getattr(file.meshes, name) for name in type(file.meshes).model_fields}
+    parts = {name: _part(mesh, f"meshes.{name}") for name, mesh in meshes.items()}
+    own = file.model_dump_json().encode()
+    linkage = Linkage(**origins, pad_thickness=file.pad_size[1])
+    _check_stroke(linkage, file.width_max)
+    return Gripper(
+        name=file.name,
+        width_max=file.width_max,
+        pad_size=np.array(file.pad_size),
+        force_min=file.force_range[0],
+        force_max=file.force_range[1],
+        mass=file.mass + file.sensor.mass,
+        com=np.array([0.0, 0.0, file.com]),
+        sensor=_sensor(file.sensor),
+        base_height=file.sensor.length,
+        linkage=linkage,
+        base=parts.pop("base"),
+        finger_parts=parts,
+        fingerprint=fingerprint([own, *(mesh_path(mesh).read_bytes() for mesh in meshes.values())]),
+    )
+
+
+def _check_stroke(linkage: Linkage, width_max: float) -> None:
+    for width in (0.0, width_max):
+        try:
+            linkage.angle(width)
+        except ValueError as error:
+            raise AssetError(f"linkage: the pads are never {width} m apart") from error
+
+
+def _pusher(file: StickFile) -> Pusher:
+    center = file.tip_distance - file.tip_radius
+    neck = center - file.tip_length
+    return Pusher(
+        name=file.name,
+        T_flange_tcp=transform(None, [0.0, 0.0, center]),
+        tip_radius=file.tip_radius,
+        mass=file.mass + file.sensor.mass,
+        com=np.array([0.0, 0.0, file.com]),
+        sensor=_sensor(file.sensor),
+        stick=capsule([0.0, 0.0, file.sensor.length], [0.0, 0.0, neck], file.stick_radius),
+        tip=capsule([0.0, 0.0, neck], [0.0, 0.0, center], file.tip_radius),
+        fingerprint=fingerprint([file.model_dump_json().encode()]),
+    )
+
+
+def _sensor(file: SensorFile) -> ConvexShape:
+    return placed(cylinder(file.radius, file.length), transform(None, [0.0, 0.0, 0.5 * file.length]))
+
+
+def _part(mesh: MeshFile, where: str) -> Part:
+    try:
+        points = hull_points(mesh)
+    except AssetError as error:
+        raise AssetError(f"{where}: {error}") from error
+    return Part(points, ConvexShape(enclosing_hull(points)))
+
+
+def _moved(points: Array, T_a_b: Transform) -> Array:
+    return points @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def _bodies(arm: str, shapes: dict[str, ConvexShape]) -> tuple[CollisionBody, ...]:
+    return tuple(CollisionBody(f"{arm}_{name}", arm, f"{arm}/6", (shape,)) for name, shape in shapes.items())
