@@ -87,7 +87,8 @@ class Balance:
         contact_map = self._contact_map(contacts)
         gravity = np.concatenate([-self.weight * contacts.up, np.zeros(3)])
         status, x, z = template.solve(contact_map, gravity)
-        # The solver's verdict only says which answer to check first; the checks below decide.
+        # The solver's verdict only says what to check first; the checks decide.
+        proofs = [_proof_from_dual(z[:6], template.net_multiplier(z))]
         if status != clarabel.SolverStatus.PrimalInfeasible:
             residual = _close_balance(x, contact_map, gravity)
             hands = template.columns.hand_normals
@@ -96,7 +97,9 @@ class Balance:
             slack = template.least_slack(x)
             if slack >= 0.0 and np.abs(residual).max() <= MAX_RESIDUAL * self.weight:
                 return self._balanced(template, contacts, x, residual, slack)
-        return self._unbalanced(contacts, z[:6], template.net_multiplier(z))
+            # What no forces at all can close is square to them: a proof where the solver breaks down.
+            proofs.append(_proof_from_dual(residual, np.zeros(3)))
+        return self._unbalanced(contacts, proofs)
 
     def power_bound(
         self,
@@ -177,14 +180,8 @@ class Balance:
             least_slack=least_slack,
         )
 
-    def _unbalanced(self, contacts: _Contacts, balance_dual: Array, net_dual: Array) -> Unbalanced:
-        # Farkas: the dual of the balance rows, turned round, is a twist that every contact resists too weakly.
-        twist = -np.concatenate([balance_dual[:3], balance_dual[3:] / TORQUE_LENGTH])
-        size = max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]) * TORQUE_LENGTH)
-        if not 0.0 < size < np.inf:
-            return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None)
-        proof = UnbalanceProof(twist / size, -net_dual / size)
-        power = self._power(proof, contacts)
+    def _unbalanced(self, contacts: _Contacts, proofs: list[UnbalanceProof]) -> Unbalanced:
+        proof, power = min(((proof, self._power(proof, contacts)) for proof in proofs), key=lambda pair: pair[1])
         if power >= -PROOF_MARGIN * self.weight:
             return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None)
         # An upward force F at the centre of mass adds F times this speed.
@@ -242,9 +239,21 @@ class _Contacts(NamedTuple):
         return np.concatenate(points), np.concatenate(rotations)
 
 
+def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:
+    """Turn a Farkas dual of (5b) round into a twist, and scale it to size 1; to be checked before use."""
+    largest = np.abs(balance_dual).max()
+    if not 0.0 < largest < np.inf:
+        return UnbalanceProof(np.zeros(6), np.zeros(3))
+    twist = -np.concatenate([balance_dual[:3], balance_dual[3:] / TORQUE_LENGTH]) / largest
+    size = max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]) * TORQUE_LENGTH)
+    return UnbalanceProof(twist / size, -net_dual / largest / size)
+
+
 def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
     """Move x by the least it takes to meet (5b) to rounding, in place; return what is left, moments at 0.1 m."""
     scale = np.array([1.0, 1.0, 1.0, *[1.0 / TORQUE_LENGTH] * 3])
+    if not np.all(np.isfinite(x)):
+        x[:] = 0.0
     scaled_map, scaled_gravity = contact_map * scale[:, None], gravity * scale
     wrenches = x[: contact_map.shape[1]]
     residual = scaled_map @ wrenches + scaled_gravity
