@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +27,7 @@ from planners.scene.body import Body, Plate, Role
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
 from planners.scene.given_holds import check_given_holds
+from planners.scene.hand import Gripper
 from planners.scene.rest import (
     REST_GAP,
     REST_TILT,
@@ -90,8 +91,18 @@ class PlateLiftScene:
         return (self.plate, *support, self.cup.body, self.cup.cable, *self.obstacles)
 
 
-def build_scene(task: PlateLiftTask | SuctionToolTask, lifter: LifterShape = DEFAULT_LIFTER) -> PlateLiftScene:
+def build_scene(
+    task: PlateLiftTask | SuctionToolTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+) -> PlateLiftScene:
     """Place everything a task names, and refuse what cannot stand as it says.
+
+    Args:
+        task: What is asked for.
+        cells: The cells there are, by name. None: the shipped ones, read from their files, which takes most of the
+            time.
+        lifter: The bodies that stand for the vacuum lifter.
 
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
@@ -100,7 +111,7 @@ def build_scene(task: PlateLiftTask | SuctionToolTask, lifter: LifterShape = DEF
         raise SceneError("/kind", f"tasks of kind {task.kind} cannot be planned yet", list(PLANNED_KINDS))
     if task.lifter_model == "dexnet":
         raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
-    cell = _cell(task.cell)
+    cell = _cell(task.cell, cells)
     _check_names(task.obstacles, cell)
     table = _table_surface(cell)
     support = None if task.support is None else _place_support(task.support, table)
@@ -120,7 +131,7 @@ def build_scene(task: PlateLiftTask | SuctionToolTask, lifter: LifterShape = DEF
         hand_force_limit=task.hand_force_limit,
         obstacles=tuple(_obstacle(i, obstacle) for i, obstacle in enumerate(task.obstacles)),
         start_positions=_start_positions(task, cell),
-        start_widths={arm: cell.arms[arm].hand.width_max for arm in cell.gripper_arms},
+        start_widths={name: arm.hand.width_max for name, arm in cell.arms.items() if isinstance(arm.hand, Gripper)},
         seed=task.seed,
         options=task.options,
     )
@@ -128,12 +139,14 @@ def build_scene(task: PlateLiftTask | SuctionToolTask, lifter: LifterShape = DEF
     return scene
 
 
-def _cell(name: str) -> Cell:
-    if name not in known_cells():
-        raise SceneError("/cell", f"there is no cell {name}", known_cells())
-    cell = load_cell(name)
+def _cell(name: str, cells: Mapping[str, Cell] | None) -> Cell:
+    known = known_cells() if cells is None else list(cells)
+    find = load_cell if cells is None else cells.__getitem__
+    if name not in known:
+        raise SceneError("/cell", f"there is no cell {name}", known)
+    cell = find(name)
     if not _lifts_plates(cell):
-        fitting = [other for other in known_cells() if _lifts_plates(load_cell(other))]
+        fitting = [other for other in known if _lifts_plates(find(other))]
         raise SceneError("/cell", "a plate lift needs a cell with one gripper and one stick", fitting)
     return cell
 
@@ -143,8 +156,7 @@ def _lifts_plates(cell: Cell) -> bool:
 
 
 def _check_names(obstacles: Iterable[Obstacle], cell: Cell) -> None:
-    widths = {arm: cell.arms[arm].hand.width_max for arm in cell.gripper_arms}
-    taken = RESERVED_NAMES | {body.name for body in cell.collision_bodies(widths)}
+    taken = RESERVED_NAMES | {body.name for body in cell.collision_bodies()}
     seen: set[str] = set()
     for i, obstacle in enumerate(obstacles):
         if obstacle.name in taken:
@@ -256,11 +268,10 @@ def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
 
 
 def _start_positions(task: PlateLiftTask, cell: Cell) -> Array:
-    arms = [cell.arms["left"], cell.arms["right"]]
     if task.start_positions is None:
-        return np.concatenate([arm.home for arm in arms])
-    lower = np.concatenate([arm.position_min for arm in arms])
-    upper = np.concatenate([arm.position_max for arm in arms])
+        return cell.home
+    lower = np.concatenate([arm.position_min for arm in cell.arms.values()])
+    upper = np.concatenate([arm.position_max for arm in cell.arms.values()])
     positions = np.array(task.start_positions)
     for i in np.flatnonzero((positions < lower) | (positions > upper)):
         detail = f"the joint's limits are {lower[i]:.6g} and {upper[i]:.6g} rad"
