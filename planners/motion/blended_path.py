@@ -85,28 +85,24 @@ class BlendedPath:
     def grid(self, s_from: float, s_to: float) -> NDArray[np.float64]:
         """Parameters from s_from to s_to, dense in the blends."""
         corners = self._corners()
-        knots = np.concatenate(
-            [corners - self.reaches, corners + self.reaches, [s_from, s_to]]
-        )
+        knots = np.concatenate([corners - self.reaches, corners + self.reaches, [s_from, s_to]])
         knots = np.unique(knots[(knots >= s_from) & (knots <= s_to)])
         knots = knots[np.concatenate([[True], np.diff(knots) > 1e-12 * max(1.0, s_to)])]
         knots[-1] = s_to
         middles = 0.5 * (knots[1:] + knots[:-1])
         in_blend = np.any(np.abs(middles[:, None] - corners) < self.reaches, axis=1)
         cells = np.where(in_blend, CELLS_PER_BLEND, CELLS_PER_LEG)
-        pieces = [
-            np.linspace(a, b, n, endpoint=False)
-            for a, b, n in zip(knots[:-1], knots[1:], cells, strict=True)
-        ]
+        pieces = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(knots[:-1], knots[1:], cells, strict=True)]
         return np.concatenate([*pieces, [s_to]])
 
     def evaluate(self, s: NDArray[np.float64]) -> PathPoints:
         """Points at s (n,), derivatives exact."""
+        if self.waypoints.shape[0] == 1:
+            still = np.zeros((s.size, self.waypoints.shape[1]))
+            return PathPoints(still + self.waypoints, still, still)
         corners, legs = self._corners(), np.diff(self.waypoints, axis=0)
         directions = legs / np.linalg.norm(legs, axis=1)[:, None]
-        leg = np.clip(
-            np.searchsorted(corners, s, side="right") - 1, 0, directions.shape[0] - 1
-        )
+        leg = np.clip(np.searchsorted(corners, s, side="right") - 1, 0, directions.shape[0] - 1)
         positions = self.waypoints[leg] + (s - corners[leg])[:, None] * directions[leg]
         first, second = directions[leg].copy(), np.zeros_like(positions)
         for i in np.flatnonzero(self.reaches):
@@ -157,20 +153,14 @@ def _largest_free_reach(
         if reach < settings.reach_min:
             break
         # The greatest curvature is 0.75 turn / reach; a chord of length c is off by curvature c² / 8.
-        chords = max(
-            2, int(np.ceil(np.sqrt(0.375 * turn * reach / settings.chord_error)))
-        )
+        chords = max(2, int(np.ceil(np.sqrt(0.375 * turn * reach / settings.chord_error))))
         s = np.linspace(-reach, reach, chords + 1)
-        if checker.path_free(
-            corner[1] + _blend(direction_in, direction_out, reach, s).positions
-        ):
+        if checker.path_free(corner[1] + _blend(direction_in, direction_out, reach, s).positions):
             return reach
         reach *= 0.5
     return 0.0
 
 
 def _without_repeats(waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    kept = np.concatenate(
-        [[True], np.linalg.norm(np.diff(waypoints, axis=0), axis=1) > 1e-12]
-    )
+    kept = np.concatenate([[True], np.linalg.norm(np.diff(waypoints, axis=0), axis=1) > 1e-12])
     return waypoints[kept]

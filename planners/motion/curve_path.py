@@ -37,6 +37,9 @@ class CurvePath:
 
     def evaluate(self, s: NDArray[np.float64]) -> PathPoints:
         """Points at s (n,): positions are exactly function(s)."""
+        if self.length == 0.0:
+            positions = self.function(s)
+            return PathPoints(positions, np.zeros_like(positions), np.zeros_like(positions))
         knots = np.concatenate([[0.0], self.stops, [self.length]])
         piece = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, knots.size - 2)
         low, high = knots[piece], knots[piece + 1]

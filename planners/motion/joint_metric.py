@@ -19,17 +19,11 @@ class JointMetric:
     """(n,), 1 for the slowest joint."""
 
     @staticmethod
-    def from_velocity_limits(
-        velocity_max: NDArray[np.float64] | None, n: int
-    ) -> JointMetric:
+    def from_velocity_limits(velocity_max: NDArray[np.float64] | None, n: int) -> JointMetric:
         """Metric of joints with these limits (n,) [rad/s]; None weighs all n joints the same."""
-        return JointMetric(
-            np.ones(n) if velocity_max is None else velocity_max.min() / velocity_max
-        )
+        return JointMetric(np.ones(n) if velocity_max is None else velocity_max.min() / velocity_max)
 
-    def distances(
-        self, q: NDArray[np.float64], others: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def distances(self, q: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
         """Distance (k,) from q (n,) to each row of others (k, n)."""
         return np.sqrt(np.sum(((others - q) * self.weights) ** 2, axis=1))
 

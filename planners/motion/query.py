@@ -95,9 +95,7 @@ class MotionQueryError(LiftwrightError):
     """A motion query whose arrays do not fit together."""
 
 
-def plan_motion(
-    query: MotionQuery, settings: MotionSettings, rng: np.random.Generator
-) -> MotionResult:
+def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Generator) -> MotionResult:
     """Find a free polyline to one of the goals: straight lines to the nearest first, then OMPL's RRT-Connect.
 
     Every edge of the path was found free by the query's checker. The same query, settings and state of `rng` give the
@@ -119,15 +117,11 @@ def plan_motion(
         if query.edge_checker.edge_free(query.start, query.goals[index]):
             path = np.stack([query.start, query.goals[index]])
             length = metric.length(path)
-            statistics = MotionStatistics(
-                straight_attempts=tried, length_found=length, length=length
-            )
+            statistics = MotionStatistics(straight_attempts=tried, length_found=length, length=length)
             return MotionResult(MotionOutcome.FOUND, path, int(index), statistics)
     free = _free_goals(query, order, settings.max_goals)
     if free.size == 0:
-        return MotionResult(
-            MotionOutcome.GOALS_IN_COLLISION, statistics=MotionStatistics(attempts.size)
-        )
+        return MotionResult(MotionOutcome.GOALS_IN_COLLISION, statistics=MotionStatistics(attempts.size))
     return _search(query, settings, rng, metric, free)
 
 
@@ -152,9 +146,7 @@ def _search(
     if growth.path is None:
         statistics = MotionStatistics(attempts, growth.iterations, growth.edges_checked)
         return MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED, statistics=statistics)
-    path = shorten(
-        growth.path, query.edge_checker, metric, settings.shortcut_attempts, rng
-    )
+    path = shorten(growth.path, query.edge_checker, metric, settings.shortcut_attempts, rng)
     statistics = MotionStatistics(
         attempts,
         growth.iterations,
@@ -162,38 +154,28 @@ def _search(
         metric.length(growth.path),
         metric.length(path),
     )
-    return MotionResult(
-        MotionOutcome.FOUND, path, int(order[growth.goal_index]), statistics
-    )
+    return MotionResult(MotionOutcome.FOUND, path, int(order[growth.goal_index]), statistics)
 
 
 def _check_shapes(query: MotionQuery) -> None:
     n = query.start.size
     if query.goals.ndim != 2 or query.goals.shape[1] != n:
-        raise MotionQueryError(
-            f"goals have shape {query.goals.shape}; they need (k, {n}) like the start ({n},)"
-        )
+        raise MotionQueryError(f"goals have shape {query.goals.shape}; they need (k, {n}) like the start ({n},)")
     for name in ("position_min", "position_max", "velocity_max"):
         array = getattr(query, name)
         if array is not None and array.shape != (n,):
-            raise MotionQueryError(
-                f"{name} has shape {array.shape}; it needs ({n},) like the start"
-            )
+            raise MotionQueryError(f"{name} has shape {array.shape}; it needs ({n},) like the start")
 
 
 def _refuse_start(query: MotionQuery) -> MotionOutcome | None:
-    if np.any(query.start < query.position_min) or np.any(
-        query.start > query.position_max
-    ):
+    if np.any(query.start < query.position_min) or np.any(query.start > query.position_max):
         return MotionOutcome.START_OUT_OF_LIMITS
     if not query.edge_checker.state_free(query.start):
         return MotionOutcome.START_IN_COLLISION
     return None
 
 
-def _goals_within_limits(
-    query: MotionQuery, metric: JointMetric
-) -> tuple[NDArray[np.int64], MotionOutcome | None]:
+def _goals_within_limits(query: MotionQuery, metric: JointMetric) -> tuple[NDArray[np.int64], MotionOutcome | None]:
     """Indices of the goals within the joint limits, nearest first, or why there are none."""
     if query.goals.shape[0] == 0:
         return np.empty(0, dtype=np.int64), MotionOutcome.NO_GOAL
@@ -207,9 +189,7 @@ def _goals_within_limits(
     return np.argsort(distances, kind="stable")[: int(within.sum())], None
 
 
-def _free_goals(
-    query: MotionQuery, order: NDArray[np.int64], max_goals: int
-) -> NDArray[np.int64]:
+def _free_goals(query: MotionQuery, order: NDArray[np.int64], max_goals: int) -> NDArray[np.int64]:
     """The first `max_goals` indices of `order` whose goals are free."""
     free: list[int] = []
     for index in order:

@@ -61,9 +61,7 @@ class _CheckedEdges(ob.MotionValidator):
         self.unit = 1.0 / metric.weights
         self.count = 0
 
-    def checkMotion(
-        self, state_from: ob.RealVectorStateType, state_to: ob.RealVectorStateType
-    ) -> bool:
+    def checkMotion(self, state_from: ob.State, state_to: ob.State) -> bool:
         self.count += 1
         q_from, q_to = self.joints([state_from, state_to])
         return bool(self.checker.edge_free(q_from, q_to))
@@ -71,10 +69,7 @@ class _CheckedEdges(ob.MotionValidator):
     def joints(self, states: list[ob.State]) -> NDArray[np.float64]:
         """Joint vectors (m, n) [rad] of m states."""
         n = self.unit.size
-        return (
-            np.array([cast("ob.RealVectorStateType", state)[0:n] for state in states])
-            * self.unit
-        )
+        return np.array([cast("ob.RealVectorStateType", state)[0:n] for state in states]) * self.unit
 
 
 class _IterationBudget:
@@ -89,9 +84,7 @@ class _IterationBudget:
         return self.asked > self.max_iterations
 
 
-def grow_trees(
-    problem: TreeProblem, *, step_max: float, max_iterations: int, seed: int
-) -> Growth:
+def grow_trees(problem: TreeProblem, *, step_max: float, max_iterations: int, seed: int) -> Growth:
     """Search a path from the start to any of the goals.
 
     Kuffner and LaValle, "RRT-Connect", ICRA 2000. The same arguments give the same path.
@@ -104,9 +97,7 @@ def grow_trees(
     """
     ou.setLogLevel(ou.LOG_NONE)
     weights = problem.metric.weights
-    information = ob.SpaceInformation(
-        _space(problem.low * weights, problem.high * weights)
-    )
+    information = ob.SpaceInformation(_space(problem.low * weights, problem.high * weights))
     information.setStateValidityChecker(ob.AllValidStateValidityChecker(information))
     edges = _CheckedEdges(information, problem.checker, problem.metric)
     information.setMotionValidator(edges)
@@ -130,19 +121,13 @@ def grow_trees(
     iterations = min(budget.asked, max_iterations)
     if not definition.hasExactSolution():
         return Growth(None, -1, iterations, edges.count)
-    path = edges.joints(
-        cast("og.PathGeometric", definition.getSolutionPath()).getStates()
-    )
+    path = edges.joints(cast("og.PathGeometric", definition.getSolutionPath()).getStates())
     goal_index = int(np.argmin(problem.metric.distances(path[-1], problem.goals)))
     path[0], path[-1] = problem.start, problem.goals[goal_index]
-    return Growth(
-        np.clip(path, problem.low, problem.high), goal_index, iterations, edges.count
-    )
+    return Growth(np.clip(path, problem.low, problem.high), goal_index, iterations, edges.count)
 
 
-def _space(
-    low: NDArray[np.float64], high: NDArray[np.float64]
-) -> ob.RealVectorStateSpace:
+def _space(low: NDArray[np.float64], high: NDArray[np.float64]) -> ob.RealVectorStateSpace:
     bounds = ob.RealVectorBounds(low.size)
     for i in range(low.size):
         bounds.setLow(i, float(low[i]))
@@ -152,9 +137,7 @@ def _space(
     return space
 
 
-def _state(
-    information: ob.SpaceInformation, coordinates: NDArray[np.float64]
-) -> ob.State:
+def _state(information: ob.SpaceInformation, coordinates: NDArray[np.float64]) -> ob.State:
     state = cast("ob.RealVectorStateType", information.allocState())
     for i, value in enumerate(coordinates):
         state[i] = float(value)

@@ -32,9 +32,7 @@ def shorten(
     return _leave_out_vertices(path, checker)
 
 
-def _leave_out_vertices(
-    path: NDArray[np.float64], checker: EdgeChecker
-) -> NDArray[np.float64]:
+def _leave_out_vertices(path: NDArray[np.float64], checker: EdgeChecker) -> NDArray[np.float64]:
     """From each vertex kept, go straight to the last one that can be reached so."""
     kept = [0]
     last = path.shape[0] - 1
@@ -57,9 +55,7 @@ def _cut_once(
     """Connect two random points of the path, on different legs, by a straight line if that is free and shorter."""
     arc = np.concatenate([[0.0], np.cumsum(metric.leg_lengths(path))])
     s_from, s_to = np.sort(rng.random(2)) * arc[-1]
-    leg_from, leg_to = np.clip(
-        np.searchsorted(arc, [s_from, s_to], side="right") - 1, 0, path.shape[0] - 2
-    )
+    leg_from, leg_to = np.clip(np.searchsorted(arc, [s_from, s_to], side="right") - 1, 0, path.shape[0] - 2)
     if leg_from == leg_to:
         return path
     q_from = _point_on_leg(path, arc, int(leg_from), s_from)
@@ -70,8 +66,6 @@ def _cut_once(
     return np.vstack([path[: leg_from + 1], q_from, q_to, path[leg_to + 1 :]])
 
 
-def _point_on_leg(
-    path: NDArray[np.float64], arc: NDArray[np.float64], leg: int, s: float
-) -> NDArray[np.float64]:
+def _point_on_leg(path: NDArray[np.float64], arc: NDArray[np.float64], leg: int, s: float) -> NDArray[np.float64]:
     fraction = (s - arc[leg]) / (arc[leg + 1] - arc[leg])
     return path[leg] + fraction * (path[leg + 1] - path[leg])

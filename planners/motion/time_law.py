@@ -8,6 +8,9 @@ from numba import njit
 NEGLIGIBLE_RATE = 1e-12
 """|dq/ds| below which a joint does not restrict d²s/dt² [rad per unit of s]."""
 
+FASTEST_PASSAGE = 1e-3
+"""A path that nothing restricts takes at least about this long [s]."""
+
 
 @njit(cache=True, nogil=True)
 def fastest_squared_speeds(s, first, second, velocity, acceleration):
@@ -27,9 +30,7 @@ def fastest_squared_speeds(s, first, second, velocity, acceleration):
     Returns:
         (n,) squared speeds, 0 at both ends.
     """
-    controllable = _controllable_squared_speeds(
-        s, first, second, velocity, acceleration
-    )
+    controllable = _controllable_squared_speeds(s, first, second, velocity, acceleration)
     n, k = first.shape
     squared = np.zeros(n)
     for i in range(n - 1):
@@ -54,9 +55,10 @@ def _controllable_squared_speeds(s, first, second, velocity, acceleration):
     slope = np.empty(k)
     reach = np.empty(k)
     controllable = np.zeros(n)
+    unrestricted = ((s[n - 1] - s[0]) / FASTEST_PASSAGE) ** 2
     for i in range(n - 2, -1, -1):
         step = 2.0 * (s[i + 1] - s[i])
-        x = np.inf
+        x = unrestricted
         m = 0
         for j in range(k):
             rate = abs(first[i, j])
@@ -91,9 +93,7 @@ def node_times(s, squared):
     """Times (n,) at which the motion passes the grid's points, from squared speeds (n,)."""
     times = np.zeros(s.size)
     for i in range(s.size - 1):
-        times[i + 1] = times[i] + 2.0 * (s[i + 1] - s[i]) / (
-            np.sqrt(squared[i]) + np.sqrt(squared[i + 1])
-        )
+        times[i + 1] = times[i] + 2.0 * (s[i + 1] - s[i]) / (np.sqrt(squared[i]) + np.sqrt(squared[i + 1]))
     return times
 
 
@@ -114,12 +114,8 @@ def smoothed_samples(s, squared, times, window, at):
     ahead = 0
     behind = 0
     for k in range(at.size):
-        ahead, integral_a, s_a, speed_a = _state(
-            s, squared, times, integral, ahead, at[k]
-        )
-        behind, integral_b, s_b, speed_b = _state(
-            s, squared, times, integral, behind, at[k] - window
-        )
+        ahead, integral_a, s_a, speed_a = _state(s, squared, times, integral, ahead, at[k])
+        behind, integral_b, s_b, speed_b = _state(s, squared, times, integral, behind, at[k] - window)
         out[0, k] = (integral_a - integral_b) / window
         out[1, k] = (s_a - s_b) / window
         out[2, k] = (speed_a - speed_b) / window

@@ -16,10 +16,10 @@ from planners.motion.time_law import (
     node_times,
     smoothed_samples,
 )
-from planners.motion.trajectory import Trajectory, concatenate, hold_still
+from planners.motion.trajectory import Trajectory, concatenate, hold_still, sample_count
 
 ROUNDING = 1e-9
-"""Part by which steps and limits are undercut so that rounding cannot exceed them."""
+"""Part by which limits are undercut so that rounding cannot exceed them."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def time_path(
     The time-optimal motion (`fastest_squared_speeds`) is averaged over a short moving window of time, so that the
     acceleration does not jump; where that exceeds a limit the motion is slowed, first locally, then as a whole. The
     limits hold for the samples and for the cubic Hermite polynomials between them. A path of length 0 gives two samples
-    one step apart.
+    half a step apart.
     """
     settings = settings or TimingSettings()
     if path.length == 0.0:
@@ -62,12 +62,7 @@ def time_path(
             settings.sample_step * (1.0 - ROUNDING),
         )
     knots = np.concatenate([[0.0], path.stops, [path.length]])
-    return concatenate(
-        [
-            _PieceTiming(path, a, b, limits, settings, rate_limits).best()
-            for a, b in pairwise(knots)
-        ]
-    )
+    return concatenate([_PieceTiming(path, a, b, limits, settings, rate_limits).best() for a, b in pairwise(knots)])
 
 
 class _PieceTiming:
@@ -87,19 +82,11 @@ class _PieceTiming:
         self.acceleration = limits.acceleration * settings.acceleration_scale
         self.s = path.grid(s_from, s_to)
         points = path.evaluate(self.s)
-        rates = (
-            np.stack([r.rate(self.s) for r in rate_limits], axis=1)
-            if rate_limits
-            else np.empty((self.s.size, 0))
-        )
+        rates = np.stack([r.rate(self.s) for r in rate_limits], axis=1) if rate_limits else np.empty((self.s.size, 0))
         self.first = np.hstack([points.first, rates])
         self.second = np.hstack([points.second, np.zeros_like(rates)])
-        self.velocity_all = np.concatenate(
-            [self.velocity, [r.velocity for r in rate_limits]]
-        )
-        self.acceleration_all = np.concatenate(
-            [self.acceleration, [r.acceleration for r in rate_limits]]
-        )
+        self.velocity_all = np.concatenate([self.velocity, [r.velocity for r in rate_limits]])
+        self.acceleration_all = np.concatenate([self.acceleration, [r.acceleration for r in rate_limits]])
 
     def best(self) -> Trajectory:
         """The fastest of several attempts, each slower than the last where that one exceeded the limits."""
@@ -112,10 +99,7 @@ class _PieceTiming:
             stretch = max(1.0, float(excess_v.max()), float(np.sqrt(excess_a.max())))
             if stretch * motion.duration < best_duration:
                 best, best_duration = (motion, stretch), stretch * motion.duration
-            if (
-                max(excess_v.max(), excess_a.max())
-                <= 1.0 + self.settings.tolerated_excess
-            ):
+            if max(excess_v.max(), excess_a.max()) <= 1.0 + self.settings.tolerated_excess:
                 break
             motion.slow_where(excess_v, sampled, slow_velocity, power=2.0)
             motion.slow_where(excess_a, sampled, slow_acceleration, power=1.0)
@@ -132,15 +116,11 @@ class _PieceTiming:
                 return trajectory
             stretch *= needed * (1.0 + ROUNDING)
 
-    def excess(
-        self, trajectory: Trajectory
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def excess(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speed and acceleration over their limits on each interval (n - 1,); 1 is at the limit."""
         reached = trajectory.extremes()
         accelerations = np.abs(trajectory.accelerations)
-        accelerations = np.maximum(
-            reached.acceleration, np.maximum(accelerations[1:], accelerations[:-1])
-        )
+        accelerations = np.maximum(reached.acceleration, np.maximum(accelerations[1:], accelerations[:-1]))
         excess_v = (reached.speed / self.velocity).max(axis=1)
         excess_v = np.maximum(
             excess_v,
@@ -172,13 +152,8 @@ class _Motion:
     def sample(self, stretch: float) -> Trajectory:
         """Samples of the motion made slower by the factor `stretch`."""
         piece = self.piece
-        step = piece.settings.sample_step * (1.0 - ROUNDING)
-        at = np.linspace(
-            0.0, self.duration, int(np.ceil(self.duration * stretch / step)) + 1
-        )
-        s, speed, rate = smoothed_samples(
-            piece.s, self.squared, self.times, piece.settings.smoothing_time, at
-        )
+        at = np.linspace(0.0, self.duration, sample_count(self.duration * stretch, piece.settings.sample_step))
+        s, speed, rate = smoothed_samples(piece.s, self.squared, self.times, piece.settings.smoothing_time, at)
         s = np.clip(s, piece.s[0], piece.s[-1])
         # Rounding aside the motion ends at rest, on the path's ends.
         s[0], s[-1] = piece.s[0], piece.s[-1]
@@ -205,8 +180,6 @@ class _Motion:
         window = self.piece.settings.smoothing_time
         reduction = np.ones(factors.size)
         for i in np.flatnonzero(excess > 1.0):
-            near = (self.times >= sampled.time[i] - window) & (
-                self.times <= sampled.time[i + 1]
-            )
+            near = (self.times >= sampled.time[i] - window) & (self.times <= sampled.time[i + 1])
             reduction[near] = np.minimum(reduction[near], excess[i] ** -power)
         factors *= reduction

@@ -39,9 +39,7 @@ class Trajectory:
 
     def extremes(self) -> HermiteExtremes:
         """Greatest values of the Hermite interpolant over each interval between samples."""
-        return HermiteExtremes(
-            *_hermite_extremes(self.time, self.positions, self.velocities)
-        )
+        return HermiteExtremes(*_hermite_extremes(self.time, self.positions, self.velocities))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,19 +56,15 @@ class HermiteExtremes:
     """|Δq/Δt - mean of the velocities at both ends|."""
 
 
-def hold_still(
-    q: NDArray[np.float64], duration: float, sample_step: float = 0.02, s: float = 0.0
-) -> Trajectory:
+def hold_still(q: NDArray[np.float64], duration: float, sample_step: float = 0.02, s: float = 0.0) -> Trajectory:
     """Rest at q (k,) for a duration > 0 [s], sampled at least every sample_step [s].
 
     Raises:
         TrajectoryError: The duration is not above 0.
     """
     if duration <= 0.0:
-        raise TrajectoryError(
-            f"a rest of {duration} s was asked for; its duration must be above 0"
-        )
-    n = int(np.ceil(duration / sample_step)) + 1
+        raise TrajectoryError(f"a rest of {duration} s was asked for; its duration must be above 0")
+    n = sample_count(duration, sample_step)
     zeros = np.zeros((n, q.size))
     return Trajectory(
         np.linspace(0.0, duration, n),
@@ -79,6 +73,11 @@ def hold_still(
         zeros.copy(),
         np.full(n, s),
     )
+
+
+def sample_count(duration: float, sample_step: float) -> int:
+    """Even samples, ends included, whose steps stay below sample_step by more than times are rounded."""
+    return int(np.ceil(duration / (sample_step * (1.0 - 1e-9)))) + 1
 
 
 def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
@@ -95,9 +94,7 @@ def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
             float(np.abs(before.velocities[-1] - after.velocities[0]).max()),
         )
         if gap > 1e-9:
-            raise TrajectoryError(
-                f"a trajectory starts {gap:.3g} rad or rad/s away from where the one before ended"
-            )
+            raise TrajectoryError(f"a trajectory starts {gap:.3g} rad or rad/s away from where the one before ended")
     starts = np.concatenate([[0.0], np.cumsum([part.duration for part in parts])])
     return Trajectory(
         np.concatenate(
