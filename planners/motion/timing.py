@@ -59,7 +59,7 @@ def time_path(
     if path.length == 0.0:
         return hold_still(
             path.evaluate(np.zeros(1)).positions[0],
-            settings.sample_step * (1.0 - ROUNDING),
+            0.5 * settings.sample_step,
         )
     knots = np.concatenate([[0.0], path.stops, [path.length]])
     return concatenate([_PieceTiming(path, a, b, limits, settings, rate_limits).best() for a, b in pairwise(knots)])

@@ -27,10 +27,10 @@ UR3E_DH = np.array(
     ]
 )
 BASES = {"left": np.eye(4), "right": np.eye(4)}
-BASES["right"][:3, 3] = [0.0, -0.7, 0.0]
+BASES["right"][:3, 3] = [0.0, -0.4, 0.0]
 HAND = 0.08
-OBSTACLE = np.array([0.45, 0.25, 0.3])
-OBSTACLE_RADIUS = 0.1
+OBSTACLE = np.array([0.35, -0.2, 0.3])
+OBSTACLE_RADIUS = 0.15
 Q_REST = np.radians([10.0, -60.0, 40.0, -70.0, -90.0, 0.0, 10.0, -60.0, 40.0, -70.0, -90.0, 0.0])
 SLICES = {"left": slice(0, 6), "right": slice(6, 12)}
 
