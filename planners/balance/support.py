@@ -11,7 +11,7 @@ import numpy as np
 from planners.balance.contacts import Friction, HandForceLimit
 from planners.geometry.pose import Array
 
-_RELIEF_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_RELIEF_SHARES = np.array([0.0, 0.5, 1.0])
 """Shares of the mean finger velocity tried as the multiplier of the gripper's net limit."""
 
 
@@ -38,17 +38,15 @@ def grip_power(
     mean velocity are tried, and `net_multiplier` (..., 3), with which the bound is exact if m is the optimal one.
     """
     velocities = point_velocity(twists[..., None, :], levers)
-    spins = np.sum(twists[..., None, 3:] * normals, axis=-1) * friction.eps
+    spins = friction.eps * _dot(twists[..., None, 3:], normals)
     mean = velocities.mean(axis=-2)
-    multipliers = [share * mean for share in _RELIEF_SHARES]
+    multipliers = _RELIEF_SHARES[:, None] * mean[..., None, :]
     if net_multiplier is not None:
-        multipliers.append(net_multiplier)
-    bounds = []
-    for multiplier in multipliers:
-        relieved = velocities - multiplier[..., None, :]
-        fingers = limits.normal * _cone_power(relieved, normals, friction.grip, spins).sum(axis=-1)
-        bounds.append(fingers + limits.net * np.sqrt(np.sum(multiplier**2, axis=-1)))
-    return np.minimum.reduce(bounds)
+        given = np.broadcast_to(net_multiplier, mean.shape)[..., None, :]
+        multipliers = np.concatenate([multipliers, given], axis=-2)
+    relieved = velocities[..., None, :, :] - multipliers[..., None, :]
+    fingers = _cone_power(relieved, normals[..., None, :, :], friction.grip, spins[..., None, :]).sum(axis=-1)
+    return (limits.normal * fingers + limits.net * np.sqrt(_dot(multipliers, multipliers))).min(axis=-1)
 
 
 def push_power(twists: Array, levers: Array, normals: Array, friction: Friction, limits: HandForceLimit) -> Array:
@@ -85,6 +83,10 @@ def _cone_power(velocities: Array, normals: Array, mu: float, spins: Array | flo
 
 def _split(velocities: Array, normals: Array) -> tuple[Array, Array]:
     """Return the component of the velocities along the normals, and the length of the rest."""
-    outward = np.sum(velocities * normals, axis=-1)
+    outward = _dot(velocities, normals)
     rest = velocities - outward[..., None] * normals
-    return outward, np.sqrt(np.sum(rest**2, axis=-1))
+    return outward, np.sqrt(_dot(rest, rest))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("...i,...i->...", a, b)
