@@ -70,6 +70,12 @@ def test_overlap_of_polygons_that_are_apart_is_empty():
     assert len(overlap(outline, outline + 100.0)) == 0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_overlap_of_a_polygon_with_itself_is_itself(seed):
+    outline = random_outline(seed)
+    assert overlap(outline, outline) == pytest.approx(outline)
+
+
 def test_overlap_with_a_polygon_around_it_is_the_polygon_itself():
     outline = random_outline(1)
     around = convex_outline([[-9, -9], [9, -9], [9, 9], [-9, 9]])

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from planners.geometry.polyhedron import Element, ElementKind, Prism
+from planners.geometry.polyhedron import Element, ElementKind, Polyhedron, Prism
 from planners.geometry.pose import rotation_from_vector
 from planners.manipulation.contacts import (
     ENVIRONMENT_FACE,
@@ -26,13 +26,17 @@ def polygon(n: int) -> Prism:
     return Prism.from_outline([[np.cos(a), np.sin(a)] for a in 2 * np.pi / n * np.arange(n)], 0.1)
 
 
+def points(contact: PrincipalContact, plate: Polyhedron, environment: Polyhedron) -> tuple[set[int], set[int]]:
+    assert contact.plate is not None
+    assert contact.environment is not None
+    return set(plate.vertex_indices(contact.plate)), set(environment.vertex_indices(contact.environment))
+
+
 def test_inclusion_is_one_element_shrinking_while_the_other_shrinks_or_stays():
     plate, environment = polygon(3).polyhedron, Prism.from_box([1, 1, 1]).polyhedron
     contacts = [PrincipalContact(a, b) for a, b in product(plate.boundary, environment.boundary)]
     for strong, weak in product(contacts[::3], contacts[::2]):
-        assert strong.plate and strong.environment and weak.plate and weak.environment
-        a, b = set(plate.vertex_indices(strong.plate)), set(environment.vertex_indices(strong.environment))
-        c, d = set(plate.vertex_indices(weak.plate)), set(environment.vertex_indices(weak.environment))
+        (a, b), (c, d) = points(strong, plate, environment), points(weak, plate, environment)
         expected = c <= a and d <= b and (c, d) != (a, b)
         assert includes(strong, weak, plate.boundary, environment.boundary) == expected
 
