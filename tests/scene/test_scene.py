@@ -1,0 +1,196 @@
+"""The scene of a plate lift: what stands where, and that overlaps at the start are those another library finds."""
+
+import copy
+import json
+import math
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import fcl
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from scipy.spatial import ConvexHull
+
+from planners.contract.document_bodies import document_bodies
+from planners.contract.plan_document import BodyDocument
+from planners.contract.task_spec import read_task
+from planners.errors import SceneError
+from planners.geometry.pose import frame_from_z, from_pose7, rotation_angle
+from planners.scene.cell import known_cells, load_cell
+from planners.scene.clashes import BodiesOverlap, placed_arms
+from planners.scene.scene import build_scene
+
+TASKS = sorted((Path(__file__).parents[2] / "assets/tasks").glob("*.json"))
+AB1 = json.loads((Path(__file__).parents[2] / "assets/tasks/ab1.json").read_text())
+AB3 = json.loads((Path(__file__).parents[2] / "assets/tasks/ab3.json").read_text())
+TABLE_TOP = 1.094
+
+
+@pytest.fixture(scope="module")
+def cells():
+    return {name: load_cell(name) for name in known_cells()}
+
+
+@pytest.fixture(scope="module")
+def build(cells):
+    return lambda body: build_scene(read_task(body), cells)
+
+
+def obstacle(name, size, position):
+    return {"name": name, "shape": {"type": "box", "size": list(size)}, "pose": [*position, 1, 0, 0, 0]}
+
+
+@pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
+def test_every_task_file_has_a_scene_with_its_plate_at_rest(path, build):
+    scene = build(json.loads(path.read_text()))
+    bottom = scene.T_world_plate @ np.array([0, 0, scene.plate.bottom, 1])
+    assert bottom[2] == pytest.approx(scene.support_top, abs=1e-12)
+    assert scene.support_name == ("support" if path.stem == "ab3" else "table")
+    assert scene.support_top == pytest.approx(TABLE_TOP + (0.044 if path.stem == "ab3" else 0))
+
+
+def test_a_plate_on_the_table_beside_a_board_rests_on_the_table(build):
+    body = {**AB3, "plate_pose": [0.3, 0.6, 1.114, 1, 0, 0, 0]}
+    scene = build(body)
+    assert (scene.support_name, scene.support_top) == ("table", TABLE_TOP)
+    assert scene.support is not None
+
+
+def test_a_plate_a_little_off_its_support_is_settled_onto_it(build):
+    tilt = math.radians(0.05) / 2
+    body = {**AB1, "plate_pose": [0.3, 0, 1.114 + 0.0005, math.cos(tilt), math.sin(tilt), 0, 0]}
+    scene = build(body)
+    assert scene.T_world_plate == pytest.approx(from_pose7([0.3, 0, 1.114, 1, 0, 0, 0]), abs=1e-12)
+
+
+def test_a_hexagonal_plate_is_as_welcome_as_a_box(build):
+    outline = [[0.18 * math.cos(k * math.pi / 3), 0.18 * math.sin(k * math.pi / 3)] for k in range(6)]
+    body = {**AB1, "plate": {"shape": {"type": "prism", "outline": outline, "height": 0.04}, "mass": 3}}
+    scene = build(body)
+    assert scene.plate.outline == pytest.approx(np.array(outline))
+    assert (scene.plate.top, scene.plate.bottom) == (0.02, -0.02)
+
+
+@given(yaw=st.floats(-3.1, 3.1), x=st.floats(-0.1, 0.1), y=st.floats(-0.1, 0.1))
+@settings(max_examples=20, deadline=None)
+def test_the_cups_frame_looks_into_the_plate_and_the_cable_hangs_plumb_above_it(cells, yaw, x, y):
+    pose = [0.4, 0, 1.114, math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)]
+    task = read_task({**AB1, "plate_pose": pose, "cup": {**AB1["cup"], "position": [x, y]}})
+    scene = build_scene(task, cells)
+    cup, R = scene.cup, scene.cup.T_plate_cup[:3, :3]
+    assert cup.T_plate_cup[:3, 3] == pytest.approx([x, y, 0.02])
+    assert R[:, 2] == pytest.approx([0, 0, -1])
+    assert R[:, 0] == pytest.approx([1, 0, 0])
+    assert np.cross(R[:, 2], R[:, 0]) == pytest.approx(R[:, 1])
+    pad = (scene.T_world_plate @ cup.T_plate_cup)[:3, 3]
+    assert cup.body.T_world_body[:3, 3] - pad == pytest.approx([0, 0, 0.02])
+    assert cup.cable.T_world_body[:3, 3] - pad == pytest.approx([0, 0, 0.04 + 0.55])
+    assert rotation_angle(cup.cable.T_world_body[:3, :3], np.eye(3)) == 0
+    anchor = scene.T_world_plate @ np.append(cup.cable_anchor, 1)
+    assert cup.cable.T_world_body[:3, 3] - anchor[:3] == pytest.approx([0, 0, 0.55])
+
+
+def test_the_cables_capsule_contains_its_cylinder(build):
+    cable = build(AB1).cup.cable_collision_body()
+    (axis,) = cable.shapes
+    assert sorted(axis.vertices[:, 2]) == pytest.approx([0, 1.1])
+    assert axis.radius == 0.010
+
+
+def test_arms_start_at_home_unless_told_otherwise(build, cells):
+    cell = cells["dual_ur3e_lift"]
+    assert (build(AB1).start_positions == cell.home).all()
+    positions = (cell.home + 0.01).tolist()
+    assert build({**AB1, "start_positions": positions}).start_positions.tolist() == positions
+
+
+def test_static_bodies_may_overlap_one_another_and_the_table(build):
+    pair = [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.1]), obstacle("b", [0.1] * 3, [0.72, 0.62, 1.1])]
+    assert [body.name for body in build({**AB1, "obstacles": pair}).obstacles] == ["a", "b"]
+
+
+def test_the_document_lists_every_body_once_and_as_the_contract_says(build):
+    scene = build({**AB3, "obstacles": [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.1])]})
+    bodies = document_bodies(scene)
+    assert {*bodies} >= {"table", "plate", "support", "cup", "cable", "a"}
+    for document in bodies.values():
+        BodyDocument.model_validate(document)
+    assert {name: bodies[name]["role"] for name in ("table", "plate", "support", "cup", "cable", "a")} == {
+        "table": "table", "plate": "plate", "support": "support", "cup": "cup", "cable": "cable", "a": "obstacle",
+    }  # fmt: skip
+    assert {name for name, body in bodies.items() if not body["static"]} == {"plate", "cup", "cable"}
+    assert bodies["plate"]["mass"] == 4.0
+
+
+def as_fcl(shape):
+    """Return an fcl object of a shape in the world: a sphere, a capsule or a hull."""
+    center = shape.vertices.mean(axis=0)
+    if len(shape.vertices) == 1:
+        return fcl.CollisionObject(fcl.Sphere(shape.radius), fcl.Transform(center))
+    if len(shape.vertices) == 2:
+        along = shape.vertices[1] - shape.vertices[0]
+        R = frame_from_z(along, [0.36, 0.48, 0.8])
+        return fcl.CollisionObject(fcl.Capsule(shape.radius, np.linalg.norm(along)), fcl.Transform(R, center))
+    assert shape.radius == 0
+    hull = ConvexHull(shape.vertices)
+    triangles = [
+        simplex if equation[:3] @ np.cross(*(shape.vertices[simplex[1:]] - shape.vertices[simplex[0]])) > 0
+        else simplex[::-1]
+        for simplex, equation in zip(hull.simplices, hull.equations, strict=True)
+    ]  # fmt: skip
+    faces = np.array([[3, *triangle] for triangle in triangles]).ravel()
+    return fcl.CollisionObject(fcl.Convex(shape.vertices - center, len(triangles), faces), fcl.Transform(center))
+
+
+def test_a_block_overlaps_at_the_start_exactly_when_fcl_says_so(build):
+    scene = build(AB1)
+    arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
+    placed = [body.collision_body_in_world() for body in scene.bodies()]
+    others = [as_fcl(shape) for body in [*arms, *placed] for shape in body.shapes]
+    rng = np.random.default_rng(0)
+    verdicts = []
+    for _ in range(150):
+        position = rng.uniform([-0.1, -0.7, 1.15], [0.6, 0.7, 2.0])
+        block = obstacle("block", rng.uniform(0.02, 0.15, 3), position)
+        box = fcl.CollisionObject(fcl.Box(*block["shape"]["size"]), fcl.Transform(position))
+        touched = any(fcl.collide(box, other, fcl.CollisionRequest(), fcl.CollisionResult()) for other in others)
+        verdicts.append(touched)
+        with pytest.raises(BodiesOverlap) if touched else nullcontext():
+            build({**AB1, "obstacles": [block]})
+    assert 10 < sum(verdicts) < 140
+
+
+def test_two_hundred_obstacles_are_placed_within_fifty_milliseconds(build):
+    many = [obstacle(f"o{i}", [0.02] * 3, [0.7, -0.8 + 0.008 * i, 1.11]) for i in range(200)]
+    build({**AB1, "obstacles": many[:1]})
+    task = {**AB1, "obstacles": many}
+    started = time.process_time()
+    build(task)
+    assert time.process_time() - started < 0.05
+
+
+WORTH_TRYING = [
+    *("/plate/mass", "/plate/com/0", "/plate/shape/size/0", "/plate/shape/size/2", "/plate_pose/0", "/plate_pose/2"),
+    *("/cup/position/0", "/cup/radius", "/support/pose/2", "/support/shape/size/1"),
+]
+
+
+@settings(max_examples=150, deadline=None)
+@given(changes=st.dictionaries(st.sampled_from(WORTH_TRYING), st.floats() | st.floats(0, 1.3) | st.floats(1.1, 1.2)))
+def test_a_task_with_any_numbers_has_a_scene_or_is_refused(cells, changes):
+    body = copy.deepcopy(AB3)
+    for pointer, value in changes.items():
+        *path, key = pointer.split("/")[1:]
+        container = body
+        for step in path:
+            container = container.setdefault(step, [0, 0, 0])
+        container[int(key) if isinstance(container, list) else key] = value
+    try:
+        scene = build_scene(read_task(body), cells)
+    except (ValidationError, SceneError):
+        return
+    assert scene.T_world_plate[2, 3] + scene.plate.bottom == pytest.approx(scene.support_top)

@@ -1,0 +1,47 @@
+"""Tasks that cannot stand as they say, and where the caller is pointed."""
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from planners.contract.problems import problems_of
+from planners.contract.task_spec import read_task
+from planners.errors import SceneError
+from planners.scene.cell import known_cells, load_cell
+from planners.scene.scene import build_scene
+
+ROOT = Path(__file__).parents[2]
+CASES = yaml.safe_load((ROOT / "tests/problems/scene_refusals.yaml").read_text())
+
+
+@pytest.fixture(scope="module")
+def cells():
+    return {name: load_cell(name) for name in known_cells()}
+
+
+def body_of(case):
+    body = json.loads((ROOT / f"assets/tasks/{case.get('task', 'ab1')}.json").read_text())
+    for pointer, value in copy.deepcopy(case["with"]).items():
+        if pointer == "/":
+            return value
+        *path, key = pointer.split("/")[1:]
+        container = body
+        for step in path:
+            container = container[step]
+        container[int(key) if isinstance(container, list) else key] = value
+    return body
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
+def test_what_cannot_stand_is_pointed_at(case, cells):
+    task = read_task(body_of(case))
+    with pytest.raises(SceneError) as caught:
+        build_scene(task, cells)
+    problems = problems_of(caught.value)
+    assert [problem["pointer"] for problem in problems] == case["pointers"]
+    for problem in problems:
+        assert case.get("says", "") in problem["detail"]
+        assert problem.get("allowed") == case.get("allowed")
