@@ -1,0 +1,505 @@
+"""From a path with postures to motion: every edge becomes planned, checked and timed segments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from planners.balance.balanced import Balanced, Unbalanced
+from planners.collision.model import CollisionQuery
+from planners.geometry.pose import Array, Transform, inverse, rotation_angle
+from planners.graph.rejections import Rejection
+from planners.kinematics.inverse import BRANCHES
+from planners.manipulation.dense_contacts import PlateMotion
+from planners.manipulation.engagements import Assignment, Engagement, Itinerary, PostureFollower
+from planners.manipulation.failures import Hand
+from planners.manipulation.hold_balance import HandPair, HoldBalance
+from planners.manipulation.reach import HandReach
+from planners.manipulation.workcell import LiftWorkcell
+from planners.motion.arm_checker import ArmEdgeChecker
+from planners.motion.blended_path import BlendedPath
+from planners.motion.curve_path import CurvePath
+from planners.motion.limits import JointLimits, RateLimit
+from planners.motion.query import MotionOutcome, MotionQuery, MotionSettings, plan_motion
+from planners.motion.timing import TimingSettings, time_path
+from planners.motion.trajectory import Trajectory, hold_still
+from planners.segment import ContactSet, GripHold, PushHold, Segment, SegmentKind
+
+_TURN = 2.0 * math.pi
+_WINDINGS = np.array([-_TURN, 0.0, _TURN])
+
+
+@dataclass(frozen=True)
+class PaceSettings:
+    """How fast a heavy plate and the hands next to it move. Balances are quasi-static, so plates move gently."""
+
+    plate_speed: float = 0.10
+    """Of the fastest corner [m/s]."""
+    plate_acceleration: float = 0.10
+    """Of the fastest corner along its way [m/s^2]: 1 % of the plate's weight."""
+    approach_speed: float = 0.10
+    """Of a hand on its last straight way [m/s]."""
+    approach_acceleration: float = 0.5
+    """[m/s^2]"""
+    finger_time: float = 0.4
+    """Time in which the fingers close or open [s]."""
+    set_rotation: float = math.radians(1.9)
+    """Largest turn of the plate between two contact sets [rad]: the document's rule is 2 degrees."""
+    set_travel: float = 0.0095
+    """Largest way of the centre of mass between two contact sets [m]: the document's rule is 10 mm."""
+    set_pause: float = 0.24
+    """Longest time between two contact sets while the plate rests [s]: the document's rule is 0.25 s."""
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """Why a path with these postures cannot be moved along."""
+
+    rejection: Rejection
+    hand: Hand | None
+    """The hand that could not come or go; None when a motion of the plate failed."""
+    place: int
+    """On the path: of the node at whose pose the hand moves, or where the motion starts."""
+
+
+@dataclass(eq=False)
+class _Stage:
+    """What has happened so far."""
+
+    q: Array
+    T_world_plate: Transform
+    pose: int
+    holding: dict[Hand, Engagement] = field(default_factory=dict)
+    loose: list[Hand] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
+
+
+class Choreographer:
+    """Plans the motion of whole paths for one plate lift."""
+
+    def __init__(
+        self,
+        workcell: LiftWorkcell,
+        follower: PostureFollower,
+        balance: HoldBalance,
+        rng: np.random.Generator,
+        motion: MotionSettings | None = None,
+        pace: PaceSettings | None = None,
+        timing: TimingSettings | None = None,
+    ) -> None:
+        self.workcell, self.follower, self.balance, self.rng = workcell, follower, balance, rng
+        self.motion_settings = motion or MotionSettings()
+        self.pace = pace or PaceSettings()
+        self.timing = timing or TimingSettings()
+        arms = [workcell.arm(name) for name in ("left", "right")]
+        self.limits = JointLimits(
+            np.concatenate([arm.velocity_max for arm in arms]), np.concatenate([arm.acceleration_max for arm in arms])
+        )
+        self.motion_queries = 0
+
+    def realise(self, itinerary: Itinerary, assignment: Assignment) -> tuple[Segment, ...] | Stuck:
+        """Plan all motion of a path, or say where it got stuck."""
+        run = _Run(self, itinerary, assignment)
+        return run.realise()
+
+    def arm_of(self, hand: Hand) -> str:
+        """Return the arm that has a hand."""
+        return self.workcell.gripper if hand == "grip" else self.workcell.pusher
+
+
+class _Run:
+    """One attempt to realise one path with one choice of postures."""
+
+    def __init__(self, choreographer: Choreographer, itinerary: Itinerary, assignment: Assignment) -> None:
+        self.plan, self.itinerary, self.assignment = choreographer, itinerary, assignment
+        self.workcell, self.follower = choreographer.workcell, choreographer.follower
+        start = choreographer.workcell.scene.start_positions
+        pose = itinerary.poses[0]
+        self.stage = _Stage(start.copy(), self.follower.poses.poses[pose].T_world_plate, pose)
+        self.tracks: dict[Engagement, _Track] = {}
+
+    def realise(self) -> tuple[Segment, ...] | Stuck:
+        for engagement in self.itinerary.engagements:
+            self.tracks[engagement] = _Track.of(self.follower, self.itinerary, engagement, self.assignment[engagement])
+        try:
+            for engagement in self._changing(lambda e: e.first == 0):
+                self._arrive(engagement)
+            for place, step in enumerate(self.itinerary.motions):
+                if step is not None:
+                    self._transfer(place, *step)
+                    continue
+                for engagement in self._changing(lambda e, here=place: e.goes and e.last == here):
+                    self._leave(engagement)
+                for engagement in self._changing(lambda e, here=place: e.first == here + 1):
+                    self._arrive(engagement)
+        except _GotStuck as error:
+            return error.stuck
+        return tuple(self.stage.segments)
+
+    def _changing(self, which: Callable[[Engagement], bool]) -> list[Engagement]:
+        return sorted((e for e in self.itinerary.engagements if which(e)), key=lambda e: e.hand)
+
+    # Hands come and go.
+
+    def _arrive(self, engagement: Engagement) -> None:
+        """Bring a hand to the plate: free motion, straight approach, and for the gripper the closing of the fingers."""
+        hand, arm = engagement.hand, self.plan.arm_of(engagement.hand)
+        joints, track = self.workcell.joints(arm), self.tracks[engagement]
+        goals = track.windings(self.workcell.arm(arm).position_min, self.workcell.arm(arm).position_max)
+        if not len(goals):
+            raise self._stuck(hand, engagement.first, "no turn of the joints keeps them within limits while it holds")
+        goals = self._clear_approaches(arm, hand, track, goals)
+        if not len(goals):
+            raise self._stuck(hand, engagement.first, "the other arm is in the way of the approach")
+        standoff = track.approach[-1] + goals
+        chosen = self._free_motion(arm, standoff, hand, engagement.first)
+        track.turn(goals[chosen])
+        self._straight(arm, hand, track, track.approach[::-1], SegmentKind.APPROACH)
+        self.stage.q[joints] = track.approach[0]
+        if hand == "grip":
+            self._fingers(arm, SegmentKind.GRIP)
+        self.stage.holding[hand] = engagement
+        if hand in self.stage.loose:
+            self.stage.loose.remove(hand)
+
+    def _leave(self, engagement: Engagement) -> None:
+        """Take a hand off the plate; it is parked when the plate is next to move."""
+        hand, arm = engagement.hand, self.plan.arm_of(engagement.hand)
+        track = self.tracks[engagement]
+        del self.stage.holding[hand]
+        if hand == "grip":
+            self._fingers(arm, SegmentKind.RELEASE)
+        query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, {arm, *self._holding_arms()})
+        if not query.path(self._with_arm(arm, track.retreat)).free:
+            raise self._stuck(hand, engagement.last, "the other arm is in the way of the retreat")
+        self._straight(arm, hand, track, track.retreat, SegmentKind.RETREAT)
+        self.stage.loose.append(hand)
+
+    def _park_loose_arms(self, place: int) -> None:
+        """Bring arms that hold nothing back to where they started."""
+        for hand in list(self.stage.loose):
+            arm = self.plan.arm_of(hand)
+            home = self.workcell.scene.start_positions[self.workcell.joints(arm)]
+            self._free_motion(arm, home[None], hand, place)
+            self.stage.loose.remove(hand)
+
+    def _clear_approaches(self, arm: str, hand: Hand, track: _Track, goals: Array) -> Array:
+        """Keep the windings if the approach is clear of the other arm; all windings look the same to collisions."""
+        query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, {arm, *self._holding_arms()})
+        return goals if query.path(self._with_arm(arm, track.approach)).free else goals[:0]
+
+    def _free_motion(self, arm: str, goals: Array, hand: Hand, place: int) -> int:
+        """Move one arm through free space to one of the goals; return which."""
+        query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, self._holding_arms())
+        joints, data = self.workcell.joints(arm), self.workcell.arm(arm)
+        checker = ArmEdgeChecker(query, self.stage.q.copy(), joints)
+        self.plan.motion_queries += 1
+        result = plan_motion(
+            MotionQuery(
+                self.stage.q[joints].copy(), goals, data.position_min, data.position_max, checker, data.velocity_max
+            ),
+            self.plan.motion_settings,
+            self.plan.rng,
+        )
+        if result.outcome is not MotionOutcome.FOUND or result.path is None or result.goal_index is None:
+            detail = self._why(query, result.outcome, goals, arm)
+            raise self._stuck(hand, place, f"free motion of the {hand} hand: {result.outcome.value}{detail}")
+        path = BlendedPath.through(result.path, checker)
+        limits = JointLimits(self.plan.limits.velocity[joints], self.plan.limits.acceleration[joints])
+        self._add(SegmentKind.TRANSIT, (arm,), self._of_both(time_path(path, limits, self.plan.timing), joints))
+        return result.goal_index
+
+    def _why(self, query: CollisionQuery, outcome: MotionOutcome, goals: Array, arm: str) -> str:
+        """Name the bodies in the way, where an end of a motion is what collides."""
+        ends = {MotionOutcome.START_IN_COLLISION: self.stage.q[None], MotionOutcome.GOALS_IN_COLLISION: goals[:1]}
+        if outcome not in ends:
+            return ""
+        q = self.stage.q[None] if outcome is MotionOutcome.START_IN_COLLISION else self._with_arm(arm, goals[:1])
+        pair = int(query.first_collision(q)[0])
+        return "" if pair < 0 else f" ({' and '.join(query.pair_names(pair))})"
+
+    def _straight(self, arm: str, hand: Hand, track: _Track, coarse: Array, kind: SegmentKind) -> None:
+        """Move a hand along its straight way; `coarse` (n, 6) runs from start to end of it."""
+        ends = track.carrier_ends if kind is SegmentKind.RETREAT else track.carrier_ends[::-1]
+        start, end = (self.stage.T_world_plate @ transform for transform in ends)
+        way = float(np.linalg.norm(end[:3, 3] - start[:3, 3]))
+        joints = self.workcell.joints(arm)
+
+        def at(s: Array) -> Array:
+            carriers = np.repeat(start[None], len(s), axis=0)
+            carriers[:, :3, 3] += (s / way)[:, None] * (end[:3, 3] - start[:3, 3])
+            return self._columns({arm: track.exact(carriers, _interpolated(coarse, s / way))}, len(s))
+
+        pace = self.plan.pace
+        rate = RateLimit(np.ones_like, pace.approach_speed, pace.approach_acceleration)
+        self._add(kind, (arm,), time_path(CurvePath(at, way), self.plan.limits, self.plan.timing, [rate]))
+        self.stage.q[joints] = coarse[-1]
+
+    def _fingers(self, arm: str, kind: SegmentKind) -> None:
+        """Close or open the fingers, everything else at rest."""
+        self._add(kind, (), hold_still(self.stage.q, self.plan.pace.finger_time, self.plan.timing.sample_step))
+
+    # The plate moves.
+
+    def _transfer(self, place: int, number: int, forth: bool) -> None:
+        """Move the plate along one motion of the graph with all hands that hold it."""
+        self._park_loose_arms(place)
+        motion = self.follower.motion(number)
+        tracks = {self.plan.arm_of(h): self.tracks[e] for h, e in self.stage.holding.items()}
+        coarse = {arm: track.along(place) for arm, track in tracks.items()}
+
+        def poses(s: Array) -> Array:
+            return motion.poses(s if forth else 1.0 - s)
+
+        def at(s: Array) -> Array:
+            plates = poses(s)
+            return self._columns({a: t.exact(plates, _interpolated(coarse[a], s)) for a, t in tracks.items()}, len(s))
+
+        stops = np.sort(motion.breaks if forth else 1.0 - motion.breaks)
+        pace = self.plan.pace
+        corners = self.follower.poses.plate.shape.polyhedron.vertices
+        rate = RateLimit(lambda s: _corner_speed(poses, corners, s), pace.plate_speed, pace.plate_acceleration)
+        trajectory = time_path(CurvePath(at, 1.0, stops), self.plan.limits, self.plan.timing, [rate])
+        T_world_plate = poses(np.clip(trajectory.path_parameter, 0.0, 1.0))
+        end = motion.end if forth else motion.start
+        self.stage.pose = self.itinerary.poses[place + 1]
+        sets = self._sets_in_motion(place, motion, T_world_plate, (self.itinerary.poses[place], self.stage.pose))
+        grip, push = self._holds()
+        self.stage.segments.append(
+            Segment(
+                kind=SegmentKind.TRANSFER,
+                movers=tuple(sorted(tracks)),
+                contact=motion.contact,
+                contact_points=motion.contact_points,
+                grip=grip,
+                push=push,
+                trajectory=trajectory,
+                widths={self.workcell.gripper: np.full(len(trajectory.time), self._width())},
+                T_world_body=T_world_plate,
+                contact_sets=sets,
+            )
+        )
+        self.stage.q = trajectory.positions[-1].copy()
+        self.stage.T_world_plate = end.T_world_plate
+
+    def _sets_in_motion(
+        self, place: int, motion: PlateMotion, T_world_plate: Array, ends: tuple[int, int]
+    ) -> tuple[ContactSet, ...]:
+        """Balance the plate at both ends, in their own contacts, and often enough in between."""
+        hands = self._hands()
+        chosen = [ContactSet(0, self._balanced(self.balance_at(ends[0], hands), place))]
+        last = len(T_world_plate) - 1
+        for sample in _every(T_world_plate, self.follower.poses.plate.com_world(T_world_plate), self.plan.pace):
+            answer = self.plan.balance.solve(T_world_plate[sample], motion.contact_points, hands)
+            chosen.append(ContactSet(sample, self._balanced(answer, place)))
+        chosen.append(ContactSet(last, self._balanced(self.balance_at(ends[1], hands), place)))
+        return tuple(chosen)
+
+    def balance_at(self, pose: int, hands: HandPair) -> Balanced | Unbalanced:
+        """Return the remembered balance at a pose of the graph."""
+        return self.plan.balance.at(pose, hands)
+
+    def _balanced(self, answer: Balanced | Unbalanced, place: int) -> Balanced:
+        if isinstance(answer, Unbalanced):
+            reason = "the plate cannot be held at a sample of the timed motion"
+            raise _GotStuck(Stuck(Rejection("transfer", reason), None, place))
+        return answer
+
+    # Bookkeeping.
+
+    def _add(self, kind: SegmentKind, movers: tuple[str, ...], trajectory: Trajectory) -> None:
+        """Append a segment in which the plate rests."""
+        pose = self.follower.poses.poses[self.stage.pose]
+        count = len(trajectory.time)
+        grip, push = self._holds()
+        step = self.plan.pace.set_pause
+        answer = self._balanced(self.balance_at(self.stage.pose, self._hands()), 0)
+        marks = np.searchsorted(trajectory.time, np.arange(0.0, trajectory.time[-1], step))
+        samples = sorted({0, count - 1, *(max(0, int(mark) - 1) for mark in marks)})
+        self.stage.segments.append(
+            Segment(
+                kind=kind,
+                movers=movers,
+                contact=pose.contact,
+                contact_points=pose.contact_points,
+                grip=grip,
+                push=push,
+                trajectory=trajectory,
+                widths={self.workcell.gripper: self._width_over(kind, trajectory)},
+                T_world_body=np.repeat(self.stage.T_world_plate[None], count, axis=0),
+                contact_sets=tuple(ContactSet(sample, answer) for sample in samples),
+            )
+        )
+        self.stage.q = trajectory.positions[-1].copy()
+
+    def _width_over(self, kind: SegmentKind, trajectory: Trajectory) -> Array:
+        """Opening of the gripper over a segment: ramped where the fingers move."""
+        closed, opened = self.workcell.grip_width, self.workcell.open_width
+        if kind not in (SegmentKind.GRIP, SegmentKind.RELEASE):
+            return np.full(len(trajectory.time), self._width())
+        part = 0.5 - 0.5 * np.cos(np.pi * trajectory.time / trajectory.time[-1])
+        start, end = (opened, closed) if kind is SegmentKind.GRIP else (closed, opened)
+        width = start + part * (end - start)
+        width[-1] = end
+        return width
+
+    def _width(self) -> float:
+        return self.workcell.grip_width if "grip" in self.stage.holding else self.workcell.open_width
+
+    def _hands(self) -> HandPair:
+        grip, push = self.stage.holding.get("grip"), self.stage.holding.get("push")
+        return (None if grip is None else grip.hold.index, None if push is None else push.hold.index)
+
+    def _holding_arms(self) -> set[str]:
+        return {self.plan.arm_of(hand) for hand in self.stage.holding}
+
+    def _holds(self) -> tuple[GripHold | None, PushHold | None]:
+        grip, push = self.stage.holding.get("grip"), self.stage.holding.get("push")
+        grip_hold = push_hold = None
+        if grip is not None:
+            flip = self.assignment[grip] // BRANCHES
+            data = self.follower.grips[grip.hold.index]
+            T_plate_flange = self.follower.hand("grip").T_plate_flange[grip.hold.index, flip]
+            grip_hold = GripHold(
+                self.workcell.gripper,
+                data.T_plate_tcp[flip],
+                self.workcell.grip_width,
+                inverse(T_plate_flange),
+                flip == 1,
+            )
+        if push is not None:
+            contact = self.follower.pushes[push.hold.index]
+            push_hold = PushHold(self.workcell.pusher, contact.point, contact.normal)
+        return grip_hold, push_hold
+
+    def _columns(self, moving: dict[str, Array], count: int) -> Array:
+        """Put the moving arms' (n, 6) positions among all twelve; idle arms stay."""
+        q = np.repeat(self.stage.q[None], count, axis=0)
+        for arm, positions in moving.items():
+            q[:, self.workcell.joints(arm)] = positions
+        return q
+
+    def _with_arm(self, arm: str, positions: Array) -> Array:
+        return self._columns({arm: positions}, len(positions))
+
+    def _of_both(self, trajectory: Trajectory, joints: slice) -> Trajectory:
+        """Widen one arm's trajectory to all twelve joints."""
+        count = len(trajectory.time)
+        q = np.repeat(self.stage.q[None], count, axis=0)
+        v, a = np.zeros((count, 12)), np.zeros((count, 12))
+        q[:, joints], v[:, joints], a[:, joints] = trajectory.positions, trajectory.velocities, trajectory.accelerations
+        return replace(trajectory, positions=q, velocities=v, accelerations=a)
+
+    def _stuck(self, hand: Hand, place: int, reason: str) -> _GotStuck:
+        return _GotStuck(Stuck(Rejection("transit", reason), hand, place))
+
+
+class _GotStuck(Exception):
+    """Carries a `Stuck` out of nested steps."""
+
+    def __init__(self, stuck: Stuck) -> None:
+        self.stuck = stuck
+        super().__init__(stuck.rejection.reason)
+
+
+@dataclass(eq=False)
+class _Track:
+    """The joints of one arm over one engagement, continuous from approach to retreat."""
+
+    reach: HandReach
+    hold: int
+    posture: int
+    first: int
+    approach: Array
+    """(n, 6) from contact to the stand-off, at the first place."""
+    motions: dict[int, Array]
+    """By place: (m, 6) along the motion that starts there, in its direction."""
+    retreat: Array
+    """(n, 6) from contact to the stand-off, at the last place."""
+    carrier_ends: tuple[Transform, Transform]
+    """T_plate_carrier at contact and at the stand-off."""
+
+    @classmethod
+    def of(cls, follower: PostureFollower, itinerary: Itinerary, engagement: Engagement, posture: int) -> _Track:
+        """Follow a posture over its engagement, starting in the turns that are nearest to zero."""
+        reach, hold = follower.hand(engagement.hand), engagement.hold.index
+
+        def carriers(place: int) -> Array:
+            T_world_plate = follower.poses.poses[itinerary.poses[place]].T_world_plate
+            return follower.approach_carriers(T_world_plate, engagement.hand, hold)
+
+        away = carriers(engagement.first)
+        approach = reach.follow(away, hold, posture)
+        last = approach[0]
+        motions: dict[int, Array] = {}
+        for place in range(engagement.first, engagement.last):
+            step = itinerary.motions[place]
+            if step is None:
+                continue
+            number, forth = step
+            samples = follower.samples(number)
+            along = _continued(reach, samples if forth else samples[::-1], hold, posture, last)
+            motions[place] = along
+            last = along[-1]
+        retreat = _continued(reach, carriers(engagement.last), hold, posture, last)
+        back = inverse(follower.poses.poses[itinerary.poses[engagement.first]].T_world_plate)
+        return cls(
+            reach, hold, posture, engagement.first, approach, motions, retreat, (back @ away[0], back @ away[-1])
+        )
+
+    def windings(self, lo: Array, hi: Array) -> Array:
+        """Return (k, 6) whole turns [rad] after which the whole engagement is within limits."""
+        everything = np.concatenate([self.approach, *self.motions.values(), self.retreat])
+        low, high = everything.min(axis=0), everything.max(axis=0)
+        choices = [w[(low[i] + w >= lo[i]) & (high[i] + w <= hi[i])] for i, w in enumerate([_WINDINGS] * 6)]
+        return np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, 6)
+
+    def turn(self, turns: Array) -> None:
+        """Add whole turns to all joints."""
+        self.approach = self.approach + turns
+        self.retreat = self.retreat + turns
+        self.motions = {place: along + turns for place, along in self.motions.items()}
+
+    def along(self, place: int) -> Array:
+        """Return (m, 6) along the motion that starts at a place."""
+        return self.motions[place]
+
+    def exact(self, T_world_carriers: Array, reference: Array) -> Array:
+        """Return (n, 6) joint positions at exact poses of the plate, in the turns of `reference`."""
+        return self.reach.follow(T_world_carriers, self.hold, self.posture, reference)
+
+
+def _continued(reach: HandReach, T_world_carriers: Array, hold: int, posture: int, last: Array) -> Array:
+    """Follow a posture from joint positions that it is at already."""
+    along = reach.follow(T_world_carriers, hold, posture)
+    return along + np.rint((last - along[0]) / _TURN) * _TURN
+
+
+def _interpolated(coarse: Array, part: Array) -> Array:
+    """Interpolate evenly spaced rows (m, 6) at parts (n,) of the way."""
+    at = np.clip(part, 0.0, 1.0) * (len(coarse) - 1)
+    below = np.minimum(at.astype(int), len(coarse) - 2)
+    weight = (at - below)[:, None]
+    return (1.0 - weight) * coarse[below] + weight * coarse[below + 1]
+
+
+def _corner_speed(poses: Callable[[Array], Array], corners: Array, s: Array) -> Array:
+    """Return the speed per parameter of the fastest corner at parameters (n,) [m]."""
+    h = 1e-4
+    low, high = np.clip(s - h, 0.0, 1.0), np.clip(s + h, 0.0, 1.0)
+    ends = [np.einsum("nij,vj->nvi", T[:, :3, :3], corners) + T[:, None, :3, 3] for T in (poses(low), poses(high))]
+    return np.linalg.norm(ends[1] - ends[0], axis=2).max(axis=1) / (high - low)
+
+
+def _every(T_world_plate: Array, com_world: Array, pace: PaceSettings) -> Iterator[int]:
+    """Yield inner samples so that neither turn nor way between them is too large."""
+    last = 0
+    for sample in range(1, len(T_world_plate) - 1):
+        turn = rotation_angle(T_world_plate[last, :3, :3], T_world_plate[sample + 1, :3, :3])
+        way = float(np.linalg.norm(com_world[sample + 1] - com_world[last]))
+        if turn > pace.set_rotation or way > pace.set_travel:
+            last = sample
+            yield sample

@@ -1,0 +1,339 @@
+"""Which posture each hand takes along a path: one per engagement, the time in which a hand stays on the plate.
+
+A path through the Manipulation State Graph promises a posture at every node, not that it is the same one. Here the
+postures are followed along all motions of the path, hands are matched against one another, and what cannot be is
+reported as a failure that the search must respect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.geometry.pose import Array
+from planners.graph.rejections import Rejection
+from planners.graph.search import GraphPath
+from planners.manipulation.dense_contacts import DenseContactStateGraph, PlateMotion
+from planners.manipulation.failures import Failure, Hand, MotionFailure, PairFailure, TransitFailure
+from planners.manipulation.graph import HandHold, ManipulationStateGraph
+from planners.manipulation.grips import Grip
+from planners.manipulation.pushes import Push
+from planners.manipulation.reach import HandReach, PairReach, PlateQuery, bits
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """How finely motions are sampled when postures are followed along them."""
+
+    plate_step: float = 0.005
+    """Largest way of any corner of the plate between samples [m]; clearances are kept at the samples."""
+    approach_step: float = 0.005
+    """Way of the hand between samples of an approach [m]."""
+    grip_approach: float = 0.070
+    """Straight way of the gripper onto the plate and off it [m]: the authors' value."""
+    push_approach: float = 0.040
+    """Straight way of the stick's tip onto the plate and off it [m]."""
+
+
+@dataclass(frozen=True)
+class Engagement:
+    """One hand on the plate from one place of a path to another."""
+
+    hand: Hand
+    hold: HandHold
+    first: int
+    """Place on the path of the first node that has this hold."""
+    last: int
+    comes: bool = True
+    goes: bool = True
+    """Whether the hand leaves at the end; at the end of a plan both stay."""
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """A path with what it means: plate poses, motions with their direction, engagements."""
+
+    path: GraphPath
+    poses: tuple[int, ...]
+    """Plate pose of each node."""
+    motions: tuple[tuple[int, bool] | None, ...]
+    """For each edge the DCSG edge and whether it is run from its first to its second pose; None for a transit."""
+    engagements: tuple[Engagement, ...]
+
+    @classmethod
+    def of(cls, graph: ManipulationStateGraph, path: GraphPath) -> Itinerary:
+        """Read a path of a graph."""
+        poses = tuple(int(graph.node_pose[node]) for node in path.nodes)
+        motions: list[tuple[int, bool] | None] = []
+        for place, edge in enumerate(path.edges):
+            motion = int(graph.edge_motion[edge])
+            forth = motion >= 0 and int(graph.poses.edges[motion][0]) == poses[place]
+            motions.append(None if motion < 0 else (motion, forth))
+        return cls(path, poses, tuple(motions), tuple(_engagements(graph, path)))
+
+    def active(self, hand: Hand, place: int) -> Engagement | None:
+        """Return the engagement of a hand at a place of the path."""
+        for engagement in self.engagements:
+            if engagement.hand == hand and engagement.first <= place <= engagement.last:
+                return engagement
+        return None
+
+
+Assignment = dict[Engagement, int]
+"""A posture for each engagement."""
+
+
+@dataclass(frozen=True)
+class NoAssignment:
+    """Why no postures fit a path: failures found, or holds that must be told apart by posture to find them."""
+
+    failures: tuple[Failure, ...]
+    split: tuple[tuple[Hand, HandHold], ...]
+    rejection: Rejection
+
+
+class PostureFollower:
+    """Follows postures along the motions of one plate lift; remembers every answer."""
+
+    def __init__(
+        self,
+        poses: DenseContactStateGraph,
+        pair: PairReach,
+        with_idle: dict[Hand, PlateQuery],
+        opened: dict[Hand, PlateQuery],
+        grips: tuple[Grip, ...],
+        pushes: tuple[Push, ...],
+        reach: dict[Hand, NDArray[np.uint64]],
+        settings: SweepSettings | None = None,
+    ) -> None:
+        """Gather what is asked.
+
+        Args:
+            poses: the dense contact state graph.
+            pair: both hands.
+            with_idle: for each hand, its arm and the idle other arm against everything, the plate moving.
+            opened: for each hand, its arm against everything but the other arm while it comes to the plate.
+            grips: all grips.
+            pushes: all pushes.
+            reach: (poses, holds) bit sets of each hand.
+            settings: how finely to sample.
+        """
+        self.poses, self.pair, self.with_idle, self.opened = poses, pair, with_idle, opened
+        self.grips, self.pushes, self.reach = grips, pushes, reach
+        self.settings = settings or SweepSettings()
+        self._along: dict[tuple[int, Hand, int, bool], int] = {}
+        self._approach: dict[tuple[int, Hand, int], int] = {}
+        self._together: dict[tuple[int, int, int, int, int], bool] = {}
+        self._samples: dict[int, Array] = {}
+
+    def hand(self, hand: Hand) -> HandReach:
+        """Return a hand's reach."""
+        return self.pair.first if hand == "grip" else self.pair.second
+
+    def motion(self, number: int) -> PlateMotion:
+        """Return a motion of the graph, from its first to its second pose."""
+        i, j = self.poses.edges[number]
+        return self.poses.motion_between(int(i), int(j))
+
+    def samples(self, number: int) -> Array:
+        """Return T_world_plate (n, 4, 4) along a motion, close enough together to follow postures."""
+        known = self._samples.get(number)
+        if known is None:
+            motion = self.motion(number)
+            corners = self.poses.plate.shape.polyhedron.vertices
+            coarse = motion.poses(np.linspace(0.0, 1.0, 9))
+            world = np.einsum("nij,vj->nvi", coarse[:, :3, :3], corners) + coarse[:, None, :3, 3]
+            way = float(np.linalg.norm(np.diff(world, axis=0), axis=2).sum(axis=0).max())
+            known = motion.poses(np.linspace(0.0, 1.0, max(2, int(np.ceil(way / self.settings.plate_step))) + 1))
+            self._samples[number] = known
+        return known
+
+    def along(self, number: int, hand: Hand, index: int, *, alone: bool) -> int:
+        """Return the postures of a hold that follow a motion, the other arm idle (`alone`) or left aside."""
+        key = (number, hand, index, alone)
+        if key not in self._along:
+            i, j = self.poses.edges[number]
+            both = int(self.reach[hand][i, index] & self.reach[hand][j, index])
+            query = self.with_idle[hand] if alone else self.hand(hand).alone
+            self._along[key] = self.hand(hand).track(self.samples(number), index, both, query) if both else 0
+        return self._along[key]
+
+    def approach(self, pose: int, hand: Hand, index: int) -> int:
+        """Return the postures of a hold that can be come to, and left, on a straight way at a pose."""
+        key = (pose, hand, index)
+        if key not in self._approach:
+            carriers = self.approach_carriers(self.poses.poses[pose].T_world_plate, hand, index)
+            plates = np.repeat(self.poses.poses[pose].T_world_plate[None], len(carriers), axis=0)
+            allowed = int(self.reach[hand][pose, index])
+            self._approach[key] = self.hand(hand).track(plates, index, allowed, self.opened[hand], carriers)
+        return self._approach[key]
+
+    def approach_carriers(self, T_world_plate: Array, hand: Hand, index: int) -> Array:
+        """Return (n, 4, 4) where the plate would be if it left with the hand: from contact to the stand-off."""
+        settings = self.settings
+        direction = -self.grips[index].approach if hand == "grip" else self.pushes[index].retreat
+        way = settings.grip_approach if hand == "grip" else settings.push_approach
+        steps = np.linspace(0.0, way, int(np.ceil(way / settings.approach_step)) + 1)
+        carriers = np.repeat(T_world_plate[None], len(steps), axis=0)
+        carriers[:, :3, 3] += steps[:, None] * (T_world_plate[:3, :3] @ direction)
+        return carriers
+
+    def together(self, number: int, grip: tuple[int, int], push: tuple[int, int]) -> bool:
+        """Whether a grip and a push, each (index, posture), keep the arms apart along a motion."""
+        key = (number, *grip, *push)
+        if key not in self._together:
+            found = self.pair.compatible(self.samples(number), (grip[0], push[0]), (1 << grip[1], 1 << push[1]))
+            self._together[key] = found is not None
+        return self._together[key]
+
+    def together_at(self, pose: int, grip: tuple[int, int], push: tuple[int, int]) -> bool:
+        """Whether a grip and a push, each (index, posture), keep the arms apart at a pose."""
+        key = (-1 - pose, *grip, *push)
+        if key not in self._together:
+            where = self.poses.poses[pose].T_world_plate[None]
+            found = self.pair.compatible(where, (grip[0], push[0]), (1 << grip[1], 1 << push[1]))
+            self._together[key] = found is not None
+        return self._together[key]
+
+
+class PostureAssigner:
+    """Finds postures for the engagements of one itinerary."""
+
+    def __init__(self, follower: PostureFollower, itinerary: Itinerary, start_positions: Array) -> None:
+        self.follower, self.itinerary, self.start_positions = follower, itinerary, start_positions
+
+    @cached_property
+    def _factors(self) -> dict[Engagement, list[tuple[int, Failure]]]:
+        """For each engagement the sets that its posture must be in, each with the failure it is if it is empty."""
+        return {engagement: list(self._sets(engagement)) for engagement in self.itinerary.engagements}
+
+    def _sets(self, engagement: Engagement) -> Iterator[tuple[int, Failure]]:
+        follower, itinerary = self.follower, self.itinerary
+        hand, index = engagement.hand, engagement.hold.index
+        other: Hand = "push" if hand == "grip" else "grip"
+        for place in (engagement.first, engagement.last):
+            ends = (engagement.comes, engagement.first), (engagement.goes, engagement.last)
+            if any(changes and place == at for changes, at in ends):
+                pose = itinerary.poses[place]
+                survivors = follower.approach(pose, hand, index)
+                yield survivors, TransitFailure(pose, hand, index, survivors)
+        for place in range(engagement.first, engagement.last):
+            step = itinerary.motions[place]
+            if step is not None:
+                alone = itinerary.active(other, place) is None
+                survivors = follower.along(step[0], hand, index, alone=alone)
+                yield survivors, MotionFailure(step[0], hand, index, survivors, alone)
+                if alone:
+                    # What fails without the idle arm fails for pairs, too.
+                    freely = follower.along(step[0], hand, index, alone=False)
+                    yield freely, MotionFailure(step[0], hand, index, freely, False)
+
+    def problem(self) -> NoAssignment | None:
+        """Return why postures of single hands cannot fit, or None."""
+        failures: list[Failure] = []
+        split: list[tuple[Hand, HandHold]] = []
+        for engagement, factors in self._factors.items():
+            left = engagement.hold.postures
+            empty = [failure for survivors, failure in factors if not survivors & engagement.hold.postures]
+            failures += empty
+            for survivors, _ in factors:
+                left &= survivors
+            if not left and not empty:
+                split.append((engagement.hand, engagement.hold))
+        if not failures and not split:
+            return None
+        return NoAssignment(
+            tuple(failures), tuple(split), Rejection("transfer", "no posture of a hand follows the plate all the way")
+        )
+
+    def assignments(self) -> Iterator[Assignment]:
+        """Yield all assignments that keep the arms apart, those near the start positions first."""
+        ordered = sorted(self.itinerary.engagements, key=lambda e: (e.first, e.hand))
+        yield from self._extend(ordered, {})
+
+    def pair_problem(self) -> NoAssignment:
+        """Say why no pair of postures fits: the motions or poses where none does, else which holds to split."""
+        failures: list[Failure] = []
+        split: list[tuple[Hand, HandHold]] = []
+        for grip in (e for e in self.itinerary.engagements if e.hand == "grip"):
+            for push in (e for e in self.itinerary.engagements if e.hand == "push"):
+                first, last = max(grip.first, push.first), min(grip.last, push.last)
+                if first > last:
+                    continue
+                for place in range(first, last):
+                    step = self.itinerary.motions[place]
+                    if step is not None and not self._any_together(step[0], grip, push):
+                        failures.append(PairFailure(grip.hold, push.hold, motion=step[0]))
+                split += [("grip", grip.hold), ("push", push.hold)]
+        wide = [(hand, hold) for hand, hold in dict.fromkeys(split) if hold.postures & (hold.postures - 1)]
+        rejection = Rejection("transfer", "the two arms would touch on the way in every pair of postures")
+        return NoAssignment(tuple(failures), () if failures else tuple(wide), rejection)
+
+    def _any_together(self, motion: int, grip: Engagement, push: Engagement) -> bool:
+        grips = self.follower.along(motion, "grip", grip.hold.index, alone=False) & grip.hold.postures
+        pushes = self.follower.along(motion, "push", push.hold.index, alone=False) & push.hold.postures
+        return any(
+            self.follower.together(motion, (grip.hold.index, a), (push.hold.index, b))
+            for a in bits(grips)
+            for b in bits(pushes)
+        )
+
+    def _extend(self, rest: list[Engagement], chosen: Assignment) -> Iterator[Assignment]:
+        if not rest:
+            yield dict(chosen)
+            return
+        engagement = rest[0]
+        for posture in self._preferred(engagement):
+            if all(self._fits(engagement, posture, other, chosen[other]) for other in chosen):
+                yield from self._extend(rest[1:], {**chosen, engagement: posture})
+
+    def _preferred(self, engagement: Engagement) -> list[int]:
+        """Postures in the order of their distance from the start position, the farthest joint counting."""
+        left = engagement.hold.postures
+        for survivors, _ in self._factors[engagement]:
+            left &= survivors
+        reach = self.follower.hand(engagement.hand)
+        T_world_plate = self.follower.poses.poses[self.itinerary.poses[engagement.first]].T_world_plate[None]
+        home = self.start_positions[reach.first_joint : reach.first_joint + 6]
+
+        def distance(posture: int) -> float:
+            q = reach.follow(T_world_plate, engagement.hold.index, posture, home[None])[0]
+            return float(np.abs(q - home).max())
+
+        return sorted(bits(left), key=distance)
+
+    def _fits(self, a: Engagement, posture_a: int, b: Engagement, posture_b: int) -> bool:
+        """Whether two postures keep the arms apart wherever both hands are on the plate."""
+        if a.hand == b.hand:
+            return True
+        grip, push = ((a, posture_a), (b, posture_b)) if a.hand == "grip" else ((b, posture_b), (a, posture_a))
+        first, last = max(a.first, b.first), min(a.last, b.last)
+        one, two = (grip[0].hold.index, grip[1]), (push[0].hold.index, push[1])
+        for place in range(first, last + 1):
+            if not self.follower.together_at(self.itinerary.poses[place], one, two):
+                return False
+            step = self.itinerary.motions[place] if place < last else None
+            if step is not None and not self.follower.together(step[0], one, two):
+                return False
+        return True
+
+
+def _engagements(graph: ManipulationStateGraph, path: GraphPath) -> Iterator[Engagement]:
+    """Read off when each hand is on the plate."""
+    last = len(path.nodes) - 1
+    holds: dict[Hand, list[HandHold | None]] = {
+        "grip": [graph.hold_of(node)[0] for node in path.nodes],
+        "push": [graph.hold_of(node)[1] for node in path.nodes],
+    }
+    for hand, along in holds.items():
+        begin = 0
+        for place in range(1, last + 2):
+            if place > last or along[place] != along[begin]:
+                hold = along[begin]
+                if hold is not None:
+                    yield Engagement(hand, hold, begin, place - 1, goes=place <= last)
+                begin = place

@@ -1,0 +1,340 @@
+"""Which postures of an arm hold the plate at which poses, alone and along a motion.
+
+A *posture* is one rigid pose of the hand on the plate (a flip of the gripper, a roll of the stick) together with one
+branch of the arm's inverse kinematics: bit `8 v + branch` of a set for hand pose v. Along a motion of the plate a
+posture is kept, so joints move continuously if and only if the branch does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
+from planners.collision.model import CollisionQuery
+from planners.geometry.pose import Array, Transform
+from planners.kinematics.forward import jacobian
+from planners.kinematics.inverse import BRANCHES, inverse_kinematics
+from planners.kinematics.windings import wrap
+from planners.scene.arm import Arm
+
+CONTINUITY = 0.25
+"""Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, eq=False)
+class PlateQuery:
+    """A collision query in which the plate is put at many poses: its compiled form, and the number of the plate."""
+
+    query: CollisionQuery
+    plate_frame: int
+
+    def kernel(self) -> CollisionKernel:
+        """Return a copy of the compiled query that one thread may move the plate in."""
+        return self.query.kernel_copy()
+
+
+@dataclass(frozen=True, eq=False)
+class HandReach:
+    """One hand and all its holds on the plate."""
+
+    arm: Arm
+    first_joint: int
+    """Of the arm among all twelve."""
+    T_plate_flange: Array
+    """(holds, hand poses, 4, 4)"""
+    alone: PlateQuery
+    """This arm against everything but the other arm."""
+    hand_only: PlateQuery
+    """The same, of its hand only: the first thing asked, once for all branches."""
+    start_positions: Array
+    """(12,) where idle arms stand [rad]."""
+
+    @property
+    def hold_count(self) -> int:
+        """Number of holds."""
+        return len(self.T_plate_flange)
+
+    def postures(self, T_world_plates: Array, done: Callable[[int], None]) -> NDArray[np.uint64]:
+        """Return the (poses, holds) sets of postures that reach each pose and are free of collision there.
+
+        Args:
+            T_world_plates: (poses, 4, 4).
+            done: told the number of poses dealt with, now and then.
+        """
+        result = np.zeros((len(T_world_plates), self.hold_count), np.uint64)
+        kernel, hand = self.alone.kernel(), self.hand_only.kernel()
+        for first in range(0, len(T_world_plates), 16):
+            block = slice(first, first + 16)
+            _reach(
+                self.arm.dh, _inverse(self.arm.T_world_base), self.arm.position_min, self.arm.position_max,
+                T_world_plates[block], self.T_plate_flange, self.start_positions.copy(), self.first_joint,
+                kernel, self.alone.plate_frame, hand, self.hand_only.plate_frame, result[block],
+            )  # fmt: skip
+            done(min(first + 16, len(T_world_plates)))
+        return result
+
+    def track(
+        self,
+        T_world_plates: Array,
+        hold: int,
+        postures: int,
+        query: PlateQuery,
+        T_world_carriers: Array | None = None,
+    ) -> int:
+        """Return those of `postures` that pass through all samples, continuous and free of collision.
+
+        Args:
+            T_world_plates: (n, 4, 4) where the plate is.
+            hold: which hold.
+            postures: bit set.
+            query: what counts as a collision; idle arms stand at the start positions.
+            T_world_carriers: (n, 4, 4) where the plate would be if it went with the hand; for approaches, in which
+                the hand moves and the plate does not. Left out: where the plate is.
+        """
+        carriers = T_world_plates if T_world_carriers is None else T_world_carriers
+        left = _track(
+            self.arm.dh, _inverse(self.arm.T_world_base), self.arm.position_min, self.arm.position_max,
+            T_world_plates, carriers, self.T_plate_flange[hold], np.uint64(postures), self.start_positions.copy(),
+            self.first_joint, query.kernel(), query.plate_frame,
+        )  # fmt: skip
+        return int(left)
+
+    def follow(self, T_world_plates: Array, hold: int, posture: int, reference: Array | None = None) -> Array:
+        """Return the (n, 6) joint positions of one posture at the plate poses (n, 4, 4).
+
+        Whole turns are chosen so that each row is nearest to the row before or, if given, to the same row of
+        `reference` (n, 6). NaN where the branch does not reach; joint limits are not looked at.
+        """
+        return self.follow_flange(T_world_plates @ self.T_plate_flange[hold, posture // BRANCHES], posture, reference)
+
+    def follow_flange(self, T_world_flanges: Array, posture: int, reference: Array | None = None) -> Array:
+        """Return the (n, 6) joint positions at which the flange is at (n, 4, 4), in the branch of a posture."""
+        near = np.empty((0, 6)) if reference is None else np.ascontiguousarray(reference)
+        return _follow(
+            self.arm.dh,
+            _inverse(self.arm.T_world_base),
+            np.ascontiguousarray(T_world_flanges),
+            posture % BRANCHES,
+            near,
+        )
+
+    def loads(self, T_world_plate: Transform, hold: int, postures: int, wrench: Array, point: Array) -> Array:
+        """Return the torque load of each posture in the set [Nm]: sum of |J^T F| for the hand's contact wrenches.
+
+        Args:
+            T_world_plate: (4, 4).
+            hold: which hold.
+            postures: bit set.
+            wrench: (6,) that the hand exerts on the plate, world axes, torque about `point`.
+            point: (3,) in the world.
+        """
+        return _loads(
+            self.arm.dh, self.arm.T_world_base, _inverse(self.arm.T_world_base), T_world_plate,
+            self.T_plate_flange[hold], np.uint64(postures), wrench, point,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PairReach:
+    """Both hands at once: which postures of one hand go with which of the other."""
+
+    first: HandReach
+    second: HandReach
+    between: PlateQuery
+    """The two arms against one another."""
+
+    def compatible(
+        self, T_world_plates: Array, holds: tuple[int, int], postures: tuple[int, int]
+    ) -> tuple[int, int] | None:
+        """Return the first pair of postures that keeps the arms apart at all the poses, or None.
+
+        Args:
+            T_world_plates: (n, 4, 4); the postures must reach them all.
+            holds: of the first and the second hand.
+            postures: bit sets.
+        """
+        one, two = self.first, self.second
+        found = _compatible(
+            one.arm.dh, _inverse(one.arm.T_world_base), one.T_plate_flange[holds[0]], np.uint64(postures[0]),
+            one.first_joint, two.arm.dh, _inverse(two.arm.T_world_base), two.T_plate_flange[holds[1]],
+            np.uint64(postures[1]), two.first_joint, T_world_plates, self.between.kernel(), self.between.plate_frame,
+        )  # fmt: skip
+        return None if found < 0 else (int(found) // 64, int(found) % 64)
+
+
+def bits(postures: int) -> list[int]:
+    """List the members of a bit set."""
+    return [bit for bit in range(64) if postures >> bit & 1]
+
+
+def _inverse(T: Transform) -> Transform:
+    result = np.eye(4)
+    result[:3, :3] = T[:3, :3].T
+    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _multiply(A, B, out):
+    """Compose two rigid transforms without leaving the compiled code."""
+    for i in range(3):
+        for j in range(4):
+            value = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+            out[i, j] = value + A[i, 3] if j == 3 else value
+    out[3, 0], out[3, 1], out[3, 2], out[3, 3] = 0.0, 0.0, 0.0, 1.0
+
+
+@njit(cache=True, nogil=True)
+def _within(q, lo, hi):
+    """Whether the positions, each in (-pi, pi], are within limits, possibly after a whole turn."""
+    for i in range(6):
+        if not (lo[i] <= q[i] <= hi[i] or lo[i] <= q[i] + _TURN <= hi[i] or lo[i] <= q[i] - _TURN <= hi[i]):
+            return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _reach(
+    dh, T_base_world, lo, hi, T_world_plates, T_plate_flange, q, first_joint, kernel, frame, hand, hand_frame, out
+):
+    scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    for p in range(T_world_plates.shape[0]):
+        set_frame(kernel, frame, T_world_plates[p])
+        set_frame(hand, hand_frame, T_world_plates[p])
+        _multiply(T_base_world, T_world_plates[p], T_base_plate)
+        for h in range(T_plate_flange.shape[0]):
+            found = np.uint64(0)
+            for v in range(T_plate_flange.shape[1]):
+                _multiply(T_base_plate, T_plate_flange[h, v], T_base_flange)
+                valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+                hand_checked = False
+                for branch in range(8):
+                    if not (valid >> branch) & 1 or not _within(solutions[branch], lo, hi):
+                        continue
+                    q[first_joint : first_joint + 6] = solutions[branch]
+                    if not hand_checked:
+                        if first_collision(hand, q, hand_scratch) >= 0:
+                            break
+                        hand_checked = True
+                    if first_collision(kernel, q, scratch) < 0:
+                        found |= np.uint64(1) << np.uint64(8 * v + branch)
+            out[p, h] = found
+
+
+@njit(cache=True, nogil=True)
+def _track(
+    dh, T_base_world, lo, hi, T_world_plates, T_world_carriers, T_plate_flange, postures, q, first_joint, kernel, frame
+):
+    scratch = make_scratch(kernel)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    last = np.empty((64, 6))
+    left = postures
+    for p in range(T_world_plates.shape[0]):
+        set_frame(kernel, frame, T_world_plates[p])
+        _multiply(T_base_world, T_world_carriers[p], T_base_plate)
+        for v in range(T_plate_flange.shape[0]):
+            if (left >> np.uint64(8 * v)) & np.uint64(255) == 0:
+                continue
+            _multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+            valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+            for branch in range(8):
+                bit = np.uint64(8 * v + branch)
+                if not (left >> bit) & np.uint64(1):
+                    continue
+                good = bool((valid >> branch) & 1) and _within(solutions[branch], lo, hi)
+                if good and p > 0:
+                    for i in range(6):
+                        good = good and abs(wrap(solutions[branch, i] - last[bit, i])) <= CONTINUITY
+                if good:
+                    last[bit] = solutions[branch]
+                    q[first_joint : first_joint + 6] = solutions[branch]
+                    good = first_collision(kernel, q, scratch) < 0
+                if not good:
+                    left &= ~(np.uint64(1) << bit)
+        if left == 0:
+            break
+    return left
+
+
+@njit(cache=True, nogil=True)
+def _follow(dh, T_base_world, T_world_flanges, branch, reference):
+    count = T_world_flanges.shape[0]
+    result = np.empty((count, 6))
+    T_base_flange, solutions = np.empty((4, 4)), np.empty((8, 6))
+    for p in range(count):
+        _multiply(T_base_world, T_world_flanges[p], T_base_flange)
+        inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+        for i in range(6):
+            value = solutions[branch, i]
+            if reference.shape[0] > 0:
+                value = reference[p, i] + wrap(value - reference[p, i])
+            elif p > 0:
+                value = result[p - 1, i] + wrap(value - result[p - 1, i])
+            result[p, i] = value
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _loads(dh, T_world_base, T_base_world, T_world_plate, T_plate_flange, postures, wrench, point):
+    result = np.full(64, np.nan)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    _multiply(T_base_world, T_world_plate, T_base_plate)
+    for v in range(T_plate_flange.shape[0]):
+        if (postures >> np.uint64(8 * v)) & np.uint64(255) == 0:
+            continue
+        _multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+        inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+        for branch in range(8):
+            if (postures >> np.uint64(8 * v + branch)) & np.uint64(1):
+                J = jacobian(dh, T_world_base, solutions[branch], point)
+                total = 0.0
+                for i in range(6):
+                    torque = 0.0
+                    for k in range(6):
+                        torque += J[k, i] * wrench[k]
+                    total += abs(torque)
+                result[8 * v + branch] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _compatible(
+    dh_a, T_base_a, flange_a, postures_a, joint_a, dh_b, T_base_b, flange_b, postures_b, joint_b,
+    T_world_plates, kernel, frame,
+):  # fmt: skip
+    """Number 64 a + b of the first pair of postures whose arms stay apart at all poses, -1 if there is none."""
+    scratch = make_scratch(kernel)
+    q = np.zeros(12)
+    T_plate, T_flange = np.empty((4, 4)), np.empty((4, 4))
+    in_a, in_b = np.empty((8, 6)), np.empty((8, 6))
+    for a in range(64):
+        if not (postures_a >> np.uint64(a)) & np.uint64(1):
+            continue
+        for b in range(64):
+            if not (postures_b >> np.uint64(b)) & np.uint64(1):
+                continue
+            good = True
+            for p in range(T_world_plates.shape[0]):
+                _multiply(T_base_a, T_world_plates[p], T_plate)
+                _multiply(T_plate, flange_a[a // 8], T_flange)
+                inverse_kinematics(dh_a, T_flange, 0.0, in_a)
+                _multiply(T_base_b, T_world_plates[p], T_plate)
+                _multiply(T_plate, flange_b[b // 8], T_flange)
+                inverse_kinematics(dh_b, T_flange, 0.0, in_b)
+                q[joint_a : joint_a + 6] = in_a[a % 8]
+                q[joint_b : joint_b + 6] = in_b[b % 8]
+                set_frame(kernel, frame, T_world_plates[p])
+                if first_collision(kernel, q, scratch) >= 0:
+                    good = False
+                    break
+            if good:
+                return 64 * a + b
+    return -1

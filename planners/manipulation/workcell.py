@@ -1,0 +1,165 @@
+"""The cell with a plate in it, as collision queries ask for it: who may touch whom in which phase."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+
+from planners.collision.model import CollisionModel, CollisionQuery, PairChoice, PairMask
+from planners.collision.placement import Fixed, Placement, Upright
+from planners.geometry.convex import CollisionBody
+from planners.geometry.pose import Transform
+from planners.geometry.shapes import placed
+from planners.manipulation.reach import PlateQuery
+from planners.scene.arm import Arm
+from planners.scene.scene import PlateLiftScene
+
+PLATE_FRAME = "plate"
+_SCENERY = frozenset({"plate", "cup", "cable"})
+
+
+@dataclass(frozen=True)
+class ClearanceSettings:
+    """How far bodies keep apart while planning; the certificate asks for no penetration."""
+
+    margin: float = 0.003
+    """Between bodies that have nothing to do with one another [m]: at 1 mm plans were seen to touch."""
+    finger_margin: float = 0.0
+    """Between the plate and the parts of the fingers next to the pads that hold it [m]."""
+    finger_opening: float = 0.008
+    """Gap between each pad and the plate while the gripper approaches and leaves [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiftWorkcell:
+    """One gripper, one pusher, the plate with cup and cable, and the rest of the scene.
+
+    Two collision models differ in the gripper's opening: `holding` the plate, and `open` around it.
+    """
+
+    scene: PlateLiftScene
+    gripper: str
+    """Name of the arm that grips."""
+    pusher: str
+    """Name of the arm that pushes."""
+    settings: ClearanceSettings = field(default_factory=ClearanceSettings)
+    holding: CollisionModel = field(init=False)
+    open: CollisionModel = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "holding", self._model(self.grip_width))
+        object.__setattr__(self, "open", self._model(self.open_width))
+
+    @property
+    def cable_frame(self) -> str:
+        """Name of the frame that the cable hangs in."""
+        return self.scene.cup.cable_collision_body().frame
+
+    @property
+    def grip_width(self) -> float:
+        """Opening of the gripper while it holds the plate [m]."""
+        return self.scene.plate.height
+
+    @property
+    def open_width(self) -> float:
+        """Opening of the gripper while it holds nothing [m]."""
+        widest = self.arm(self.gripper).hand.width_max
+        return min(self.grip_width + 2.0 * self.settings.finger_opening, widest)
+
+    def arm(self, name: str) -> Arm:
+        """Return an arm by name."""
+        return self.scene.cell.arms[name]
+
+    def joints(self, name: str) -> slice:
+        """Return the places of an arm's joints among all twelve."""
+        return slice(0, 6) if name == "left" else slice(6, 12)
+
+    def other(self, name: str) -> str:
+        """Return the other arm."""
+        return self.pusher if name == self.gripper else self.gripper
+
+    def plate_query(self, model: CollisionModel, only: PairChoice | PairMask, *, hands: Iterable[str]) -> PlateQuery:
+        """Query `model` with the plate movable; the hands of the arms in `hands` hold or touch it."""
+        query = self.query(model, only, Fixed(self.scene.T_world_plate), hands=hands)
+        return PlateQuery(query, query.frame_index(PLATE_FRAME))
+
+    def query(
+        self, model: CollisionModel, only: PairChoice | PairMask, plate: Placement, *, hands: Iterable[str]
+    ) -> CollisionQuery:
+        """Query `model` with the plate placed; the hands of the arms in `hands` hold or touch it."""
+        touching, fingers = self._contacts(hands)
+        return model.scene(
+            {PLATE_FRAME: plate, self.cable_frame: Upright(PLATE_FRAME, self.scene.cup.cable_anchor)},
+            allowed=touching,
+            margin=self.settings.margin,
+            margins={(finger, "plate"): self.settings.finger_margin for finger in fingers},
+            only=only,
+        )
+
+    def moving_arm_query(self, arm: str, T_world_plate: Transform, hands: Iterable[str]) -> CollisionQuery:
+        """Query the motion of one arm while plate and other arm stand still; the gripper is open unless it holds."""
+        hands = frozenset(hands)
+        model = self.holding if self.gripper in hands and arm != self.gripper else self.open
+        return self.query(model, self.with_arm(arm), Fixed(T_world_plate), hands=hands)
+
+    def with_arm(self, arm: str) -> PairChoice:
+        """Choose all pairs that have a body of an arm."""
+        return lambda a, b: arm in (a.group, b.group)
+
+    def without_other(self, arm: str) -> PairChoice:
+        """Choose all pairs of an arm but those with the other arm."""
+        other = self.other(arm)
+        return lambda a, b: arm in (a.group, b.group) and other not in (a.group, b.group)
+
+    def hand_without_other(self, arm: str) -> PairChoice:
+        """Choose the pairs of an arm's hand with anything but the arms."""
+        flange = f"{arm}/6"
+        arms = (self.gripper, self.pusher)
+        return lambda a, b: (a.frame == flange and b.group not in arms) or (b.frame == flange and a.group not in arms)
+
+    def between_arms(self, a: CollisionBody, b: CollisionBody) -> bool:
+        """Choose the pairs of one arm with the other."""
+        return {a.group, b.group} == {self.gripper, self.pusher}
+
+    def with_idle(self, arm: str) -> PairChoice:
+        """Choose the pairs of an arm with all but itself, and those of the idle other arm with what moves: the plate."""
+        other = self.other(arm)
+
+        def chosen(a: CollisionBody, b: CollisionBody) -> bool:
+            groups = {a.group, b.group}
+            return arm in groups or (other in groups and bool(groups & _SCENERY))
+
+        return chosen
+
+    def _contacts(self, hands: Iterable[str]) -> tuple[list[tuple[str, str]], list[str]]:
+        """Pairs that touch because these hands hold or push the plate, and the finger parts close to it."""
+        touching: list[tuple[str, str]] = []
+        fingers: list[str] = []
+        for arm in hands:
+            if arm == self.pusher:
+                touching.append((f"{arm}_tip", "plate"))
+                continue
+            pads = {f"{arm}_pad_0", f"{arm}_pad_1"}
+            touching += [(pad, "plate") for pad in sorted(pads)]
+            hand = self.arm(arm).hand.bodies(arm, self.grip_width)
+            fingers += [body.name for body in hand if "finger" in body.name and body.name not in pads]
+        return touching, fingers
+
+    def _model(self, width: float) -> CollisionModel:
+        scene = self.scene
+        bodies = [*scene.cell.collision_bodies({self.gripper: width}), *self._scene_bodies()]
+        arms = {name: (arm.dh, arm.T_world_base) for name, arm in scene.cell.arms.items()}
+        return CollisionModel.build(arms, bodies, scene.cell.excluded_pairs)
+
+    def _scene_bodies(self) -> list[CollisionBody]:
+        """Plate, cup, cable, support and obstacles. The cup is rigid on the plate; the cable stays upright above it."""
+        scene = self.scene
+        cup = placed(scene.cup.body.solid.convex, scene.cup.T_plate_cup_body)
+        resting = [body.collision_body_in_world() for body in (scene.support, *scene.obstacles) if body is not None]
+        return [
+            scene.plate.collision_body(),
+            CollisionBody("cup", "cup", PLATE_FRAME, (cup,)),
+            scene.cup.cable_collision_body(),
+            *resting,
+        ]
