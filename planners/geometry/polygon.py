@@ -16,6 +16,8 @@ _MIN_SIDE = 1e-6
 """Shortest side that counts as one [m]."""
 _MIN_TURN = 1e-6
 """Smallest sine of the turn at a corner: a straight corner is none."""
+_ON_LINE = 1e-9
+"""Distance within which a point is on a line [m]."""
 
 
 class ShapeError(LiftwrightError):
@@ -101,6 +103,7 @@ def overlap(outline: Array, other: Array) -> Array:
 def _clip(corners: Array, start: Array, normal: Array) -> Array:
     """Keep the part of the polygon on the inner side of one line."""
     heights = (corners - start) @ normal
+    heights[np.abs(heights) < _ON_LINE] = 0.0
     kept: list[Array] = []
     for index, corner in enumerate(corners):
         following = (index + 1) % len(corners)
