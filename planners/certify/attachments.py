@@ -1,0 +1,156 @@
+"""Attached bodies stay where they are attached; the lifter's cup and cable stay with the plate; nothing else moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planners.certify.certificate import Check, Finding
+from planners.certify.document_view import ARMS, PlanView
+from planners.certify.motion import SegmentMotion, relative
+from planners.certify.settings import CertifySettings
+from planners.geometry.pose import Array
+
+_FULL = 1.0
+
+
+def attachment_checks(
+    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
+) -> list[Check]:
+    """Check drift and turn of attached bodies, who may attach what, cup and cable, and bodies at rest."""
+    return [
+        *_drift(motions, settings),
+        _rules(plan, motions),
+        _lifter(plan, motions, settings),
+        _resting(plan, motions, settings),
+    ]
+
+
+def rotation_angles(poses: Array, T: Array) -> Array:
+    """Return the angles between orientations of (n, 4, 4) poses and of one pose [rad]."""
+    chord = np.linalg.norm(poses[:, :3, :3] - T[:3, :3], axis=(1, 2)) / np.sqrt(2.0)
+    return 2 * np.arcsin(np.clip(chord / 2, 0.0, 1.0))
+
+
+def _drift(motions: list[SegmentMotion], settings: CertifySettings) -> list[Check]:
+    place, turn = Finding("attachments", "m"), Finding("attachment_angles", "rad")
+    for motion in motions:
+        for attachment in motion.segment.attached:
+            to = attachment.to
+            holder = motion.frames[to][:, 6] if to in ARMS else motion.body_poses[to]
+            poses = relative(holder, motion.body_poses[attachment.body])
+            distance = np.linalg.norm(
+                poses[:, :3, 3] - attachment.T_to_body[:3, 3], axis=1
+            )
+
+            def where(
+                i: int,
+                m: SegmentMotion = motion,
+                text: str = f"{attachment.body} on {to}",
+            ) -> str:
+                return f"{m.segment.place(i)}: {text}"
+
+            place.note_all(settings.attachment_distance - distance, where)
+            turn.note_all(
+                settings.attachment_angle
+                - rotation_angles(poses, attachment.T_to_body),
+                where,
+            )
+    return [place.check(), turn.check()]
+
+
+def _rules(plan: PlanView, motions: list[SegmentMotion]) -> Check:
+    finding = Finding("attachment_rules", "1")
+    for motion in motions:
+        segment = motion.segment
+        for attachment in segment.attached:
+            stick = attachment.to in ARMS and plan.hands[attachment.to].kind == "stick"
+            finding.note(
+                -_FULL if stick else 0.0,
+                f"{segment.place()}: {attachment.body} is attached to a stick",
+            )
+        if segment.grip is None:
+            continue
+        arms = {a.to for a in segment.attached if a.body == segment.grip.body}
+        if segment.kind in ("grip", "release"):
+            wrong = segment.grip.arm in arms
+            text = f"{segment.grip.body} is attached while the {segment.grip.arm} hand opens or closes"
+        else:
+            wrong = segment.grip.arm not in arms
+            text = f"{segment.grip.body} is held by the {segment.grip.arm} hand and not attached to it"
+        finding.note(-_FULL if wrong else 0.0, f"{segment.place()}: {text}")
+    return finding.check()
+
+
+def _lifter(
+    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
+) -> Check:
+    """The cup keeps its pose on the plate; the cable keeps its foot on the cup and hangs plumb."""
+    finding = Finding("lifter", "m")
+    if not {"plate", "cup", "cable"} <= set(plan.bodies):
+        return finding.check()
+    start = {
+        name: plan.bodies[name].T_world_start for name in ("plate", "cup", "cable")
+    }
+    T_plate_cup = np.linalg.inv(start["plate"]) @ start["cup"]
+    rim = plan.bodies["cup"].shape.vertices
+    axis = plan.bodies["cable"].shape.vertices[:, 2]
+    foot, top = (
+        np.array([0.0, 0.0, axis.min(), 1.0]),
+        np.array([0.0, 0.0, axis.max(), 1.0]),
+    )
+    anchor = np.linalg.inv(start["cup"]) @ start["cable"] @ foot
+    for motion in motions:
+        plate, cup, cable = (
+            motion.body_poses[name] for name in ("plate", "cup", "cable")
+        )
+        seat = plate @ T_plate_cup
+        shift = np.linalg.norm(
+            np.einsum("nij,kj->nki", (cup - seat)[:, :3, :3], rim)
+            + (cup - seat)[:, None, :3, 3],
+            axis=2,
+        ).max(axis=1)
+        finding.note_all(
+            settings.attachment_distance - shift,
+            lambda i, m=motion: f"{m.segment.place(i)}: the cup leaves the plate",
+        )
+        gap = np.linalg.norm((cable @ foot - cup @ anchor)[:, :3], axis=1)
+        finding.note_all(
+            settings.attachment_distance - gap,
+            lambda i, m=motion: f"{m.segment.place(i)}: the cable leaves the cup",
+        )
+        lean = np.linalg.norm((cable @ top - cable @ foot)[:, :2], axis=1)
+        upright = np.where((cable @ top - cable @ foot)[:, 2] > 0, lean, np.inf)
+        finding.note_all(
+            settings.contact_distance - upright,
+            lambda i, m=motion: f"{m.segment.place(i)}: the cable leans",
+        )
+    return finding.check()
+
+
+def _resting(
+    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
+) -> Check:
+    finding = Finding("resting_bodies", "m")
+    for motion in motions:
+        segment = motion.segment
+        free = {attachment.body for attachment in segment.attached}
+        if segment.kind not in ("grip", "release"):
+            free |= {
+                hold.body for hold in (segment.grip, segment.push) if hold is not None
+            }
+        if "plate" in free:
+            free |= {"cup", "cable"}
+        for name, poses in segment.body_poses.items():
+            if name not in free:
+                moved = np.abs(poses - poses[0]).max(axis=(1, 2))
+                finding.note_all(
+                    settings.join - moved,
+                    lambda i, s=segment, n=name: (
+                        f"{s.place(i)}: {n} moves, held by nothing"
+                    ),
+                )
+            if plan.bodies[name].static:
+                finding.note(
+                    -_FULL, f"{segment.place()}: {name} is static and has poses"
+                )
+    return finding.check()

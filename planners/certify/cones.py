@@ -1,0 +1,150 @@
+"""Every contact within its cone and its limit, and with the parameters of the task."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from planners.certify.balances import ContactSet
+from planners.certify.certificate import Check, Finding
+from planners.certify.document_view import ARMS, ContactView
+from planners.certify.lift_task import LiftTask
+from planners.certify.settings import CertifySettings
+from planners.geometry.pose import Array
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class ConeChecks:
+    """Friction (paper B, 5c–5e), suction (5f–5h), limits of normals, hands and cup (5i)."""
+
+    def __init__(self, task: LiftTask, settings: CertifySettings) -> None:
+        self._task, self._slack, self._equal = task, settings.cone_slack, settings.join
+        self._friction = Finding("friction", "N")
+        self._suction = Finding("suction", "N")
+        self._suction_moment = Finding("suction_moment", "Nm")
+        self._torque = Finding("contact_torque", "Nm")
+        self._normal = Finding("normal_force", "N")
+        self._hand = Finding("hand_force", "N")
+        self._cup = Finding("cup_force", "N")
+        self._parameters = Finding("contact_parameters", "1")
+
+    def run(self, sets: Sequence[ContactSet]) -> list[Check]:
+        """Check all contact sets."""
+        for contact_set in sets:
+            for contact in contact_set.contacts:
+                self._contact(contact, f"{contact_set.where} by {_name(contact)}")
+            for arm in ARMS:
+                forces = [c.force for c in contact_set.contacts if c.by == arm]
+                if forces:
+                    net = float(np.linalg.norm(np.sum(forces, axis=0)))
+                    self._hand.note(
+                        self._task.net_limit + self._slack - net,
+                        f"{contact_set.where} by {arm}",
+                    )
+        findings = (
+            self._friction,
+            self._suction,
+            self._suction_moment,
+            self._torque,
+            self._normal,
+            self._hand,
+            self._cup,
+            self._parameters,
+        )
+        return [finding.check() for finding in findings]
+
+    def _contact(self, contact: ContactView, where: str) -> None:
+        if contact.kind == "suction":
+            self._suction_limits(contact, where)
+            return
+        if contact.kind == "inertia":
+            return
+        values, friction = contact.parameters, self._task.friction
+        pressed = float(contact.force @ contact.normal)
+        sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
+        turning = float(contact.torque @ contact.normal)
+        other = float(np.linalg.norm(contact.torque - turning * contact.normal))
+        stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}[
+            contact.kind
+        ]
+        self._same(values["mu"], friction[stated], f"{where}: mu")
+        if contact.kind == "soft_finger":
+            self._same(values["eps"], friction["eps"], f"{where}: eps")
+            sliding = math.hypot(sliding, turning / max(values["eps"], 1e-12))
+        else:
+            other = math.hypot(other, turning)
+        if contact.kind != "environment":
+            self._same(values["limit"], self._task.normal_limit, f"{where}: limit")
+        self._torque.note(self._slack - other, where)
+        self._friction.note(values["mu"] * pressed - sliding + self._slack, where)
+        self._normal.note(pressed + self._slack, f"{where}: pulls")
+        if values["limit"] is not None:
+            self._normal.note(values["limit"] + self._slack - pressed, where)
+
+    def _same(self, value: float | None, stated: float, where: str) -> None:
+        self._parameters.note(
+            -1.0 if value is None else self._equal - abs(value - stated), where
+        )
+
+    def _suction_limits(self, contact: ContactView, where: str) -> None:
+        values, cup, slack = contact.parameters, self._task.cup, self._slack
+        for key, stated in (
+            ("mu", cup.mu),
+            ("radius", cup.radius),
+            ("kappa", cup.kappa),
+            ("limit", cup.max_force),
+        ):
+            self._same(values[key], stated, f"{where}: {key}")
+        x, z = contact.x_axis, contact.normal
+        axes = np.array([x, np.cross(z, x)])
+        shear, bend = axes @ contact.force, axes @ contact.torque
+        pull, twist = -float(contact.force @ z), float(contact.torque @ z)
+        force = values["suction_force"]
+        self._cup.note(values["limit"] + slack - force, where)
+        self._cup.note(force + slack, f"{where}: presses")
+        if self._task.lifter_model == "cable":
+            up = float(contact.force @ _UP)
+            self._suction.note(
+                slack - float(np.linalg.norm(contact.force - up * _UP)),
+                f"{where}: not vertical",
+            )
+            self._suction.note(slack - abs(up - force), f"{where}: suction_force")
+            self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
+            return
+        self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
+        hold = values["mu"] * (
+            force if self._task.lifter_model == "paper" else values["limit"] - force
+        )
+        self._suction.note(
+            hold - math.sqrt(3.0) * float(np.abs(shear).max()) + slack,
+            f"{where}: shear",
+        )
+        radius = values["radius"]
+        self._suction_moment.note(
+            radius * hold - math.sqrt(3.0) * abs(twist) + slack, f"{where}: twist"
+        )
+        peel = math.pi * radius * values["kappa"]
+        self._suction_moment.note(
+            peel - math.sqrt(2.0) * float(np.abs(bend).max()) + slack, f"{where}: peel"
+        )
+
+
+def _name(contact: ContactView) -> str:
+    finger = "" if contact.finger is None else f" finger {contact.finger}"
+    return f"{contact.by}{finger} ({contact.kind})"
+
+
+def x_axis_error(contact: ContactView, T_world_body: Array) -> float:
+    """Return the angle between a pad's x axis and the body's x projected on the pad [rad]."""
+    x = T_world_body[:3, 0] - contact.normal * float(
+        T_world_body[:3, 0] @ contact.normal
+    )
+    return angle(contact.x_axis, x)
+
+
+def angle(a: Array, b: Array) -> float:
+    """Return the angle between two vectors [rad]."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

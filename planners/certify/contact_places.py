@@ -1,0 +1,169 @@
+"""Every contact lies on both bodies that it joins, with the normal of the surface there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from planners.certify.balances import ContactSet
+from planners.certify.body_shape import BodyShape
+from planners.certify.certificate import Check, Finding
+from planners.certify.cones import angle, x_axis_error
+from planners.certify.document_view import ARMS, ContactView, PlanView
+from planners.certify.lift_task import LiftTask
+from planners.certify.motion import SegmentMotion
+from planners.certify.settings import CertifySettings
+from planners.geometry.pose import Array, Transform, inverse
+
+
+class ContactPlaceChecks:
+    """Looks at each contact from both sides: the body that it acts on, and who makes it."""
+
+    def __init__(
+        self, plan: PlanView, task: LiftTask, settings: CertifySettings
+    ) -> None:
+        self._plan, self._task, self._settings = plan, task, settings
+        self._points = Finding("contact_points", "m")
+        self._normals = Finding("contact_normals", "rad")
+
+    def run(
+        self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]]
+    ) -> list[Check]:
+        """Check all contact sets of each segment."""
+        for motion, group in zip(motions, sets, strict=True):
+            for contact_set in group:
+                for contact in contact_set.contacts:
+                    if contact.kind != "inertia":
+                        self._contact(motion, contact_set, contact)
+        return [self._points.check(), self._normals.check()]
+
+    def _contact(
+        self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView
+    ) -> None:
+        finger = "" if contact.finger is None else f" finger {contact.finger}"
+        where = f"{contact_set.where} by {contact.by}{finger}"
+        body = self._plan.bodies[contact.body].shape
+        T = contact_set.T_world_body
+        # An edge or a corner of the body may press on a face: then the face alone has the normal.
+        normal = None if contact.kind == "environment" else -contact.normal
+        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}")
+        maker = {
+            "soft_finger": self._finger,
+            "point": self._tip,
+            "environment": self._environment,
+            "suction": self._pad,
+        }[contact.kind]
+        maker(motion, contact_set, contact, where)
+
+    def _on_surface(
+        self,
+        shape: BodyShape,
+        T_world_body: Transform,
+        point: Array,
+        outward: Array | None,
+        where: str,
+    ) -> None:
+        T_body_world = inverse(T_world_body)
+        local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
+        height, _ = shape.surface_distance(local)
+        self._points.note(self._settings.contact_distance - abs(height), where)
+        if outward is not None:
+            normals = shape.normals_near(local, self._settings.contact_distance)
+            direction = T_body_world[:3, :3] @ outward
+            error = min(
+                (angle(direction, normal) for normal in normals), default=math.pi
+            )
+            self._normals.note(self._settings.contact_angle - error, where)
+
+    def _meets(
+        self, contact: ContactView, point: Array, normal: Array, where: str
+    ) -> None:
+        distance = float(np.linalg.norm(contact.point - point))
+        self._points.note(self._settings.contact_distance - distance, where)
+        self._normals.note(
+            self._settings.contact_angle - angle(contact.normal, normal), where
+        )
+
+    def _finger(
+        self,
+        motion: SegmentMotion,
+        contact_set: ContactSet,
+        contact: ContactView,
+        where: str,
+    ) -> None:
+        if contact.by not in ARMS or self._plan.hands[contact.by].kind != "gripper":
+            self._points.note(-1.0, f"{where}: has no fingers")
+            return
+        width = motion.segment.widths[contact.by][contact.sample : contact.sample + 1]
+        T_flange_tcp = self._plan.hands[contact.by].T_flange_tcp(width)[0]
+        T_world_tcp = motion.frames[contact.by][contact.sample, 6] @ T_flange_tcp
+        # Finger 0 is at -y and presses towards +y.
+        inward = T_world_tcp[:3, 1] * (1.0 if contact.finger == 0 else -1.0)
+        self._meets(
+            contact,
+            T_world_tcp[:3, 3] - inward * float(width[0]) / 2,
+            inward,
+            f"{where}: at the pad",
+        )
+
+    def _tip(
+        self,
+        motion: SegmentMotion,
+        contact_set: ContactSet,
+        contact: ContactView,
+        where: str,
+    ) -> None:
+        hand = self._plan.hands.get(contact.by)
+        if hand is None or hand.T_flange_tip is None:
+            self._points.note(-1.0, f"{where}: has no tip")
+            return
+        T_world_flange = motion.frames[contact.by][contact.sample, 6]
+        tip = T_world_flange[:3, :3] @ hand.T_flange_tip[:3, 3] + T_world_flange[:3, 3]
+        self._meets(
+            contact,
+            tip + hand.tip_radius * contact.normal,
+            contact.normal,
+            f"{where}: at the tip",
+        )
+
+    def _environment(
+        self,
+        motion: SegmentMotion,
+        contact_set: ContactSet,
+        contact: ContactView,
+        where: str,
+    ) -> None:
+        if contact.by != self._plan.support:
+            self._points.note(
+                -1.0, f"{where}: {contact.body} rests on {self._plan.support}"
+            )
+            return
+        pose = motion.body_poses[contact.by][contact.sample]
+        self._on_surface(
+            self._plan.bodies[contact.by].shape,
+            pose,
+            contact.point,
+            contact.normal,
+            f"{where}: on {contact.by}",
+        )
+
+    def _pad(
+        self,
+        motion: SegmentMotion,
+        contact_set: ContactSet,
+        contact: ContactView,
+        where: str,
+    ) -> None:
+        if contact.by != "cup" or contact.body != "plate":
+            self._points.note(
+                -1.0, f"{where}: only the cup sucks, and only at the plate"
+            )
+            return
+        T = contact_set.T_world_body
+        top = float(self._plan.bodies["plate"].shape.vertices[:, 2].max())
+        point = T[:3, :3] @ np.append(self._task.cup.position, top) + T[:3, 3]
+        self._meets(contact, point, -T[:3, 2], f"{where}: at the cup")
+        error = x_axis_error(contact, T)
+        self._normals.note(self._settings.contact_angle - error, f"{where}: x axis")

@@ -1,0 +1,67 @@
+"""Segments follow one another without a jump, from the start that the task states."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planners.certify.certificate import Check, Finding
+from planners.certify.document_view import JOINT_NAMES, PlanView
+from planners.certify.lift_task import LiftTask
+from planners.certify.motion import SegmentMotion
+from planners.certify.settings import CertifySettings
+from planners.geometry.pose import Array
+
+
+def join_checks(
+    plan: PlanView,
+    motions: list[SegmentMotion],
+    task: LiftTask,
+    home: Array | None,
+    settings: CertifySettings,
+) -> list[Check]:
+    """Check that segments meet, and that the first starts where the task says."""
+    return [_joins(plan, motions, settings), _start(plan, task, home, settings)]
+
+
+def _joins(
+    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
+) -> Check:
+    finding = Finding("joins", "s, rad, rad/s, m")
+    for before, after in zip(plan.segments[:-1], plan.segments[1:], strict=True):
+        where = f"{after.place(0)}"
+        finding.note(
+            settings.join - abs(float(after.time[0] - before.time[-1])),
+            f"{where}: time",
+        )
+        for name in ("positions", "velocities"):
+            jump = np.abs(getattr(after, name)[0] - getattr(before, name)[-1])
+            finding.note_all(
+                settings.join - jump,
+                lambda j, w=where, n=name: f"{w}: {n} of {JOINT_NAMES[j]}",
+            )
+        for arm, widths in after.widths.items():
+            jump = abs(float(widths[0] - before.widths[arm][-1]))
+            finding.note(settings.join - jump, f"{where}: opening of the {arm} gripper")
+    last = {name: body.T_world_start for name, body in plan.bodies.items()}
+    for motion in motions:
+        for name, poses in motion.segment.body_poses.items():
+            jump = float(np.abs(poses[0] - last[name]).max())
+            finding.note(
+                settings.join - jump, f"{motion.segment.place(0)}: pose of {name}"
+            )
+            last[name] = poses[-1]
+    return finding.check()
+
+
+def _start(
+    plan: PlanView, task: LiftTask, home: Array | None, settings: CertifySettings
+) -> Check:
+    finding = Finding("start", "rad")
+    stated = home if task.start_positions is None else task.start_positions
+    if plan.segments and stated is not None:
+        distance = np.abs(plan.segments[0].positions[0] - stated)
+        finding.note_all(
+            settings.join - distance,
+            lambda j: f"{plan.segments[0].place(0)}: {JOINT_NAMES[j]}",
+        )
+    return finding.check()

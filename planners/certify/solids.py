@@ -1,0 +1,248 @@
+"""Everything that can be hit, as python-fcl objects, and the signed distance between two of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import fcl
+import numpy as np
+
+from planners.certify.body_shape import ConvexPart
+from planners.certify.document_view import ARMS, HandView, PlanView
+from planners.certify.surfaces import LINKS, RobotSurfaces, sensor_length
+from planners.geometry.pose import Array, Transform, frame_from_z, transform
+
+_THIN = 1e-7
+"""Radius that stands for none: fcl's capsules must have one [m]."""
+_MANY_AXES = 40_000
+"""Pairs of edges beyond which a depth is bounded by the faces alone: larger than it is, never smaller."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a solid moves with: a link of an arm, a part of a finger, or a body."""
+
+    kind: str
+    """"link", "finger" or "body"."""
+    owner: str
+    """The arm, or the body's name."""
+    link: int = 0
+    """Number of joints before the frame; 6 for fingers."""
+    finger: int = 0
+    part: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One convex solid, its coordinates those of its frame: a polytope, or a capsule."""
+
+    name: str
+    group: str
+    """"link", "hand", "finger", "pad", "tip" for parts of an arm; the role for a body."""
+    frame: Frame
+    shape: fcl.CollisionObject
+    core: fcl.CollisionObject | None
+    """The capsule's axis; None for a polytope."""
+    T_frame_shape: Transform
+    """Identity for polytopes."""
+    radius: float
+    """Of a capsule, else 0 [m]."""
+    points: Array
+    """(k, 3) corners, or the ends of the capsule's axis [m]."""
+    part: ConvexPart | None
+    centre: Array
+    """Of the bounding sphere [m]."""
+    bound: float
+    """Radius of the bounding sphere [m]."""
+    corners: Array
+    """(8, 3) of a bounding box [m]."""
+
+    @property
+    def arm(self) -> str | None:
+        """The arm that the solid is part of, if any."""
+        return None if self.frame.kind == "body" else self.frame.owner
+
+    def place(
+        self, T_world_frame: Transform, *, core: bool = False
+    ) -> fcl.CollisionObject:
+        """Move the fcl object to a pose of its frame and return it."""
+        T = (
+            T_world_frame
+            if self.part is not None
+            else T_world_frame @ self.T_frame_shape
+        )
+        chosen = self.core if core and self.core is not None else self.shape
+        chosen.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
+        return chosen
+
+
+def polytope(name: str, group: str, frame: Frame, part: ConvexPart) -> Solid:
+    """Make a solid of a convex part given in the solid's frame."""
+    faces = np.column_stack([np.full(len(part.triangles), 3), part.triangles]).ravel()
+    shape = fcl.CollisionObject(fcl.Convex(part.vertices, len(part.triangles), faces))
+    return Solid(
+        name,
+        group,
+        frame,
+        shape,
+        None,
+        np.eye(4),
+        0.0,
+        part.vertices,
+        part,
+        *_bounds(part.vertices, 0.0),
+    )
+
+
+def capsule(name: str, group: str, frame: Frame, ends: Array, radius: float) -> Solid:
+    """Make a capsule around the segment between two points of the solid's frame, (2, 3) [m]."""
+    axis = ends[1] - ends[0]
+    length = float(np.linalg.norm(axis))
+    direction = axis / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    hint = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    T_frame_shape = transform(frame_from_z(direction, hint), ends.mean(axis=0))
+    shape = fcl.CollisionObject(fcl.Capsule(radius, length))
+    core = fcl.CollisionObject(fcl.Capsule(_THIN, length))
+    return Solid(
+        name,
+        group,
+        frame,
+        shape,
+        core,
+        T_frame_shape,
+        radius,
+        ends,
+        None,
+        *_bounds(ends, radius),
+    )
+
+
+def _bounds(points: Array, radius: float) -> tuple[Array, float, Array]:
+    low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
+    centre = (low + high) / 2
+    corners = np.array(
+        [
+            [x, y, z]
+            for x in (low[0], high[0])
+            for y in (low[1], high[1])
+            for z in (low[2], high[2])
+        ]
+    )
+    return (
+        centre,
+        float(np.linalg.norm(points - centre, axis=1).max()) + radius,
+        corners,
+    )
+
+
+def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[Solid]:
+    """Return all solids: both arms with their hands, then the bodies of the document."""
+    solids: list[Solid] = []
+    for arm in ARMS:
+        for index, (link, hull) in enumerate(zip(LINKS, surfaces.links, strict=True)):
+            solids.append(
+                polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull)
+            )
+        flange = Frame("link", arm, 6)
+        solids.append(polytope(f"{arm}_ft300", "hand", flange, surfaces.sensor))
+        hand = plan.hands[arm]
+        if hand.kind == "gripper":
+            solids.append(
+                polytope(f"{arm}_gripper_base", "hand", flange, surfaces.gripper_base)
+            )
+            solids += _fingers(arm, surfaces)
+        else:
+            solids += _stick(arm, hand)
+    for body in plan.bodies.values():
+        frame = Frame("body", body.name)
+        solids += [
+            polytope(body.name, body.role, frame, part) for part in body.shape.parts
+        ]
+    return solids
+
+
+def _fingers(arm: str, surfaces: RobotSurfaces) -> list[Solid]:
+    solids = []
+    for finger in (0, 1):
+        for part, hull in surfaces.finger_parts.items():
+            name = (
+                f"{arm}_pad_{finger}"
+                if part == "pad"
+                else f"{arm}_finger_{finger}_{part}"
+            )
+            group = "pad" if part == "pad" else "finger"
+            solids.append(
+                polytope(name, group, Frame("finger", arm, 6, finger, part), hull)
+            )
+    return solids
+
+
+def _stick(arm: str, hand: HandView) -> list[Solid]:
+    """The stick ends one radius before its tip's centre; from there on it is the tip, which may touch."""
+    assert hand.T_flange_tip is not None
+    start, tip = np.array([0.0, 0.0, sensor_length()]), hand.T_flange_tip[:3, 3]
+    length = float(np.linalg.norm(tip - start))
+    end = tip - (tip - start) * min(1.0, hand.tip_radius / max(length, _THIN))
+    flange = Frame("link", arm, 6)
+    return [
+        capsule(
+            f"{arm}_stick", "hand", flange, np.array([start, end]), hand.tip_radius
+        ),
+        capsule(f"{arm}_tip", "tip", flange, np.array([end, tip]), hand.tip_radius),
+    ]
+
+
+def signed_distance(
+    a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform
+) -> float:
+    """Return the distance between two solids [m], or minus how deep they are in one another.
+
+    A depth is exact or, between a capsule's axis or very round hulls, larger than it is: never smaller.
+    """
+    distance = _distance(a.place(T_world_a), b.place(T_world_b))
+    if distance > 0.0:
+        return distance
+    if a.part is not None and b.part is not None:
+        return -_polytope_depth(a, T_world_a, b, T_world_b)
+    distance = _distance(a.place(T_world_a, core=True), b.place(T_world_b, core=True))
+    if distance <= 0.0:
+        distance = -_polytope_depth(a, T_world_a, b, T_world_b)
+    return distance - a.radius - b.radius
+
+
+def _distance(a: fcl.CollisionObject, b: fcl.CollisionObject) -> float:
+    return float(fcl.distance(a, b, fcl.DistanceRequest(), fcl.DistanceResult()))
+
+
+def _polytope_depth(
+    a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform
+) -> float:
+    """Return the shortest way out of one another of the hulls of both solids' points (separating axes)."""
+    R = T_world_b[:3, :3].T @ T_world_a[:3, :3]
+    p = T_world_b[:3, :3].T @ (T_world_a[:3, 3] - T_world_b[:3, 3])
+    edges_a, edges_b = _edges(a) @ R.T, _edges(b)
+    axes = [_normals(a) @ R.T, _normals(b)]
+    if len(edges_a) * len(edges_b) <= _MANY_AXES:
+        crosses = np.cross(edges_a[:, None], edges_b[None]).reshape(-1, 3)
+        lengths = np.linalg.norm(crosses, axis=1)
+        axes.append(crosses[lengths > 1e-6] / lengths[lengths > 1e-6, None])
+    directions = np.vstack(axes)
+    if not len(directions):
+        return 0.0
+    along_a, along_b = directions @ (a.points @ R.T + p).T, directions @ b.points.T
+    forward = along_a.max(axis=1) - along_b.min(axis=1)
+    backward = along_b.max(axis=1) - along_a.min(axis=1)
+    return max(0.0, float(np.minimum(forward, backward).min()))
+
+
+def _normals(solid: Solid) -> Array:
+    return np.zeros((0, 3)) if solid.part is None else solid.part.planes[:, :3]
+
+
+def _edges(solid: Solid) -> Array:
+    if solid.part is not None:
+        return solid.part.edges
+    axis = solid.points[1] - solid.points[0]
+    length = math.sqrt(float(axis @ axis))
+    return (axis / length)[None] if length > 0 else np.zeros((0, 3))
