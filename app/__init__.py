@@ -1,0 +1,1 @@
+"""The service: HTTP, command line, demo. Knows workers and planners; neither knows it."""

@@ -1,0 +1,128 @@
+"""The command `liftwright`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from app.serve import serve, warm_up, work
+from app.settings import ServiceSettings
+from planners.errors import LiftwrightError
+
+FAILED = 1
+BAD_INPUT = 3
+EXAMPLES = """\
+examples:
+  liftwright plan assets/tasks/ab1.json --out plan.json     one task, no server
+  liftwright serve                                          the service on http://127.0.0.1:8040
+  curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
+
+Every option of serve, api and worker can also be given as an environment variable, LIFTWRIGHT_PORT=8041.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return the exit code."""
+    given = _parser().parse_args(arguments)
+    try:
+        return given.run(given)
+    except LiftwrightError as error:
+        print(f"liftwright: {error}", file=sys.stderr)
+    except OSError as error:
+        print(f"liftwright: {error}", file=sys.stderr)
+        return BAD_INPUT if given.command == "plan" else FAILED
+    except ValidationError as error:
+        for fault in error.errors():
+            print(
+                f"liftwright: --{'-'.join(map(str, fault['loc']))}: {fault['msg']}".replace("_", "-"), file=sys.stderr
+            )
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        return 130
+    return FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="liftwright",
+        description="Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"liftwright {version('liftwright')}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+
+    plan = commands.add_parser(
+        "plan",
+        help="plan one task without a server",
+        description="Plan one task. Exit code 0: solved; 2: no plan, and why; 3: bad input, and where.",
+    )
+    plan.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
+    plan.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes")
+    plan.set_defaults(run=_plan)
+
+    one = commands.add_parser("serve", help="the service with a worker in the same process")
+    _add_listening(one)
+    _add_storage(one)
+    one.set_defaults(run=lambda given: _serve(given, with_worker=True))
+
+    api = commands.add_parser("api", help="the service alone; workers run elsewhere on the same database")
+    _add_listening(api)
+    _add_storage(api)
+    api.set_defaults(run=lambda given: _serve(given, with_worker=False))
+
+    worker = commands.add_parser("worker", help="a worker alone")
+    worker.add_argument("--worker-name", metavar="NAME", help="unique and stable; default: the host's name")
+    _add_storage(worker)
+    worker.set_defaults(run=_work)
+
+    warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
+    warm.set_defaults(run=_warm_up)
+    return parser
+
+
+def _add_listening(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--host", help="address to listen on; default 127.0.0.1. There is no authentication")
+    command.add_argument("--port", type=int, help="default 8040; 0: any free one")
+
+
+def _add_storage(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--data-dir", type=Path, metavar="DIR", help="where plans are kept; default ./data")
+    command.add_argument("--database-url", metavar="URL", help="postgresql://…; default: SQLite in the data directory")
+
+
+def _options(given: argparse.Namespace) -> dict[str, Any]:
+    names = ("host", "port", "data_dir", "database_url", "worker_name")
+    return {name: value for name in names if (value := getattr(given, name, None)) is not None}
+
+
+def _plan(given: argparse.Namespace) -> int:
+    # Loading the planners takes a second, which no other command needs.
+    from app.plan_file import plan_file
+
+    return plan_file(given.file, given.out)
+
+
+def _serve(given: argparse.Namespace, *, with_worker: bool) -> int:
+    serve(ServiceSettings(**_options(given)), with_worker=with_worker)
+    return 0
+
+
+def _work(given: argparse.Namespace) -> int:
+    work(ServiceSettings(**_options(given)))
+    return 0
+
+
+def _warm_up(_: argparse.Namespace) -> int:
+    warm_up(ServiceSettings())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

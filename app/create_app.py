@@ -1,0 +1,62 @@
+"""Puts the service together."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+
+from app.errors import install_error_handlers
+from app.openapi import install_openapi
+from app.plan_desk import PlanDesk
+from app.routes import capabilities, plans, probes
+from app.settings import ServiceSettings
+from workers.database import open_database
+from workers.job_queue import JobQueue
+from workers.plan_store import PlanStore
+from workers.worker import Worker
+
+DESCRIPTION = (
+    "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
+    "fetch a certified plan document. SI units; world frame on the floor under the robot."
+)
+
+
+def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
+    """Return the service; with a worker in the same process, or for workers elsewhere on the same database."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        database = await run_in_threadpool(open_database, settings)
+        queue = JobQueue(database)
+        store = PlanStore(database)
+        app.state.desk = PlanDesk(store, queue, settings.max_queued)
+        worker = Worker(settings, database, queue, store) if with_worker else None
+        try:
+            if worker is not None:
+                await worker.start()
+            yield
+        finally:
+            if worker is not None:
+                await worker.stop()
+            queue.close()
+            database.close()
+
+    app = FastAPI(
+        title="Liftwright",
+        version=version("liftwright"),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+    app.state.settings = settings
+    install_error_handlers(app)
+    for router in (plans.router, capabilities.router, probes.router):
+        app.include_router(router)
+    install_openapi(app)
+    return app

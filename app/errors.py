@@ -1,0 +1,180 @@
+"""Every error the service answers with, as problem+json (RFC 9457), in one table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from http import HTTPStatus
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from planners.contract.problems import Problem, json_pointer, problems_of
+from planners.contract.strict_json import NotJson
+from planners.errors import LiftwrightError, SceneError
+
+MEDIA_TYPE = "application/problem+json"
+log = structlog.get_logger(__name__)
+
+
+class ServiceError(LiftwrightError):
+    """Something about a request that cannot be served; the message is a sentence for a person."""
+
+    headers: Mapping[str, str] = {}
+
+
+class PlanNotFound(ServiceError):
+    """No plan has that id."""
+
+    def __init__(self, plan_id: str) -> None:
+        super().__init__(f"there is no plan {plan_id!r}")
+
+
+class DocumentNotReady(ServiceError):
+    """A plan has no document, or not yet."""
+
+    def __init__(self, state: str, *, done: bool) -> None:
+        why = f"the job is {state}, so there is no document" + ("" if done else " yet")
+        super().__init__(why)
+        self.headers = {} if done else {"Retry-After": "1"}
+
+
+class AlreadyFinished(ServiceError):
+    """A finished job cannot be cancelled."""
+
+    def __init__(self, state: str) -> None:
+        super().__init__(f"the job has already {state}" if state != "cancelled" else "the job is already cancelled")
+
+
+class NotFinished(ServiceError):
+    """A plan whose job still runs cannot be deleted."""
+
+    def __init__(self, state: str) -> None:
+        super().__init__(f"the job is {state}; cancel it first")
+
+
+class BodyTooLarge(ServiceError):
+    """A body is larger than what is read."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"the body has more than {limit} bytes")
+        self.headers = {"Connection": "close"}
+
+
+class NotJsonMedia(ServiceError):
+    """A body is declared as something else than JSON."""
+
+    def __init__(self, given: str | None) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the Content-Type is {was}; it must be application/json")
+        self.headers = {"Accept-Post": "application/json"}
+
+
+class BadHeader(ServiceError):
+    """A header or query parameter says something that cannot be followed."""
+
+
+class KeyUsedForAnotherTask(ServiceError):
+    """An Idempotency-Key came again with another body."""
+
+    def __init__(self) -> None:
+        super().__init__("this Idempotency-Key was used for another task")
+
+
+class QueueFull(ServiceError):
+    """There are too many unfinished jobs."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} jobs are waiting already")
+        self.headers = {"Retry-After": "10"}
+
+
+class NotReady(ServiceError):
+    """The service cannot work right now."""
+
+    headers = {"Retry-After": "2"}  # noqa: RUF012 - read only
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How one kind of error is answered."""
+
+    status: HTTPStatus
+    title: str
+
+
+TABLE: Mapping[type[Exception], Answer] = {
+    NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
+    BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
+    PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
+    DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
+    AlreadyFinished: Answer(HTTPStatus.CONFLICT, "Already finished"),
+    NotFinished: Answer(HTTPStatus.CONFLICT, "Not finished"),
+    BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),
+    NotJsonMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a JSON body"),
+    ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
+    SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
+    KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
+    RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
+    QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
+    NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
+}
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Answer every error of `TABLE`, what the router refuses, and whatever else happens, as problem+json."""
+    for kind in TABLE:
+        app.add_exception_handler(kind, _answer_known)
+    app.add_exception_handler(HTTPException, _answer_router)
+    app.add_exception_handler(Exception, _answer_unknown)
+
+
+def problem_response(
+    answer: Answer, detail: str, errors: Sequence[Problem] = (), headers: Mapping[str, str] | None = None
+) -> Response:
+    """Return an error as RFC 9457 says."""
+    slug = answer.title.lower().replace(" ", "-")
+    body: dict[str, object] = {
+        "type": f"urn:liftwright:problem:{slug}",
+        "title": answer.title,
+        "status": answer.status.value,
+        "detail": detail,
+    }
+    if errors:
+        body["errors"] = list(errors)
+    return Response(json.dumps(body), answer.status.value, dict(headers or {}), MEDIA_TYPE)
+
+
+def _answer_known(_: Request, error: Exception) -> Response:
+    answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
+    errors = _problems(error)
+    detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
+    if len(errors) == 1:
+        detail = f"{errors[0]['pointer'] or 'the body'}: {errors[0]['detail']}"
+    headers = error.headers if isinstance(error, ServiceError) else None
+    return problem_response(answer, detail, errors, headers)
+
+
+def _problems(error: Exception) -> list[Problem]:
+    if isinstance(error, ValidationError | SceneError):
+        return problems_of(error)
+    if isinstance(error, RequestValidationError):
+        return [Problem(pointer=json_pointer(fault["loc"]), detail=fault["msg"]) for fault in error.errors()]
+    return []
+
+
+def _answer_router(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    status = HTTPStatus(error.status_code)
+    return problem_response(Answer(status, status.phrase), str(error.detail), headers=error.headers)
+
+
+def _answer_unknown(request: Request, error: Exception) -> Response:
+    log.error("request failed", path=request.url.path, error=repr(error))
+    answer = Answer(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error")
+    return problem_response(answer, "the service met an error of its own; the log has it")

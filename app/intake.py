@@ -1,0 +1,56 @@
+"""From the bytes of a request to a task that can be planned."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from starlette.requests import ClientDisconnect, Request
+
+from app.errors import BodyTooLarge, NotJsonMedia
+from planners.contract.strict_json import parse_json
+from planners.contract.task_spec import read_task, write_task
+from planners.scene.scene import build_scene
+
+DRAINED_BYTES = 32_000_000
+"""So much of a body that is refused is still taken off the wire, so that the sender gets to read the answer."""
+
+
+async def read_body(request: Request, limit: int) -> bytes:
+    """Return the body of a JSON request.
+
+    Raises:
+        NotJsonMedia: It is declared as something else.
+        BodyTooLarge: It has more than `limit` bytes; the rest is not kept.
+    """
+    media_type = request.headers.get("content-type")
+    if media_type is None or media_type.split(";")[0].strip().lower() != "application/json":
+        raise NotJsonMedia(media_type)
+    body = bytearray()
+    stream = request.stream()
+    async for chunk in stream:
+        body += chunk
+        if len(body) > limit:
+            break
+    else:
+        return bytes(body)
+    del body
+    try:
+        drained = 0
+        async for chunk in stream:
+            drained += len(chunk)
+            if drained > DRAINED_BYTES:
+                break
+    except ClientDisconnect:
+        pass  # It did not want to know.
+    raise BodyTooLarge(limit)
+
+
+def accept_task(body: bytes) -> dict[str, Any]:
+    """Return the task in a body with every default filled in, once it is known that it can be begun.
+
+    Raises:
+        NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
+    """
+    task = read_task(parse_json(body))
+    build_scene(task)
+    return write_task(task)

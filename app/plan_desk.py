@@ -1,0 +1,102 @@
+"""Plans with their jobs: what the routes ask for, put together from the store and the queue."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
+from app.resources import PlanResource, plan_resource
+from workers.job_queue import JobQueue
+from workers.job_state import JobState
+from workers.plan_store import PlanRecord, PlanStore, StoredDocument, fingerprint
+
+
+class PlanDesk:
+    """All methods block on the database: call them from a thread."""
+
+    def __init__(self, store: PlanStore, queue: JobQueue, max_queued: int) -> None:
+        self.store, self.queue, self._max_queued = store, queue, max_queued
+
+    def submit(self, task: Mapping[str, Any], idempotency_key: str | None) -> PlanResource:
+        """Accept a task, or find the plan that the same key made.
+
+        Raises:
+            QueueFull: There are too many unfinished jobs.
+            KeyUsedForAnotherTask: The key was used for another task.
+        """
+        if len(self.queue.unfinished(self._max_queued)) >= self._max_queued:
+            raise QueueFull(self._max_queued)
+        record = self.store.accept(task, idempotency_key, self.queue)
+        if record.fingerprint != fingerprint(task):
+            raise KeyUsedForAnotherTask
+        return self._with_job(record)
+
+    def plan(self, plan_id: str) -> PlanResource:
+        """Return one plan.
+
+        Raises:
+            PlanNotFound: There is none of that id.
+        """
+        record = self.store.get(plan_id)
+        if record is None:
+            raise PlanNotFound(plan_id)
+        return self._with_job(record)
+
+    def page(self, size: int, before: tuple[int, str] | None) -> tuple[list[PlanResource], tuple[int, str] | None]:
+        """Return `size` plans, newest first, from behind `before`, and where the next page begins, if there is one."""
+        records = self.store.newest(size + 1, before)
+        shown = records[:size]
+        jobs = self.queue.jobs([record.id for record in shown])
+        plans = [plan_resource(record, jobs[record.id]) for record in shown if record.id in jobs]
+        last = shown[-1] if len(records) > size else None
+        return plans, None if last is None else (last.created_us, last.id)
+
+    def document(self, plan_id: str) -> StoredDocument:
+        """Return the document of a plan whose job has succeeded.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+        """
+        plan = self.plan(plan_id)
+        document = self.store.document(plan_id) if plan.state == JobState.SUCCEEDED.value else None
+        if document is None:
+            raise DocumentNotReady(plan.state, done=plan.done)
+        return document
+
+    def cancel(self, plan_id: str) -> PlanResource:
+        """Cancel a plan's job.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            AlreadyFinished: Its job has ended, be it just now.
+        """
+        plan = self.plan(plan_id)
+        if not plan.done:
+            self.queue.cancel(plan_id)
+            plan = self.plan(plan_id)
+            if plan.state == JobState.CANCELLED.value:
+                return plan
+        raise AlreadyFinished(plan.state)
+
+    def delete(self, plan_id: str) -> None:
+        """Remove a plan and all that belongs to it.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            NotFinished: Its job has not ended.
+        """
+        plan = self.plan(plan_id)
+        if not plan.done:
+            raise NotFinished(plan.state)
+        self.store.delete(plan_id)
+        self.queue.forget(plan_id)
+
+    def _with_job(self, record: PlanRecord) -> PlanResource:
+        job = self.queue.jobs([record.id]).get(record.id)
+        if job is None:
+            raise PlanNotFound(record.id)
+        # A document that was stored between the two reads belongs to the state that was read last.
+        fresh = self.store.get(record.id) if job.state is JobState.SUCCEEDED and record.outcome is None else record
+        return plan_resource(fresh or record, job)

@@ -1,0 +1,112 @@
+"""What the service answers with, as JSON."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from planners.contract.problems import Problem
+from workers.job_state import Job, JobState
+from workers.plan_store import PlanRecord
+
+
+class Resource(BaseModel):
+    """Base of all answers."""
+
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
+
+
+class PlanProgress(Resource):
+    """How far a job is."""
+
+    stage: str | None
+    fraction: float
+    """0 … 1; never falls."""
+
+
+class PlanError(Resource):
+    """Why a job failed. The fault is ours: a task without a solution is a success with a document."""
+
+    detail: str
+
+
+class PlanLinks(Resource):
+    """Where to go from here."""
+
+    self: str
+    document: str
+    events: str
+    cancel: str
+
+
+class PlanResource(Resource):
+    """A plan: a task that was accepted, its job, and what came of it."""
+
+    id: str
+    kind: str
+    external_id: str | None
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    done: bool
+    """Whether it will never change again."""
+    outcome: Literal["solved", "infeasible", "not_found"] | None
+    """Once succeeded."""
+    progress: PlanProgress
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    attempts: int
+    """How often a solver process began."""
+    error: PlanError | None
+    links: PlanLinks
+
+
+class PlanList(Resource):
+    """One page of plans, newest first."""
+
+    plans: list[PlanResource]
+    next_page_token: str | None
+    """Give it as `page_token` for the next page; None on the last one."""
+
+
+class ProblemDocument(Resource):
+    """An error, by RFC 9457."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    errors: list[Problem] = []
+
+
+def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
+    """Return the resource of a plan and its job."""
+    address = f"/v1/plans/{record.id}"
+    succeeded = job.state is JobState.SUCCEEDED
+    return PlanResource.model_validate(
+        {
+            "id": record.id,
+            "kind": record.kind,
+            "external_id": record.external_id,
+            "state": job.state.value,
+            "done": job.state.done,
+            "outcome": record.outcome if succeeded else None,
+            "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},
+            "created_at": _time(record.created_us),
+            "started_at": _time(record.started_us),
+            "finished_at": _time(job.finished_us),
+            "attempts": record.attempts,
+            "error": None if job.error is None else {"detail": job.error},
+            "links": {
+                "self": address,
+                "document": f"{address}/document",
+                "events": f"{address}/events",
+                "cancel": f"{address}/cancel",
+            },
+        }
+    )
+
+
+def _time(microseconds: int | None) -> datetime | None:
+    return None if microseconds is None else datetime.fromtimestamp(microseconds / 1e6, UTC)

@@ -1,0 +1,72 @@
+"""/v1/capabilities: what this service can plan, with which limits."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request
+
+from app.resources import Resource
+from app.settings import ServiceSettings
+from planners.scene.cell import known_cells
+from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS, PLANNED_SHAPES
+from workers.software import describe_software
+
+SCHEMA_VERSION = "1.0"
+
+
+class Limits(Resource):
+    """What is let in."""
+
+    max_body_bytes: int
+    max_queued: int
+    max_wait_seconds: float
+    worker_slots: int
+
+
+class Software(Resource):
+    """What answers."""
+
+    name: str
+    version: str | None
+    commit: str | None
+
+
+class Capabilities(Resource):
+    """What this service can plan."""
+
+    kinds: list[str]
+    cells: list[str]
+    lifter_models: list[str]
+    shapes: list[str]
+    """Of obstacles and supports."""
+    limits: Limits
+    schema_versions: list[str]
+    """Of plan documents."""
+    software: Software
+
+
+router = APIRouter(prefix="/v1", tags=["capabilities"])
+
+
+def _settings(request: Request) -> ServiceSettings:
+    return request.app.state.settings
+
+
+@router.get("/capabilities", summary="What this service can plan")
+def get_capabilities(settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
+    """Return kinds of tasks, cells, lifter models, limits and versions."""
+    return Capabilities(
+        kinds=list(PLANNED_KINDS),
+        cells=known_cells(),
+        lifter_models=list(PLANNED_LIFTERS),
+        shapes=list(PLANNED_SHAPES),
+        limits=Limits(
+            max_body_bytes=settings.max_body_bytes,
+            max_queued=settings.max_queued,
+            max_wait_seconds=settings.max_wait_seconds,
+            worker_slots=settings.worker_slots,
+        ),
+        schema_versions=[SCHEMA_VERSION],
+        software=Software.model_validate(describe_software()),
+    )

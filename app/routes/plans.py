@@ -1,0 +1,227 @@
+"""/v1/plans: post a task, watch its job, fetch the plan document."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import gzip
+import hashlib
+import json
+import re
+import time
+from typing import Annotated, Any
+
+import anyio
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import StreamingResponse
+
+from app.errors import BadHeader
+from app.events import stream_events
+from app.intake import accept_task, read_body
+from app.plan_desk import PlanDesk
+from app.resources import PlanList, PlanResource, ProblemDocument
+from app.settings import ServiceSettings
+
+WAIT_POLL_SECONDS = 0.05
+"""How often a request that waits for a short job looks [s]."""
+PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
+NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
+
+router = APIRouter(prefix="/v1/plans", tags=["plans"])
+
+
+def _desk(request: Request) -> PlanDesk:
+    return request.app.state.desk
+
+
+def _settings(request: Request) -> ServiceSettings:
+    return request.app.state.settings
+
+
+Desk = Annotated[PlanDesk, Depends(_desk)]
+Settings = Annotated[ServiceSettings, Depends(_settings)]
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=PlanResource,
+    summary="Post a task",
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/TaskSpec"}}},
+        }
+    },
+    responses={
+        200: {"model": PlanResource, "description": "`Prefer: wait` was given and the job has ended"},
+        202: {"description": "Accepted; `Location` is the plan's address"},
+        400: {**PROBLEM, "description": "Not JSON, or a header that cannot be followed"},
+        413: {**PROBLEM, "description": "Too large"},
+        415: {**PROBLEM, "description": "Not declared as JSON"},
+        422: {**PROBLEM, "description": "A task that cannot be planned: every reason with its JSON pointer"},
+        429: {**PROBLEM, "description": "Too many unfinished jobs"},
+    },
+)
+async def post_plan(
+    request: Request,
+    desk: Desk,
+    settings: Settings,
+    idempotency_key: Annotated[str | None, Header()] = None,
+    prefer: Annotated[str | None, Header()] = None,
+) -> Response:
+    """Accept a task; its job runs in the background."""
+    key = _read_idempotency_key(idempotency_key)
+    wait = _read_wait(prefer)
+    body = await read_body(request, settings.max_body_bytes)
+    task = await run_in_threadpool(accept_task, body)
+    plan = await run_in_threadpool(desk.submit, task, key)
+    headers = {"Location": plan.links.self}
+    if wait is not None:
+        plan = await _wait_for_end(desk, plan, min(wait, settings.max_wait_seconds))
+        if plan.done:
+            return _plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
+    return _plan_response(plan, 202, headers)
+
+
+@router.get("", response_model=PlanList, summary="List plans, newest first")
+def list_plans(
+    desk: Desk, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
+) -> PlanList:
+    """Return one page of plans."""
+    plans, next_page = desk.page(page_size, None if page_token is None else _read_page_token(page_token))
+    return PlanList(plans=plans, next_page_token=None if next_page is None else _write_page_token(next_page))
+
+
+@router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses=NOT_FOUND)
+def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Header()] = None) -> Response:
+    """Return a plan; 304 if it is as the `ETag` in `If-None-Match` says."""
+    response = _plan_response(desk.plan(plan_id), 200, {})
+    return _unless_known(response, if_none_match)
+
+
+@router.get(
+    "/{plan_id}/document",
+    summary="Fetch the plan document",
+    responses={**NOT_FOUND, 200: {"content": {"application/json": {}}, "description": "The plan document"}},
+)
+def get_document(
+    plan_id: str,
+    desk: Desk,
+    if_none_match: Annotated[str | None, Header()] = None,
+    accept_encoding: Annotated[str, Header()] = "",
+) -> Response:
+    """Return the plan document of a job that has succeeded."""
+    document = desk.document(plan_id)
+    headers = {"ETag": f'"{document.sha256}"', "Vary": "Accept-Encoding"}
+    body = document.gzip
+    if re.search(r"\bgzip\b(?!\s*;\s*q=0(\.0*)?\s*(,|$))", accept_encoding):
+        headers["Content-Encoding"] = "gzip"
+    else:
+        body = gzip.decompress(body)
+    return _unless_known(Response(body, 200, headers, "application/json"), if_none_match)
+
+
+@router.get(
+    "/{plan_id}/events",
+    summary="Follow a job (server-sent events)",
+    responses={
+        **NOT_FOUND,
+        200: {"content": {"text/event-stream": {}}, "description": "`progress` events, then one `finished`"},
+        204: {"description": "Everything was received already"},
+    },
+)
+async def get_events(plan_id: str, desk: Desk, last_event_id: Annotated[str | None, Header()] = None) -> Response:
+    """Follow a job from its first event, or from behind `Last-Event-ID`."""
+    if last_event_id is not None and not re.fullmatch(r"\d{1,9}", last_event_id):
+        raise BadHeader("Last-Event-ID must be the id of an event of this stream")
+    received = int(last_event_id or 0)
+    plan = await run_in_threadpool(desk.plan, plan_id)
+    if plan.done and received > 0:
+        missed = await run_in_threadpool(desk.store.events_after, plan_id, received - 1)
+        if not missed:
+            return Response(status_code=204)
+    return StreamingResponse(
+        stream_events(desk, plan_id, received), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
+    )
+
+
+@router.post(
+    "/{plan_id}/cancel",
+    status_code=202,
+    response_model=PlanResource,
+    summary="Cancel a job",
+    responses={**NOT_FOUND, 409: {**PROBLEM, "description": "Already finished"}},
+)
+def cancel_plan(plan_id: str, desk: Desk) -> Response:
+    """Cancel a job; its process is gone within a second."""
+    return _plan_response(desk.cancel(plan_id), 202, {})
+
+
+@router.delete(
+    "/{plan_id}",
+    status_code=204,
+    summary="Delete a finished plan",
+    responses={**NOT_FOUND, 409: {**PROBLEM, "description": "Not finished"}},
+)
+def delete_plan(plan_id: str, desk: Desk) -> None:
+    """Remove a finished plan with its document and events."""
+    desk.delete(plan_id)
+
+
+async def _wait_for_end(desk: PlanDesk, plan: PlanResource, seconds: float) -> PlanResource:
+    deadline = time.monotonic() + seconds
+    while not plan.done and time.monotonic() < deadline:
+        await anyio.sleep(WAIT_POLL_SECONDS)
+        plan = await run_in_threadpool(desk.plan, plan.id)
+    return plan
+
+
+def _plan_response(plan: PlanResource, status: int, headers: dict[str, str]) -> Response:
+    body = plan.model_dump_json().encode()
+    headers = {**headers, "ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"', "Cache-Control": "no-cache"}
+    if not plan.done:
+        headers["Retry-After"] = "1"
+    return Response(body, status, headers, "application/json")
+
+
+def _unless_known(response: Response, if_none_match: str | None) -> Response:
+    if if_none_match is None:
+        return response
+    known = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
+    if response.headers["ETag"] not in known and "*" not in known:
+        return response
+    kept = ("etag", "cache-control", "retry-after", "vary")
+    return Response(status_code=304, headers={k: v for k, v in response.headers.items() if k in kept})
+
+
+def _read_idempotency_key(header: str | None) -> str | None:
+    if header is None:
+        return None
+    key = header.strip().strip('"')
+    if not re.fullmatch(r"[\x21-\x7e]{1,255}", key):
+        raise BadHeader("Idempotency-Key must be 1 to 255 visible characters")
+    return key
+
+
+def _read_wait(prefer: str | None) -> int | None:
+    """Preferences that are not understood are ignored (RFC 7240)."""
+    match = re.search(r"(?:^|[,;\s])wait\s*=\s*\"?(\d{1,6})", prefer or "", re.IGNORECASE)
+    return None if match is None else int(match.group(1))
+
+
+def _write_page_token(position: tuple[int, str]) -> str:
+    return base64.urlsafe_b64encode(json.dumps(position).encode()).decode().rstrip("=")
+
+
+def _read_page_token(token: str) -> tuple[int, str]:
+    try:
+        position = json.loads(base64.urlsafe_b64decode(token + "=" * (-len(token) % 4)))
+    except (binascii.Error, ValueError) as error:
+        raise BadHeader("page_token is not one this service gave") from error
+    match position:
+        case [int(created_us), str(plan_id)]:
+            return created_us, plan_id
+        case _:
+            raise BadHeader("page_token is not one this service gave")

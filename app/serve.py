@@ -1,0 +1,119 @@
+"""Runs the service, or a worker alone, until it is told to stop."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import subprocess
+import sys
+from ipaddress import ip_address
+
+import structlog
+import uvicorn
+
+from app.create_app import create_app
+from app.logs import set_up_logs
+from app.settings import ServiceSettings
+from planners.errors import LiftwrightError
+from workers.database import open_database
+from workers.job_queue import JobQueue
+from workers.plan_store import PlanStore
+from workers.settings import WorkerSettings
+from workers.worker import Worker
+
+LONGEST_GOODBYE_SECONDS = 3
+"""So long open event streams may hold up a stop [s]."""
+log = structlog.get_logger(__name__)
+
+
+class WarmUpFailed(LiftwrightError):
+    """The solver cannot solve its reference task, so it would solve nothing else."""
+
+    def __init__(self, return_code: int) -> None:
+        super().__init__(f"the solver cannot start (exit code {return_code}); what it wrote stands above")
+
+
+def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
+    """Serve until SIGINT or SIGTERM.
+
+    Raises:
+        WarmUpFailed: The solver does not work.
+        WorkerRuns: Another worker has the data directory.
+    """
+    set_up_logs()
+    if with_worker:
+        warm_up(settings)
+    if not _is_loopback(settings.host):
+        log.warning(
+            "NO AUTHENTICATION: whoever reaches this address can post, read and delete plans", host=settings.host
+        )
+    config = uvicorn.Config(
+        create_app(settings, with_worker=with_worker),
+        host=settings.host,
+        port=settings.port,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=LONGEST_GOODBYE_SECONDS,
+    )
+    asyncio.run(_Server(config).serve())
+
+
+def work(settings: WorkerSettings) -> None:
+    """Work on jobs until SIGINT or SIGTERM.
+
+    Raises:
+        WarmUpFailed: The solver does not work.
+        WorkerRuns: Another worker has this name.
+    """
+    set_up_logs()
+    warm_up(settings)
+    asyncio.run(_work(settings))
+
+
+def warm_up(settings: WorkerSettings) -> None:
+    """Compile what is not compiled yet, with a message, so that no job has to wait for it.
+
+    Raises:
+        WarmUpFailed: The solver does not work.
+    """
+    print("liftwright: loading the compiled kernels (they are compiled at the first start: minutes)", file=sys.stderr)  # noqa: T201
+    done = subprocess.run(settings.solver_command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=False)
+    if done.returncode != 0:
+        raise WarmUpFailed(done.returncode)
+
+
+class _Server(uvicorn.Server):
+    """Says where it listens once it does."""
+
+    async def startup(self, sockets: list[object] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        await super().startup(sockets)  # pyright: ignore[reportArgumentType]
+        if self.started:
+            host, port = self.servers[0].sockets[0].getsockname()[:2]
+            log.info("listening", address=f"http://{host}:{port}", authentication="none")
+
+
+async def _work(settings: WorkerSettings) -> None:
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    database = open_database(settings)
+    queue = JobQueue(database)
+    worker = Worker(settings, database, queue, PlanStore(database))
+    await worker.start()
+    log.info("working", worker=settings.worker_name, slots=settings.worker_slots)
+    try:
+        await stop.wait()
+    finally:
+        await worker.stop()
+        queue.close()
+        database.close()
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False

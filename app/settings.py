@@ -1,0 +1,22 @@
+"""What an operator can set about the service: arguments, or `LIFTWRIGHT_…` environment variables."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from workers.settings import WorkerSettings
+
+
+class ServiceSettings(WorkerSettings):
+    """Where the service listens and what it lets in."""
+
+    host: str = "127.0.0.1"
+    """There is no authentication: whoever reaches this address can post and read everything."""
+    port: int = Field(8040, ge=0, le=65535)
+    """0: any free one."""
+    max_body_bytes: int = Field(2_000_000, ge=1000)
+    """A larger body is refused [bytes]."""
+    max_queued: int = Field(1000, ge=1)
+    """With this many jobs unfinished, a new one is refused [1]."""
+    max_wait_seconds: float = Field(60.0, ge=0.0)
+    """Longest time that `Prefer: wait` is followed [s]."""

@@ -1,0 +1,68 @@
+"""What a person wants to know of a plan document first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+
+def summarise(document: Mapping[str, Any]) -> str:
+    """Return a few lines: outcome, contact states, largest force, planning time, certificate; or why there is no plan."""
+    if document["outcome"] != "solved":
+        return _explain(document)
+    checks = document["certificate"]["checks"]
+    verdict = "passed" if document["certificate"]["passed"] else "FAILED"
+    force, where = largest_hand_force(document)
+    lines = {
+        "outcome": "solved",
+        "contact states": " > ".join(contact_states(document)),
+        "segments": f"{len(document['segments'])}, {document['segments'][-1]['time'][-1]:.1f} s of motion",
+        "largest force": f"{force:.1f} N on one contact normal ({where})",
+        "planning time": f"{document['statistics']['total_seconds']:.2f} s",
+        "certificate": f"{verdict}, {len(checks)} checks",
+    }
+    return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
+
+
+def contact_states(document: Mapping[str, Any]) -> list[str]:
+    """Return the contact states a plan goes through, in words, each once in a row."""
+    states = (segment["contact_state"] for segment in document["segments"])
+    words = (_contact_word(state) for state in states if state is not None)
+    return [word for word, _ in groupby(words)]
+
+
+def largest_hand_force(document: Mapping[str, Any]) -> tuple[float, str]:
+    """Return the largest force along the normal of one hand contact [N], and which arm it belongs to."""
+    return max(_hand_forces(document), default=(0.0, "no hand"))
+
+
+def _hand_forces(document: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
+    for segment in document["segments"]:
+        for contact in segment["contacts"]:
+            if contact["by"] in document["cell"]["arms"]:
+                yield float(np.dot(contact["wrench"][:3], contact["normal"])), contact["by"]
+
+
+def _contact_word(state: Mapping[str, Any]) -> str:
+    if state["element"] == "none":
+        return "no contact"
+    return f"{state['element']} {state['index']} on {state['with']}"
+
+
+def _explain(document: Mapping[str, Any]) -> str:
+    explanation = document["explanation"]
+    lines = [f"{'outcome:':<16}{document['outcome']}", f"{'why:':<16}{explanation['summary']}"]
+    lines += [f"{'':<16}- {_cause(cause)}" for cause in explanation["causes"]]
+    return "\n".join(lines)
+
+
+def _cause(cause: Mapping[str, Any]) -> str:
+    sentence = str(cause["reason"])
+    if cause["needed"] is not None and cause["available"] is not None:
+        sentence += (
+            f": needed {cause['needed']:.4g} {cause['unit']}, available {cause['available']:.4g} {cause['unit']}"
+        )
+    return sentence + (f" ({cause['where']})" if cause["where"] else "")

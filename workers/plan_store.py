@@ -1,0 +1,212 @@
+"""What is kept of a plan: its task, its progress, its events and its document."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+
+from workers.database import Database
+from workers.job_queue import JobQueue
+from workers.tables import DOCUMENTS, EVENTS, PLANS
+
+
+@dataclass(frozen=True)
+class PlanRecord:
+    """One plan without its task and its document."""
+
+    id: str
+    kind: str
+    external_id: str | None
+    fingerprint: str
+    """Hash of the task as accepted."""
+    created_us: int
+    """Microseconds since 1970, UTC."""
+    started_us: int | None
+    attempts: int
+    """How often a solver process began."""
+    stage: str | None
+    fraction: float
+    """How much is done, 0 … 1; never falls."""
+    outcome: str | None
+    """Of the document, if there is one; it counts once the job has succeeded."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoredDocument:
+    """A plan document, compressed."""
+
+    gzip: bytes
+    sha256: str
+    """Of the uncompressed JSON."""
+
+
+_RECORD_COLUMNS = [
+    PLANS.c.id,
+    PLANS.c.kind,
+    PLANS.c.external_id,
+    PLANS.c.fingerprint,
+    PLANS.c.created_us,
+    PLANS.c.started_us,
+    PLANS.c.attempts,
+    PLANS.c.stage,
+    PLANS.c.fraction,
+    DOCUMENTS.c.outcome,
+]
+_RECORDS = sa.select(*_RECORD_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
+
+
+class PlanStore:
+    """Reads and writes plans. Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._engine = database.engine
+
+    def accept(self, task: Mapping[str, Any], idempotency_key: str | None, queue: JobQueue) -> PlanRecord:
+        """Store a task and enqueue its job, both or neither. The same key again returns the plan it made.
+
+        The caller compares fingerprints to learn whether the key was used for another task.
+        """
+        known = self._by_key(idempotency_key)
+        if known is not None:
+            return known
+        values = {
+            "id": uuid.uuid4().hex,
+            "created_us": now_us(),
+            "kind": task["kind"],
+            "external_id": task.get("external_id"),
+            "idempotency_key": idempotency_key,
+            "fingerprint": fingerprint(task),
+            "task": json.dumps(task),
+        }
+        try:
+            with self._engine.begin() as transaction:
+                transaction.execute(sa.insert(PLANS).values(values))
+                queue.enqueue(transaction, values["id"])
+        except sa.exc.IntegrityError:
+            known = self._by_key(idempotency_key)
+            if known is None:
+                raise
+            return known
+        record = self.get(values["id"])
+        assert record is not None
+        return record
+
+    def get(self, plan_id: str) -> PlanRecord | None:
+        """Return one plan."""
+        return self._one(_RECORDS.where(PLANS.c.id == plan_id))
+
+    def newest(self, most: int, before: tuple[int, str] | None) -> list[PlanRecord]:
+        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`."""
+        query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
+        if before is not None:
+            query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
+        with self._engine.connect() as connection:
+            return [PlanRecord(**row) for row in connection.execute(query).mappings()]
+
+    def task(self, plan_id: str) -> dict[str, Any] | None:
+        """Return a plan's task as accepted."""
+        with self._engine.connect() as connection:
+            text = connection.scalar(sa.select(PLANS.c.task).where(PLANS.c.id == plan_id))
+        return None if text is None else json.loads(text)
+
+    def begin_attempt(self, plan_id: str) -> PlanRecord | None:
+        """Count one more attempt; None if the plan was deleted."""
+        update = sa.update(PLANS).where(PLANS.c.id == plan_id)
+        with self._engine.begin() as transaction:
+            transaction.execute(
+                update.values(
+                    attempts=PLANS.c.attempts + 1,
+                    started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
+                )
+            )
+        return self.get(plan_id)
+
+    def count_crash(self, plan_id: str) -> int:
+        """Count one more death of the plan's solver process, and return how many there were."""
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(crashes=PLANS.c.crashes + 1))
+            return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
+
+    def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
+        """Append an event and show it as the plan's progress; nothing happens to a plan that was deleted."""
+        next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
+        with self._engine.begin() as transaction:
+            shown = transaction.execute(
+                sa.update(PLANS).where(PLANS.c.id == plan_id).values(stage=event["stage"], fraction=event["fraction"])
+            )
+            if shown.rowcount == 0:
+                return
+            sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
+            row = {"plan_id": plan_id, "sequence": sequence, "event": json.dumps(event)}
+            transaction.execute(sa.insert(EVENTS).values(row))
+
+    def events_after(self, plan_id: str, sequence: int) -> list[tuple[int, dict[str, Any]]]:
+        """Return the events behind `sequence`, oldest first."""
+        query = (
+            sa.select(EVENTS.c.sequence, EVENTS.c.event)
+            .where(EVENTS.c.plan_id == plan_id, EVENTS.c.sequence > sequence)
+            .order_by(EVENTS.c.sequence)
+        )
+        with self._engine.connect() as connection:
+            return [(row.sequence, json.loads(row.event)) for row in connection.execute(query)]
+
+    def save_document(self, plan_id: str, outcome: str, sha256: str, gzip: bytes) -> None:
+        """Store a document, instead of an earlier one if there is one; nothing happens to a plan that was deleted."""
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            if transaction.scalar(sa.select(PLANS.c.id).where(PLANS.c.id == plan_id)) is None:
+                return
+            row = {"plan_id": plan_id, "outcome": outcome, "sha256": sha256, "gzip": gzip}
+            transaction.execute(sa.insert(DOCUMENTS).values(row))
+
+    def document(self, plan_id: str) -> StoredDocument | None:
+        """Return a plan's document."""
+        query = sa.select(DOCUMENTS.c.gzip, DOCUMENTS.c.sha256).where(DOCUMENTS.c.plan_id == plan_id)
+        with self._engine.connect() as connection:
+            row = connection.execute(query).one_or_none()
+        return None if row is None else StoredDocument(row.gzip, row.sha256)
+
+    def outcome_counts(self) -> dict[str, int]:
+        """Return how many documents there are of each outcome."""
+        query = sa.select(DOCUMENTS.c.outcome, sa.func.count()).group_by(DOCUMENTS.c.outcome)
+        with self._engine.connect() as connection:
+            return {outcome: count for outcome, count in connection.execute(query).tuples()}
+
+    def delete(self, plan_id: str) -> None:
+        """Remove a plan with all that belongs to it."""
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
+            transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
+            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+
+    def check(self) -> None:
+        """Raise what the database raises when it cannot be reached."""
+        with self._engine.connect() as connection:
+            connection.execute(sa.select(1))
+
+    def _by_key(self, idempotency_key: str | None) -> PlanRecord | None:
+        if idempotency_key is None:
+            return None
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == idempotency_key))
+
+    def _one(self, query: sa.Select[Any]) -> PlanRecord | None:
+        with self._engine.connect() as connection:
+            row = connection.execute(query).mappings().one_or_none()
+        return None if row is None else PlanRecord(**row)
+
+
+def fingerprint(task: Mapping[str, Any]) -> str:
+    """Return a hash that two tasks share only if they ask for the same."""
+    return hashlib.sha256(json.dumps(task, sort_keys=True).encode()).hexdigest()
+
+
+def now_us() -> int:
+    """Return the time in microseconds since 1970, UTC."""
+    return time.time_ns() // 1000

@@ -1,0 +1,48 @@
+"""What an operator can set about storage and workers: arguments, or `LIFTWRIGHT_…` environment variables."""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+SOLVER_COMMAND = (sys.executable, "-m", "workers.solver_process")
+
+
+def _default_slots() -> int:
+    """Half the cores: a plan uses one, its successor's process starts on another."""
+    return max(1, (os.cpu_count() or 1) // 2)
+
+
+class WorkerSettings(BaseSettings):
+    """Where plans are kept and how many are worked on at once."""
+
+    model_config = SettingsConfigDict(env_prefix="LIFTWRIGHT_", frozen=True, extra="ignore")
+
+    data_dir: Path = Path("data")
+    """Database (unless `database_url` is given), locks, and documents that failed their certificate."""
+    database_url: str | None = None
+    """`postgresql://…`; None: SQLite in `data_dir`."""
+    worker_name: str = Field(default_factory=socket.gethostname, pattern=r"^[A-Za-z0-9_.-]{1,128}$")
+    """Unique and stable per worker process on PostgreSQL; a job belongs to the name until it ends."""
+    worker_slots: int = Field(default_factory=_default_slots, ge=1, le=64)
+    """Jobs at the same time [1]."""
+    solver_command: tuple[str, ...] = SOLVER_COMMAND
+    """Starts one solver process; see `workers.solver_process` for what it must speak."""
+    poll_seconds: float = Field(0.1, gt=0.0, le=10.0)
+    """How often the queue is looked at [s]. Each look costs about 2 ms."""
+    cancel_poll_seconds: float = Field(0.2, gt=0.0, le=1.0)
+    """How often running jobs are checked for having been cancelled [s]."""
+    crash_limit: int = Field(3, ge=1, le=10)
+    """A job whose solver process died this often has failed [1]."""
+    interruption_limit: int = Field(10, ge=1, le=1000)
+    """A job that was begun anew this often because the whole worker died has failed [1]."""
+
+    @property
+    def embedded(self) -> bool:
+        """Whether everything runs in one process on SQLite."""
+        return self.database_url is None

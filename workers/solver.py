@@ -1,0 +1,198 @@
+"""The worker's side of solver processes: each job gets a process of its own, and one waits warm for the next."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+from planners.errors import LiftwrightError
+from workers.solver_protocol import MAX_LINE, DocumentHeader, Message, Report, Request
+
+OnReport = Callable[[Report], Awaitable[None]]
+
+
+class SolverDied(LiftwrightError):
+    """A solver process ended without an answer."""
+
+    def __init__(self, return_code: int) -> None:
+        self.return_code = return_code
+        ending = f"signal {signal.Signals(-return_code).name}" if return_code < 0 else f"exit code {return_code}"
+        super().__init__(f"the solver process ended without an answer ({ending})")
+
+
+class SolverFault(LiftwrightError):
+    """The solver says that it cannot give a document, and why. Asking again gives the same."""
+
+
+@dataclass(frozen=True, eq=False)
+class PackedDocument:
+    """A plan document as the solver hands it over."""
+
+    outcome: str
+    sha256: str
+    """Of the uncompressed JSON."""
+    gzip: bytes
+
+
+@dataclass(frozen=True)
+class SolverCommand:
+    """How a solver process is started."""
+
+    words: tuple[str, ...]
+    environment: Mapping[str, str]
+    """On top of the worker's own."""
+
+
+class SolverProcess:
+    """One child in a process group of its own."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self._process, self._stdin, self._stdout = process, process.stdin, process.stdout
+        self._ready = False
+
+    @classmethod
+    async def start(cls, command: SolverCommand) -> Self:
+        """Start a child; it gets ready on its own."""
+        process = await asyncio.create_subprocess_exec(
+            *command.words,
+            env={**os.environ, **command.environment},
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            start_new_session=True,
+            limit=MAX_LINE,
+        )
+        return cls(process)
+
+    @property
+    def pid(self) -> int:
+        """The process id, which is also that of its group."""
+        return self._process.pid
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended yet."""
+        return self._process.returncode is None
+
+    async def ready(self) -> None:
+        """Wait until it has loaded everything.
+
+        Raises:
+            SolverDied: It ended instead.
+            SolverFault: It says why it cannot work.
+        """
+        if not self._ready:
+            await self._receive()
+            self._ready = True
+
+    async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
+        """Hand over a request and wait for its document. The process ends by itself afterwards.
+
+        Raises:
+            SolverDied: It ended before.
+            SolverFault: It says why there is none.
+        """
+        await self.ready()
+        try:
+            self._stdin.write(json.dumps(request).encode() + b"\n")
+            await self._stdin.drain()
+        except ConnectionError:
+            raise SolverDied(await self._process.wait()) from None
+        while True:
+            message = await self._receive()
+            if "progress" in message:
+                await on_report(message["progress"])
+            elif "document" in message:
+                return await self._receive_document(message["document"])
+
+    async def kill(self) -> None:
+        """End the whole process group now, and wait for it."""
+        try:
+            os.killpg(self.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass  # The whole group has ended already.
+        self._stdin.close()
+        await self._process.wait()
+
+    async def _receive(self) -> Message:
+        line = await self._stdout.readline()
+        if not line.endswith(b"\n"):
+            raise SolverDied(await self._process.wait())
+        message: Message = json.loads(line)
+        if "fault" in message:
+            raise SolverFault(message["fault"])
+        return message
+
+    async def _receive_document(self, header: DocumentHeader) -> PackedDocument:
+        try:
+            packed = await self._stdout.readexactly(header["size"])
+        except asyncio.IncompleteReadError:
+            raise SolverDied(await self._process.wait()) from None
+        return PackedDocument(header["outcome"], header["sha256"], packed)
+
+
+class SolverPool:
+    """Keeps one idle, ready child per slot, so that a job does not wait for imports and compiled kernels."""
+
+    def __init__(self, command: SolverCommand, slots: int) -> None:
+        self._command, self._slots = command, slots
+        self._idle: list[SolverProcess] = []
+        self._starting: set[asyncio.Task[None]] = set()
+
+    async def open(self) -> None:
+        """Start the idle children and wait until they are ready, or have failed to be."""
+        await asyncio.gather(*(self._add_idle() for _ in range(self._slots)))
+
+    async def close(self) -> None:
+        """End all idle children."""
+        for task in self._starting:
+            task.cancel()
+        await asyncio.gather(*self._starting, return_exceptions=True)
+        await asyncio.gather(*(child.kill() for child in self._idle))
+        self._idle.clear()
+
+    async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
+        """Solve one request in a process of its own; when this is cancelled, the process is gone.
+
+        Raises:
+            SolverDied: The process ended before.
+            SolverFault: The solver says why there is no document.
+        """
+        child = await self._take()
+        try:
+            return await child.solve(request, on_report)
+        finally:
+            await child.kill()
+
+    async def _take(self) -> SolverProcess:
+        """Return an idle child, and have its successor get ready while it works."""
+        child = None
+        while self._idle and child is None:
+            waiting = self._idle.pop()
+            if waiting.alive:
+                child = waiting
+            else:
+                await waiting.kill()
+        task = asyncio.create_task(self._add_idle())
+        self._starting.add(task)
+        task.add_done_callback(self._starting.discard)
+        return child if child is not None else await SolverProcess.start(self._command)
+
+    async def _add_idle(self) -> None:
+        child = await SolverProcess.start(self._command)
+        try:
+            await child.ready()
+        except (SolverDied, SolverFault):
+            # The job that would have used it starts its own child and reports what is wrong with it.
+            await child.kill()
+        except asyncio.CancelledError:
+            await child.kill()
+            raise
+        else:
+            self._idle.append(child)

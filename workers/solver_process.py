@@ -1,0 +1,112 @@
+"""The child's side: one process that waits for one task, solves it, hands the document over, and ends.
+
+It has a process group of its own. When its stdin closes the worker has died, and the whole group kills itself.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from planners.errors import LiftwrightError
+from workers.solver_protocol import Message, Request
+
+REPORT_SECONDS = 0.05
+"""Least time between two reports of one stage [s]: reports must not slow the work down."""
+GZIP_LEVEL = 3
+"""Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
+
+Solve = Callable[[Request, Callable[[str, int, int], None]], dict[str, Any]]
+"""Takes a request and a progress callback to a plan document."""
+
+
+class Channel:
+    """The way back to the worker. What libraries print goes to stderr instead."""
+
+    def __init__(self) -> None:
+        self._stream: BinaryIO = os.fdopen(os.dup(1), "wb")
+        os.dup2(2, 1)
+
+    def send(self, message: Message, block: bytes = b"") -> None:
+        """Send one line and the bytes that follow it."""
+        self._stream.write(json.dumps(message).encode() + b"\n" + block)
+        self._stream.flush()
+
+
+class ThrottledReports:
+    """Progress callback: passes on what is new enough to be worth a line."""
+
+    def __init__(self, channel: Channel, clock: Callable[[], float] = time.monotonic) -> None:
+        self._channel, self._clock = channel, clock
+        self._stage, self._next = "", 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Report a stage's beginning and end always, in between at most every `REPORT_SECONDS`."""
+        now = self._clock()
+        if stage == self._stage and done != total and now < self._next:
+            return
+        self._stage, self._next = stage, now + REPORT_SECONDS
+        self._channel.send({"progress": {"stage": stage, "done": done, "total": total}})
+
+
+class ReportedFaults:
+    """Context in which an exception ends the job with a sentence instead of leaving the worker to guess."""
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+
+    def __enter__(self) -> Self:
+        """Enter."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        """Report an error that is not the interpreter's own way to end; its traceback goes to stderr."""
+        if not isinstance(error, Exception):
+            return False
+        traceback.print_exception(kind, error, trace)
+        ours = isinstance(error, LiftwrightError)
+        sentence = str(error) if ours else f"the solver met an error of its own: {type(error).__name__}: {error}"
+        self._channel.send({"fault": sentence})
+        return True
+
+
+def main(prepare: Callable[[], None], solve: Solve) -> None:
+    """Get ready, solve the one request that comes, and end."""
+    channel = Channel()
+    requests = iter(sys.stdin.buffer)
+    with ReportedFaults(channel):
+        prepare()
+        channel.send({"ready": True})
+        line = next(requests, None)
+        if line is None:
+            return
+        threading.Thread(target=_die_with_the_worker, daemon=True).start()
+        document = solve(json.loads(line), ThrottledReports(channel))
+        body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+        packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
+        header = {"outcome": document["outcome"], "sha256": hashlib.sha256(body).hexdigest(), "size": len(packed)}
+        channel.send({"document": header}, packed)  # pyright: ignore[reportArgumentType]
+
+
+def _die_with_the_worker() -> None:
+    while sys.stdin.buffer.read1():
+        pass
+    os.killpg(os.getpgid(0), signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    from workers import pipeline
+
+    main(pipeline.prepare, pipeline.solve)

@@ -1,0 +1,49 @@
+"""What a worker and its solver process say to each other: JSON lines, and one block of bytes at the end.
+
+Parent to child, on stdin: one request `{"id", "task"}`. Stdin then stays open; that it closes means the parent died.
+Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": {stage, done, total}}`, then either
+`{"document": {outcome, sha256, size}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NotRequired, TypedDict
+
+MAX_LINE = 2**24
+"""Longest line that is read [bytes]. A request is the longest: a body of at most some megabytes."""
+
+
+REJECTED_VARIABLE = "LIFTWRIGHT_REJECTED_DIR"
+"""Names the directory for documents that failed their certificate, to find out why."""
+
+
+class Request(TypedDict):
+    """What is to be solved."""
+
+    id: str
+    task: dict[str, object]
+
+
+class Report(TypedDict):
+    """One step of progress."""
+
+    stage: str
+    done: int
+    total: int
+
+
+class DocumentHeader(TypedDict):
+    """Announces the bytes of a document."""
+
+    outcome: Literal["solved", "infeasible", "not_found"]
+    sha256: str
+    size: int
+
+
+class Message(TypedDict):
+    """A line from the child: exactly one of its members."""
+
+    ready: NotRequired[bool]
+    progress: NotRequired[Report]
+    document: NotRequired[DocumentHeader]
+    fault: NotRequired[str]
