@@ -24,8 +24,8 @@ class HullSettings:
 
     most_vertices: int = 60
     """At 60 the arm links come out at most 3.3 mm too large, wrist and gripper 1.6 mm."""
-    tolerance: float = 1e-4
-    """Fewer vertices will do where they leave no more than this uncovered [m]."""
+    tolerance: float = 2e-4
+    """Fewer vertices will do where they leave no more than this uncovered, before they are pushed out [m]."""
     rounds: int = 20
     """How often vertices are pushed outwards; what is still uncovered after 20 is below 0.1 mm."""
 
