@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.errors import LiftwrightError
 from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
 from planners.motion.time_law import (
@@ -20,6 +21,18 @@ from planners.motion.trajectory import Trajectory, concatenate, hold_still, samp
 
 ROUNDING = 1e-9
 """Part by which limits are undercut so that rounding cannot exceed them."""
+
+
+STRETCH_MAX = 50.0
+"""Slower than this a motion is not made: the path jumps where it should not."""
+
+
+REDUCTION_MAX = 2.0
+"""A round lowers the limits by no more than this factor; greater excesses are those of paths that jump."""
+
+
+class TimingError(LiftwrightError):
+    """A path that no motion can follow: it is not finite or not smooth between its stops."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +67,24 @@ def time_path(
     acceleration does not jump; where that exceeds a limit the motion is slowed, first locally, then as a whole. The
     limits hold for the samples and for the cubic Hermite polynomials between them. A path of length 0 gives two samples
     half a step apart.
+
+    Raises:
+        TimingError: The path is not finite somewhere, or jumps between its stops.
     """
     settings = settings or TimingSettings()
     if path.length == 0.0:
-        return hold_still(
-            path.evaluate(np.zeros(1)).positions[0],
-            0.5 * settings.sample_step,
-        )
+        return hold_still(path.evaluate(np.zeros(1)).positions[0], 0.5 * settings.sample_step)
     knots = np.concatenate([[0.0], path.stops, [path.length]])
-    return concatenate([_PieceTiming(path, a, b, limits, settings, rate_limits).best() for a, b in pairwise(knots)])
+    return concatenate([_PieceTiming(path, (a, b), limits, settings, rate_limits).best() for a, b in pairwise(knots)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    trajectory: Trajectory
+    speed: NDArray[np.float64]
+    """(n,) |ds/dt|."""
+    rate: NDArray[np.float64]
+    """(n,) |d²s/dt²|."""
 
 
 class _PieceTiming:
@@ -71,8 +93,7 @@ class _PieceTiming:
     def __init__(
         self,
         path: JointPath,
-        s_from: float,
-        s_to: float,
+        ends: tuple[float, float],
         limits: JointLimits,
         settings: TimingSettings,
         rate_limits: Sequence[RateLimit],
@@ -80,13 +101,16 @@ class _PieceTiming:
         self.path, self.settings, self.rate_limits = path, settings, rate_limits
         self.velocity = limits.velocity * settings.velocity_scale
         self.acceleration = limits.acceleration * settings.acceleration_scale
-        self.s = path.grid(s_from, s_to)
+        self.s = path.grid(*ends)
         points = path.evaluate(self.s)
-        rates = np.stack([r.rate(self.s) for r in rate_limits], axis=1) if rate_limits else np.empty((self.s.size, 0))
+        rates = self._rates(self.s)
         self.first = np.hstack([points.first, rates])
         self.second = np.hstack([points.second, np.zeros_like(rates)])
-        self.velocity_all = np.concatenate([self.velocity, [r.velocity for r in rate_limits]])
-        self.acceleration_all = np.concatenate([self.acceleration, [r.acceleration for r in rate_limits]])
+        finite = np.isfinite(self.first).all(axis=1) & np.isfinite(self.second).all(axis=1)
+        if not finite.all():
+            raise TimingError(f"the path is not finite near s = {self.s[np.argmin(finite)]:.6g}")
+        self.rate_velocity = np.array([limit.velocity for limit in rate_limits])
+        self.rate_acceleration = np.array([limit.acceleration for limit in rate_limits])
 
     def best(self) -> Trajectory:
         """The fastest of several attempts, each slower than the last where that one exceeded the limits."""
@@ -101,55 +125,65 @@ class _PieceTiming:
                 best, best_duration = (motion, stretch), stretch * motion.duration
             if max(excess_v.max(), excess_a.max()) <= 1.0 + self.settings.tolerated_excess:
                 break
-            motion.slow_where(excess_v, sampled, slow_velocity, power=2.0)
-            motion.slow_where(excess_a, sampled, slow_acceleration, power=1.0)
+            motion.slow_where(excess_v, sampled.trajectory.time, slow_velocity)
+            motion.slow_where(excess_a, sampled.trajectory.time, slow_acceleration)
         assert best is not None
         return self._within_limits(*best)
 
     def _within_limits(self, motion: _Motion, stretch: float) -> Trajectory:
         """Slow the whole motion until nothing is exceeded. Slower means more samples, hence the loop."""
         while True:
-            trajectory = motion.sample(stretch)
-            excess_v, excess_a = self.excess(trajectory)
+            sampled = motion.sample(stretch)
+            excess_v, excess_a = self.excess(sampled)
             needed = max(float(excess_v.max()), float(np.sqrt(excess_a.max())))
             if needed <= 1.0:
-                return trajectory
+                return sampled.trajectory
             stretch *= needed * (1.0 + ROUNDING)
+            if not stretch < STRETCH_MAX:
+                worst = sampled.trajectory.path_parameter[int(np.argmax(np.maximum(excess_v, excess_a)))]
+                raise TimingError(f"the path jumps near s = {worst:.6g}: no motion slow enough was found")
 
-    def excess(self, trajectory: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def excess(self, sampled: _Sampled) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speed and acceleration over their limits on each interval (n - 1,); 1 is at the limit."""
+        trajectory = sampled.trajectory
         reached = trajectory.extremes()
-        accelerations = np.abs(trajectory.accelerations)
-        accelerations = np.maximum(reached.acceleration, np.maximum(accelerations[1:], accelerations[:-1]))
-        excess_v = (reached.speed / self.velocity).max(axis=1)
+        acceleration = np.maximum(reached.acceleration, _greater_end(np.abs(trajectory.accelerations)))
         excess_v = np.maximum(
-            excess_v,
+            (reached.speed / self.velocity).max(axis=1),
             reached.velocity_mismatch.max(axis=1) / self.settings.velocity_mismatch,
         )
-        return excess_v, (accelerations / self.acceleration).max(axis=1)
+        excess_a = (acceleration / self.acceleration).max(axis=1)
+        if self.rate_limits:
+            rates = self._rates(trajectory.path_parameter)
+            rate_v = (rates * sampled.speed[:, None] / self.rate_velocity).max(axis=1)
+            rate_a = (rates * sampled.rate[:, None] / self.rate_acceleration).max(axis=1)
+            excess_v = np.maximum(excess_v, _greater_end(rate_v))
+            excess_a = np.maximum(excess_a, _greater_end(rate_a))
+        return excess_v, excess_a
+
+    def _rates(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """dx/ds (n, c) of the quantities of the c rate limits."""
+        return np.array([limit.rate(s) for limit in self.rate_limits]).reshape(-1, s.size).T
 
 
 class _Motion:
     """One smoothed time law of a piece."""
 
     def __init__(
-        self,
-        piece: _PieceTiming,
-        slow_velocity: NDArray[np.float64],
-        slow_acceleration: NDArray[np.float64],
+        self, piece: _PieceTiming, slow_velocity: NDArray[np.float64], slow_acceleration: NDArray[np.float64]
     ) -> None:
         self.piece = piece
         self.squared = fastest_squared_speeds(
             piece.s,
             piece.first,
             piece.second,
-            piece.velocity_all * np.sqrt(slow_velocity)[:, None],
-            piece.acceleration_all * slow_acceleration[:, None],
+            np.concatenate([piece.velocity, piece.rate_velocity]) * slow_velocity[:, None],
+            np.concatenate([piece.acceleration, piece.rate_acceleration]) * slow_acceleration[:, None],
         )
         self.times = node_times(piece.s, self.squared)
         self.duration = float(self.times[-1]) + piece.settings.smoothing_time
 
-    def sample(self, stretch: float) -> Trajectory:
+    def sample(self, stretch: float) -> _Sampled:
         """Samples of the motion made slower by the factor `stretch`."""
         piece = self.piece
         at = np.linspace(0.0, self.duration, sample_count(self.duration * stretch, piece.settings.sample_step))
@@ -159,27 +193,22 @@ class _Motion:
         s[0], s[-1] = piece.s[0], piece.s[-1]
         speed[[0, -1]] = 0.0
         rate[[0, -1]] = 0.0
+        speed, rate = speed / stretch, rate / stretch**2
         points = piece.path.evaluate(s)
-        speed, rate = speed[:, None] / stretch, rate[:, None] / stretch**2
-        return Trajectory(
-            at * stretch,
-            points.positions,
-            points.first * speed,
-            points.second * speed**2 + points.first * rate,
-            s,
-        )
+        velocities = points.first * speed[:, None]
+        accelerations = points.second * speed[:, None] ** 2 + points.first * rate[:, None]
+        trajectory = Trajectory(at * stretch, points.positions, velocities, accelerations, s)
+        return _Sampled(trajectory, np.abs(speed), np.abs(rate))
 
-    def slow_where(
-        self,
-        excess: NDArray[np.float64],
-        sampled: Trajectory,
-        factors: NDArray[np.float64],
-        power: float,
-    ) -> None:
+    def slow_where(self, excess: NDArray[np.float64], time: NDArray[np.float64], factors: NDArray[np.float64]) -> None:
         """Divide the limits' factors by the excess at all grid points that the smoothed interval averages over."""
-        window = self.piece.settings.smoothing_time
         reduction = np.ones(factors.size)
         for i in np.flatnonzero(excess > 1.0):
-            near = (self.times >= sampled.time[i] - window) & (self.times <= sampled.time[i + 1])
-            reduction[near] = np.minimum(reduction[near], excess[i] ** -power)
+            near = (self.times >= time[i] - self.piece.settings.smoothing_time) & (self.times <= time[i + 1])
+            reduction[near] = np.minimum(reduction[near], 1.0 / min(excess[i], REDUCTION_MAX))
         factors *= reduction
+
+
+def _greater_end(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The greater of the values (n, …) at both ends of each interval (n - 1, …)."""
+    return np.maximum(values[1:], values[:-1])

@@ -12,7 +12,7 @@ from planners.motion.blended_path import BlendedPath, BlendSettings
 from planners.motion.curve_path import CurvePath
 from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.time_law import fastest_squared_speeds, node_times, smoothed_samples
-from planners.motion.timing import TimingSettings, time_path
+from planners.motion.timing import TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, TrajectoryError, concatenate, hold_still
 
 Array = NDArray[np.float64]
@@ -208,6 +208,13 @@ def test_a_path_on_which_no_joint_moves_is_timed() -> None:
     assert np.all(np.isfinite(trajectory.velocities))
 
 
+def test_a_curve_that_is_not_finite_or_jumps_is_refused_with_the_place() -> None:
+    with pytest.raises(TimingError, match=r"not finite near s = 0\.\d"):
+        time_path(CurvePath(lambda s: np.where(s > 0.5, np.nan, s)[:, None] * np.ones(6), length=1.0), UR3E)
+    with pytest.raises(TimingError, match=r"jumps near s = 0\.[67]"):
+        time_path(CurvePath(lambda s: np.where(s > 0.7, s + 0.5, s)[:, None] * np.ones(6), length=1.0), UR3E)
+
+
 def test_motion_rests_at_a_stop() -> None:
     path = polyline(np.array([[0.0] * 6, [1.0] * 6, [0.0] * 5 + [2.0]]), reach_max=0.0)
     assert path.stops.size == 1
@@ -252,6 +259,18 @@ def test_a_rate_limit_holds_along_the_path() -> None:
     assert speed.max() > 0.099
     assert slow.duration > fast.duration
     assert np.abs(np.gradient(speed, slow.time[:-1])).max() <= 0.5 * 1.01
+
+
+def test_a_rate_limit_holds_where_the_rate_varies() -> None:
+    """The rate of the limited quantity swings by a factor of nine along the path."""
+    path = CurvePath(circle, length=2.0 * np.pi)
+
+    def way(s: Array) -> Array:
+        return 0.25 * s - 0.1 * np.cos(2.0 * s)
+
+    limit = RateLimit(rate=lambda s: 0.25 + 0.2 * np.sin(2.0 * s), velocity=0.1)
+    slow = time_path(path, UR3E, rate_limits=[limit])
+    assert (np.diff(way(slow.path_parameter)) / np.diff(slow.time)).max() <= 0.1 * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize(("velocity_scale", "acceleration_scale"), [(0.3, 1.0), (1.0, 0.1), (0.2, 0.2)])
