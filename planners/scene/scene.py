@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from planners.contract.shapes import Box, Cylinder, Mesh, Prism
 from planners.contract.task_spec import (
     HandForceLimit,
     Obstacle,
@@ -18,39 +15,22 @@ from planners.contract.task_spec import (
     PlateLiftOptions,
     PlateLiftTask,
     SuctionToolTask,
-    Support,
 )
 from planners.errors import SceneError
 from planners.geometry import polygon
-from planners.geometry.pose import Array, Transform, from_pose7
-from planners.scene.body import Body, Plate, Role
+from planners.geometry.pose import Array, Transform
+from planners.scene.body import Body, Plate
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
 from planners.scene.given_holds import check_given_holds
 from planners.scene.hand import Gripper
-from planners.scene.rest import (
-    REST_GAP,
-    REST_TILT,
-    Surface,
-    face_tilt,
-    footprint,
-    gaps,
-    lowest_face,
-    overhang,
-    rests_level,
-    settled,
-    upper_surface,
-)
-from planners.scene.solid import solid_of
+from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
 from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
 
 PLANNED_KINDS = ("plate_lift",)
 """The kinds of task that can be planned."""
 PLANNED_LIFTERS: tuple[Literal["paper", "cable"], ...] = ("paper", "cable")
-PLANNED_SHAPES = ("box", "cylinder", "prism")
 RESERVED_NAMES = frozenset({"plate", "support", "table", "cup", "cable", "tool", "world", "left", "right"})
-CONTAINMENT_SLACK = 1e-9
-"""Rounding allowed where a point must lie inside a body [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +93,9 @@ def build_scene(
         raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
     cell = _cell(task.cell, cells)
     _check_names(task.obstacles, cell)
-    table = _table_surface(cell)
-    support = None if task.support is None else _place_support(task.support, table)
-    plate, surface = _place_plate(task, support, table)
+    table = table_surface(cell)
+    support = None if task.support is None else place_support(task.support, table)
+    plate, surface = place_plate(task, support, table)
     _check_pad(task, plate)
     check_given_holds(task.options, plate)
     scene = PlateLiftScene(
@@ -129,7 +109,7 @@ def build_scene(
         lifter_model=task.lifter_model,
         friction=task.friction,
         hand_force_limit=task.hand_force_limit,
-        obstacles=tuple(_obstacle(i, obstacle) for i, obstacle in enumerate(task.obstacles)),
+        obstacles=tuple(place_obstacle(i, obstacle) for i, obstacle in enumerate(task.obstacles)),
         start_positions=_start_positions(task, cell),
         start_widths={name: arm.hand.width_max for name, arm in cell.arms.items() if isinstance(arm.hand, Gripper)},
         seed=task.seed,
@@ -164,100 +144,6 @@ def _check_names(obstacles: Iterable[Obstacle], cell: Cell) -> None:
         if obstacle.name in seen:
             raise SceneError(f"/obstacles/{i}/name", f"the name {obstacle.name} is used twice")
         seen.add(obstacle.name)
-
-
-def _table_surface(cell: Cell) -> Surface:
-    (table,) = (body for body in cell.bodies if body.name == "table")
-    corners = np.vstack([shape.vertices for shape in table.shapes])
-    top = corners[np.abs(corners[:, 2] - cell.table_top) < 1e-6, :2]
-    return Surface("table", cell.table_top, top[ConvexHull(top).vertices])
-
-
-def _known_shape(shape: Box | Cylinder | Prism | Mesh, pointer: str) -> Box | Cylinder | Prism:
-    if isinstance(shape, Mesh):
-        raise SceneError(f"{pointer}/type", "meshes cannot be planned with yet", list(PLANNED_SHAPES))
-    return shape
-
-
-def _static_body(name: str, role: Role, shape: Box | Cylinder | Prism, T_world_body: Transform) -> Body:
-    return Body(name, role, shape, solid_of(shape), None, np.zeros(3), T_world_body, static=True)
-
-
-def _obstacle(index: int, obstacle: Obstacle) -> Body:
-    shape = _known_shape(obstacle.shape, f"/obstacles/{index}/shape")
-    return _static_body(obstacle.name, "obstacle", shape, from_pose7(obstacle.pose))
-
-
-def _place_support(support: Support, table: Surface) -> Body:
-    """Settle the support on the table; its centre must be over it, or it would tip."""
-    shape = _known_shape(support.shape, "/support/shape")
-    body = _static_body("support", "support", shape, from_pose7(support.pose))
-    face = lowest_face(body.solid, body.T_world_body)
-    if not rests_level(face, body.T_world_body, table.height):
-        raise SceneError("/support/pose", _why_not_level("the support", body, table))
-    T_world_support = settled(face, body.T_world_body, table.height)
-    corners = footprint(face, T_world_support)
-    if overhang(polygon.centroid(corners)[None], table) > 0.0:
-        raise SceneError("/support/pose", "the centre of the support is not over the table")
-    return _static_body("support", "support", shape, T_world_support)
-
-
-def _place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tuple[Plate, Surface]:
-    """Settle the plate on the support or the table, and return it with the surface it rests on."""
-    given = task.plate
-    com = np.array(given.com)
-    plate = Plate(
-        "plate", "plate", given.shape, solid_of(given.shape), given.mass, com, from_pose7(task.plate_pose), False
-    )
-    if plate.solid.depth(com) < -CONTAINMENT_SLACK:
-        raise SceneError("/plate/com", "the centre of mass is not inside the plate")
-    if plate.T_world_body[2, 2] <= 0.0:
-        raise SceneError("/plate_pose", "the plate lies upside down or on its side: its +z must point up")
-    surface = _surface_below(plate, support, table)
-    face = plate.solid.flat_faces()[0]
-    if not rests_level(face, plate.T_world_body, surface.height):
-        raise SceneError("/plate_pose", _why_not_level("the plate", plate, surface))
-    T_world_plate = settled(face, plate.T_world_body, surface.height)
-    _check_footprint(footprint(face, T_world_plate), surface)
-    return Plate("plate", "plate", given.shape, plate.solid, given.mass, com, T_world_plate, False), surface
-
-
-def _surface_below(plate: Plate, support: Body | None, table: Surface) -> Surface:
-    """Return the surface nearest to the plate's bottom face."""
-    surfaces = [table]
-    if support is not None:
-        top = upper_surface("support", support.solid, support.T_world_body)
-        if top is None:
-            raise SceneError("/support/pose", "the support has no level face on top")
-        surfaces.insert(0, top)
-    face = plate.solid.flat_faces()[0]
-    return min(surfaces, key=lambda surface: float(np.abs(gaps(face, plate.T_world_body, surface.height)).max()))
-
-
-def _why_not_level(who: str, body: Body, surface: Surface) -> str:
-    face = lowest_face(body.solid, body.T_world_body)
-    tilt = face_tilt(face, body.T_world_body)
-    if tilt > REST_TILT:
-        degrees = math.degrees(tilt)
-        return f"{who} is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees"
-    heights = gaps(face, body.T_world_body, surface.height)
-    farthest = 1e3 * float(heights[np.argmax(np.abs(heights))])
-    where = "above" if farthest > 0.0 else "below"
-    return (
-        f"{who} rests on nothing: its bottom face is {abs(farthest):.4g} mm {where} the top of the {surface.name}, "
-        f"more than {1e3 * REST_GAP:g} mm"
-    )
-
-
-def _check_footprint(corners: Array, surface: Surface) -> None:
-    """Refuse a plate whose bottom face is not wholly on its surface."""
-    beyond = overhang(corners, surface)
-    if beyond == 0.0:
-        return
-    if surface.name == "support" and polygon.area(corners) > polygon.area(surface.outline):
-        raise SceneError("/support/shape", "the support is smaller than the plate: its whole bottom face must rest")
-    detail = f"the plate's bottom face sticks out {1e3 * beyond:.4g} mm over the edge of the {surface.name}"
-    raise SceneError("/plate_pose", detail)
 
 
 def _check_pad(task: PlateLiftTask, plate: Plate) -> None:

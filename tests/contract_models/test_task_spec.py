@@ -121,8 +121,9 @@ FORCES = st.floats(1e-3, 1e5)
 
 @st.composite
 def poses(draw):
-    angle, x, y, z = draw(st.floats(-3, 3)), *draw(st.tuples(COORDINATES, COORDINATES, COORDINATES))
-    return [x, y, z, math.cos(angle / 2), 0, math.sin(angle / 2), 0]
+    position = draw(st.tuples(COORDINATES, COORDINATES, COORDINATES))
+    values = draw(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1))
+    return [*position, *(value / math.hypot(*values) * 1.0005 for value in values)]
 
 
 @st.composite

@@ -1,0 +1,182 @@
+"""From a finished plate lift to its plan document: the only place that knows both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from planners.balance.balanced import Balanced
+from planners.contract.document_bodies import document_bodies
+from planners.contract.plan_document import JOINT_NAMES, SCHEMA_VERSION
+from planners.contract.task_spec import PlateLiftTask, write_task
+from planners.geometry.pose import Array, Transform, to_pose7
+from planners.graph.rejections import Rejection
+from planners.manipulation.planner import LiftPlan
+from planners.scene.scene import PlateLiftScene
+from planners.segment import ContactSet, Segment, SegmentKind
+
+_DIGITS = 12
+"""Decimals of everything sampled: 1e-12 rad, m or N."""
+
+
+def lift_document(
+    task: PlateLiftTask, scene: PlateLiftScene, plan: LiftPlan, stages: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return the document of a plan, complete but for what only the caller knows: id, software, certificate.
+
+    Args:
+        task: as accepted.
+        scene: what was planned in.
+        plan: what came out.
+        stages: seconds by stage, in order.
+    """
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "id": "",
+        "task": write_task(task),
+        "seed": task.seed,
+        "software": {"name": "liftwright", "version": "", "commit": None},
+        "outcome": plan.outcome.value,
+        "explanation": {"summary": plan.summary, "causes": [_cause(cause) for cause in plan.causes]},
+        "cell": scene.cell.document(),
+        "joint_names": list(JOINT_NAMES),
+        "bodies": document_bodies(scene),
+        "segments": list(_segments(plan, scene)),
+        "certificate": None,
+        "simulation": None,
+        "statistics": {
+            "total_seconds": sum(stages.values()),
+            "stages": [{"name": name, "seconds": seconds} for name, seconds in stages.items()],
+            "graph": plan.graph,
+            "search": plan.search,
+            "rejections": plan.rejections.counts(),
+        },
+    }
+
+
+def _cause(cause: Rejection) -> dict[str, Any]:
+    return {
+        "reason": cause.reason,
+        "needed": cause.needed,
+        "available": cause.available,
+        "unit": cause.unit,
+        "where": cause.where or cause.stage,
+    }
+
+
+def _segments(plan: LiftPlan, scene: PlateLiftScene) -> Iterator[dict[str, Any]]:
+    begun = 0.0
+    for segment in plan.segments:
+        document = _segment(segment, scene, begun)
+        begun = document["time"][-1]
+        yield document
+
+
+def _segment(segment: Segment, scene: PlateLiftScene, begun: float) -> dict[str, Any]:
+    trajectory = segment.trajectory
+    return {
+        "kind": segment.kind.value,
+        "movers": list(segment.movers),
+        "contact_state": {
+            "element": segment.contact.element,
+            "index": segment.contact.index,
+            "with": None if segment.contact.plate is None else scene.support_name,
+            "vertices": segment.contact_points.tolist(),
+        },
+        "hold": _hold(segment),
+        "time": _rounded(trajectory.time + begun),
+        "positions": _rounded(trajectory.positions),
+        "velocities": _rounded(trajectory.velocities),
+        "accelerations": _rounded(trajectory.accelerations),
+        "gripper_width": {arm: _rounded(width) for arm, width in segment.widths.items()},
+        "attached": _attached(segment, scene),
+        "body_poses": _body_poses(segment, scene),
+        "contacts": [
+            contact for contact_set in segment.contact_sets for contact in _contacts(contact_set, segment, scene)
+        ],
+    }
+
+
+def _hold(segment: Segment) -> dict[str, Any] | None:
+    grip, push = segment.grip, segment.push
+    if grip is None and push is None:
+        return None
+    return {
+        "grip": None
+        if grip is None
+        else {"arm": grip.arm, "body": "plate", "pose": to_pose7(grip.T_body_tcp), "width": grip.width},
+        "push": None
+        if push is None
+        else {"arm": push.arm, "body": "plate", "point": push.point.tolist(), "normal": push.normal.tolist()},
+    }
+
+
+def _attached(segment: Segment, scene: PlateLiftScene) -> dict[str, Any]:
+    attached = {"cup": [{"to": "plate", "pose": to_pose7(scene.cup.T_plate_cup_body)}]}
+    if segment.grip is not None and segment.kind not in (SegmentKind.GRIP, SegmentKind.RELEASE):
+        attached["plate"] = [{"to": segment.grip.arm, "pose": to_pose7(segment.grip.T_flange_body)}]
+    return attached
+
+
+def _body_poses(segment: Segment, scene: PlateLiftScene) -> dict[str, Any]:
+    """Poses of plate, cup and cable where the plate moves."""
+    if segment.kind is not SegmentKind.TRANSFER:
+        return {}
+    cup = segment.T_world_body @ scene.cup.T_plate_cup_body
+    cable = np.repeat(np.eye(4)[None], len(cup), axis=0)
+    anchor = scene.cup.cable_anchor
+    cable[:, :3, 3] = segment.T_world_body[:, :3, :3] @ anchor + segment.T_world_body[:, :3, 3]
+    cable[:, 2, 3] += 0.5 * scene.cup.cable_length
+    moving = {"plate": segment.T_world_body, "cup": cup, "cable": cable}
+    return {name: [_pose(T) for T in poses] for name, poses in moving.items()}
+
+
+def _contacts(contact_set: ContactSet, segment: Segment, scene: PlateLiftScene) -> Iterator[dict[str, Any]]:
+    """Put one set of contacts into world axes."""
+    balance, T_world_plate = contact_set.balance, segment.T_world_body[contact_set.sample]
+    R = T_world_plate[:3, :3]
+    for number, name in enumerate(balance.contacts):
+        yield {
+            "sample": contact_set.sample,
+            "body": "plate",
+            "finger": None,
+            "point": _rounded(R @ balance.points[number] + T_world_plate[:3, 3]),
+            "normal": _rounded(R @ balance.rotations[number][:, 2]),
+            "wrench": _rounded(balance.wrenches_world[number]),
+            **_parameters(name, balance, segment, scene, R),
+        }
+
+
+def _parameters(name: str, balance: Balanced, segment: Segment, scene: PlateLiftScene, R: Array) -> dict[str, Any]:
+    """Say who exerts a contact, of what kind it is and what limits it."""
+    friction, limit = scene.friction, scene.hand_force_limit.normal
+    kind, _, number = name.partition("_")
+    if kind == "grip":
+        assert segment.grip is not None
+        finger = 1 - int(number) if segment.grip.flipped else int(number)
+        return {
+            "by": segment.grip.arm, "finger": finger, "kind": "soft_finger", "mu": friction.grip,
+            "eps": friction.eps, "limit": limit,
+        }  # fmt: skip
+    if kind == "push":
+        assert segment.push is not None
+        return {"by": segment.push.arm, "kind": "point", "mu": friction.push, "limit": limit}
+    if kind == "environment":
+        return {"by": scene.support_name, "kind": "environment", "mu": friction.environment, "limit": None}
+    cup = scene.cup
+    return {
+        "by": "cup", "kind": "suction", "mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa,
+        "limit": cup.max_force, "suction_force": balance.suction_force,
+        "x_axis": _rounded(R @ cup.T_plate_cup[:3, 0]),
+    }  # fmt: skip
+
+
+def _pose(T: Transform) -> list[float]:
+    return _rounded(np.array(to_pose7(T)))
+
+
+def _rounded(values: Array) -> list[Any]:
+    # Adding zero turns -0.0 into 0.0.
+    return (np.round(values, _DIGITS) + 0.0).tolist()
