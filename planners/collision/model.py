@@ -6,17 +6,18 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.collision.distance import Indices
 from planners.collision.kernel import (
     RIGID,
-    STILL,
     UPRIGHT,
     CollisionKernel,
     first_collisions,
 )
+from planners.collision.pairing import choose_pairs, pair_columns, pair_margins, used_shapes
 from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
 from planners.collision.sweep import sweep_edge, sweep_path
 from planners.errors import LiftwrightError
@@ -30,6 +31,8 @@ NamePair = tuple[str, str]
 _FLANGE = 6
 _DRAWN_RIGHT = 1e-9
 """Bounding balls and boxes are drawn this much too large, beyond rounding [m]."""
+_BALL_STEPS = 200
+"""Leaves a bounding ball less than 1 % too large."""
 
 
 class CollisionModelError(LiftwrightError):
@@ -96,8 +99,8 @@ class CollisionModel:
     """Names by number, see `planners.collision.kernel`."""
     pair_names: tuple[NamePair, ...]
     """All body pairs that a scene may check."""
-    body_pairs: Indices
-    """(n, 2), indices of the bodies of `pair_names`."""
+    body_pairs: tuple[tuple[CollisionBody, CollisionBody], ...]
+    """The bodies of `pair_names`."""
     shape_pairs: Indices
     """(m, 2), all pairs of shapes of those bodies."""
     shape_pair_bodies: Indices
@@ -154,7 +157,7 @@ class CollisionModel:
             bodies=tuple(bodies),
             frames=frames,
             pair_names=pair_names,
-            body_pairs=np.array(body_pairs, dtype=np.int32).reshape(-1, 2),
+            body_pairs=tuple((bodies[i], bodies[j]) for i, j in body_pairs),
             shape_pairs=np.ascontiguousarray(rows[:, :2]),
             shape_pair_bodies=np.ascontiguousarray(rows[:, 2]),
             shapes=_bare_kernel(arms, bodies, frames),
@@ -182,8 +185,7 @@ class CollisionModel:
 
     def pair_mask(self, only: PairChoice) -> PairMask:
         """Say for each of `pair_names` whether `only` chooses it: the quick form of `scene(only=...)`."""
-        bodies = self.bodies
-        return np.array([only(bodies[i], bodies[j]) for i, j in self.body_pairs.tolist()], dtype=bool)
+        return np.array([only(a, b) for a, b in self.body_pairs], dtype=bool)
 
     def scene(
         self,
@@ -210,18 +212,30 @@ class CollisionModel:
         allowed, margins = tuple(allowed), margins or {}
         _check_names((name for pair in (*allowed, *margins) for name in pair), self.names)
         chosen = self._chosen_pairs(placements, allowed, only)
-        selected = np.flatnonzero(chosen[self.shape_pair_bodies])
-        pair_bodies = self.shape_pair_bodies[selected]
-        pair_margins = np.full(len(self.pair_names), margin)
+        body_margins = np.full(len(self.pair_names), float(margin))
         for pair, value in margins.items():
             index = self.pair_index.get(_sorted_pair(pair))
             if index is not None:
-                pair_margins[index] = value
+                body_margins[index] = value
         followers, T_parent_follower, frame_drivers = self._follow(placements)
-        kernel = self._kernel(
-            self.shape_pairs[selected], pair_margins[pair_bodies], followers, T_parent_follower, frame_drivers
+        rows = choose_pairs(self.shape_pairs, self.shape_pair_bodies, chosen)
+        drivers = frame_drivers[self.shapes.shape_frame]
+        pairs = pair_columns(self.shape_pairs, rows, drivers)
+        margin_rows, reach = pair_margins(
+            rows, self.shape_pair_bodies, body_margins, self.shape_pairs, self.shapes.spheres
         )
-        return CollisionQuery(self, kernel, pair_bodies)
+        shapes, arm_used = used_shapes(pairs, drivers, len(self.arms))
+        kernel = self.shapes._replace(
+            arm_used=arm_used,
+            followers=followers,
+            T_parent_follower=T_parent_follower,
+            shapes=shapes,
+            drivers=drivers,
+            pairs=pairs,
+            reach=reach,
+            margin=margin_rows,
+        )
+        return CollisionQuery(self, kernel, self.shape_pair_bodies[rows])
 
     def _chosen_pairs(
         self,
@@ -239,8 +253,7 @@ class CollisionModel:
                 chosen[index] = False
         absent = [frame for frame, placement in placements.items() if placement is None]
         if absent:
-            there = np.array([body.frame not in absent for body in self.bodies])
-            chosen &= there[self.body_pairs].all(axis=1)
+            chosen &= self.pair_mask(lambda a, b: a.frame not in absent and b.frame not in absent)
         return chosen
 
     def _follow(self, placements: Mapping[str, Placement | None]) -> tuple[Indices, Array, Indices]:
@@ -281,47 +294,6 @@ class CollisionModel:
                         )
                     order.append((frame, placement))
         return order
-
-    def _kernel(
-        self, pairs: Indices, margin: Array, followers: Indices, T_parent_follower: Array, frame_drivers: Indices
-    ) -> CollisionKernel:
-        """Complete the shared arrays for one scene."""
-        shared = self.shapes
-        used = np.zeros(len(shared.radius), dtype=bool)
-        used[pairs] = True
-        shapes = np.flatnonzero(used).astype(np.int32)
-        drivers = frame_drivers[shared.shape_frame]
-        arm_used = np.zeros(len(self.arms) + 1, dtype=np.int32)
-        # What no arm drives counts for the last entry, which is cut off.
-        arm_used[drivers[shapes, 0]] = 1
-        columns = np.empty((len(pairs), 4), dtype=np.int32)
-        columns[:, :2] = pairs
-        _relative_columns(drivers[pairs[:, 0]], drivers[pairs[:, 1]], columns[:, 2:])
-        margins = np.empty((len(pairs), 2))
-        margins[:, 0] = margin
-        np.minimum(margin, 0.0, out=margins[:, 1])
-        return shared._replace(
-            arm_used=arm_used[: len(self.arms)],
-            followers=followers,
-            T_parent_follower=T_parent_follower,
-            shapes=shapes,
-            drivers=drivers,
-            pairs=columns,
-            reach=shared.spheres[pairs[:, 0], 3] + shared.spheres[pairs[:, 1], 3] + margin,
-            margin=margins,
-        )
-
-
-def _relative_columns(a: Indices, b: Indices, out: Indices) -> None:
-    """Write, for pairs of shapes with these drivers (p, 3), which bounds of their travel add up: (p, 2).
-
-    On one arm only the joints between the two move them against each other; an upright shape turns against its arm,
-    so that each of the two is measured from the base.
-    """
-    one_arm = (a[:, 0] == b[:, 0]) & (a[:, 0] >= 0) & (a[:, 2] + b[:, 2] == 0)
-    nearer = np.where(one_arm, np.minimum(a[:, 1], b[:, 1]), 0)
-    out[:, 0] = np.where((a[:, 0] < 0) | (one_arm & (a[:, 1] <= b[:, 1])), STILL, nearer)
-    out[:, 1] = np.where((b[:, 0] < 0) | (one_arm & (b[:, 1] <= a[:, 1])), STILL, nearer)
 
 
 def _arm_drivers(n_arms: int, n_frames: int) -> Indices:
@@ -429,15 +401,31 @@ def _bounding_box(shape: ConvexShape) -> Array:
 
 
 def _bounding_sphere(shape: ConvexShape) -> Array:
-    """Bound a shape by a ball, close to the least one (Badoiu, Clarkson 2003: walk towards the farthest point)."""
-    vertices = shape.vertices
-    center = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    best, least = center, np.inf
-    for step in range(1, 200):
-        offsets = vertices - center
-        squares = np.einsum("ij,ij->i", offsets, offsets)
-        farthest = int(np.argmax(squares))
-        if squares[farthest] < least:
-            best, least = center, float(squares[farthest])
-        center = center + offsets[farthest] / (step + 1)
-    return np.append(best, np.sqrt(least) + shape.radius + _DRAWN_RIGHT)
+    """Return the centre and radius of a ball around a shape."""
+    ball = _enclosing_ball(np.ascontiguousarray(shape.vertices, dtype=float))
+    ball[3] += shape.radius + _DRAWN_RIGHT
+    return ball
+
+
+@njit(cache=True, nogil=True)
+def _enclosing_ball(vertices: Array) -> Array:
+    """Return a ball (centre, radius) around points, close to the least one.
+
+    Badoiu, Clarkson, "Smaller core-sets for balls" (2003): walk towards the farthest point by ever smaller steps.
+    """
+    center = np.zeros(3)
+    for k in range(3):
+        center[k] = 0.5 * (vertices[:, k].min() + vertices[:, k].max())
+    best = np.zeros(4)
+    best[3] = np.inf
+    for step in range(_BALL_STEPS):
+        farthest, square = 0, -1.0
+        for i in range(len(vertices)):
+            x, y, z = vertices[i, 0] - center[0], vertices[i, 1] - center[1], vertices[i, 2] - center[2]
+            if x * x + y * y + z * z > square:
+                farthest, square = i, x * x + y * y + z * z
+        if square < best[3]:
+            best[:3], best[3] = center, square
+        center += (vertices[farthest] - center) / (step + 2)
+    best[3] = np.sqrt(best[3])
+    return best

@@ -32,7 +32,7 @@ from planners.geometry.pose import Array
 
 
 @njit(cache=True, nogil=True)
-def _bound_travel(
+def bound_travel(
     drivers: Indices,
     spheres: Array,
     shape_frame: Indices,
@@ -109,7 +109,7 @@ def _unproven(
             if stamps[shape] != stamp:
                 stamps[shape] = stamp
                 place_center(spheres, shape_frame, frames, shape, centers)
-                _bound_travel(drivers, spheres, shape_frame, shape, steps, frames, centers, travel)
+                bound_travel(drivers, spheres, shape_frame, shape, steps, frames, centers, travel)
         motion = travel[a, pairs[pair, 2]] + travel[b, pairs[pair, 3]]
         margin = margins[pair, 0]
         clear = max(margin, margins[pair, 1] + motion)

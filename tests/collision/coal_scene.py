@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import coal
 import numpy as np
-from synthetic_cell import BASES, UR3E
 
 from planners.collision.model import CollisionModel
 from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from tests.collision.synthetic_cell import BASES, UR3E
 
 
 def world_frames(q: Array, placements: dict[str, Placement | None]) -> dict[str, Transform]:

@@ -6,9 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from coal_scene import CoalScene, world_frames
 from numba import njit
-from synthetic_cell import ARMS, BOXES, HOME, build_model, held, resting
 
 from planners.collision.kernel import first_collision, make_scratch, place_frames, set_frame
 from planners.collision.model import CollisionModel, CollisionModelError
@@ -16,6 +14,8 @@ from planners.collision.placement import Attached, Fixed, Riding, Upright
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import rotation_from_vector, transform
 from planners.geometry.shapes import box, convex_hull, sphere
+from tests.collision.coal_scene import CoalScene, world_frames
+from tests.collision.synthetic_cell import ARMS, BOXES, HOME, build_model, held, resting
 
 TOLERANCE = 1e-6
 """Coal and the kernel may differ about distances this close to the margin [m]."""

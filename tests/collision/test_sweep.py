@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
-from synthetic_cell import HOME, build_model, held, resting
+from scipy.spatial.distance import cdist
 
+from planners.collision.kernel import make_scratch, place_center, place_frames
 from planners.collision.model import CollisionModel
 from planners.collision.placement import Attached, Fixed, Riding, Upright
+from planners.collision.sweep import bound_travel
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import transform
+from planners.geometry.pose import frame_from_z, transform
 from planners.geometry.shapes import box, capsule, sphere
-from synthetic_cell import ARMS
+from tests.collision.coal_scene import world_frames
+from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting
 
 STEP = 0.002
 """Of the dense sampling [rad]."""
@@ -74,29 +79,65 @@ def test_an_edge_that_keeps_clear_everywhere_is_free(model, margin):
     assert kept > 20
 
 
-def test_a_thin_wall_between_two_samples_is_seen():
-    """A wall of a tenth of a millimetre stands in the way of a fist on the flange."""
-    fist = CollisionBody("fist", "right", "right/6", (sphere([0, 0, 0.1], 0.005),))
-    wall = CollisionBody("wall", "obstacle", "wall", (box([1e-4, 4.0, 4.0]),))
+@pytest.mark.parametrize("seed", range(30))
+def test_a_thin_wall_between_two_samples_is_seen(seed):
+    """A wall of a micrometre, anywhere between the ends of a fist's way, cannot be passed."""
+    rng = np.random.default_rng(seed)
+    fist = CollisionBody("fist", "right", "right/6", (sphere(FIST, 0.001),))
+    wall = CollisionBody("wall", "obstacle", "wall", (box([1e-6, 8.0, 8.0]),))
     model = CollisionModel.build(ARMS, [fist, wall])
-    q_from, q_to = HOME.copy(), HOME.copy()
-    q_to[6] += 2.5
-    free_query = model.scene({"wall": None})
-    assert free_query.edge(q_from, q_to).free
-    xs = [fist_position(q)[0] for q in (q_from, q_to)]
-    query = model.scene({"wall": Fixed(transform(position=[0.5 * sum(xs), 0, 1.5]))})
-    assert abs(xs[0] - xs[1]) > 0.1
-    assert np.all(query.first_collision(np.array([q_from, q_to])) == -1)
-    result = query.edge(q_from, q_to)
-    assert not result.free
-    assert query.pair_names(result.pair) == ("fist", "wall")
-    assert 0.0 < result.fraction < 1.0
+    q_from, q_to = rng.uniform(-2, 2, size=(2, 12))
+    start, end = (world_frames(q, {})["right/6"][:3] @ FIST_POINT for q in (q_from, q_to))
+    normal = (end - start) / np.linalg.norm(end - start)
+    for share in rng.uniform(0.05, 0.95, 30):
+        T_world_wall = transform(frame_from_z(normal, [0.3, 0.5, 0.8])[:, [2, 0, 1]], start + share * (end - start))
+        query = model.scene({"wall": Fixed(T_world_wall)})
+        assert np.all(query.first_collision(np.array([q_from, q_to])) == -1)
+        result = query.edge(q_from, q_to)
+        assert query.pair_names(result.pair) == ("fist", "wall")
+        assert 0.0 < result.fraction < 1.0
 
 
-def fist_position(q):
-    from coal_scene import world_frames
+FIST = (0.05, 0.0, 0.3)
+FIST_POINT = np.append(FIST, 1.0)
 
-    return world_frames(q, {})["right/6"][:3] @ [0, 0, 0.1, 1]
+
+@pytest.mark.parametrize("placements", [resting, held, hanging])
+def test_no_two_points_move_farther_against_each_other_than_their_bounds_add_up_to(model, placements):
+    """From the middle of an interval on, the distance of two shapes' vertices changes by no more than that."""
+    query = model.scene(placements())
+    rng = np.random.default_rng(7)
+    tightest = np.inf
+    for _ in range(12):
+        q, steps = rng.uniform(-2, 2, 12), rng.uniform(0, 0.4, 12) * rng.integers(0, 2, 12)
+        bounds = travel_bounds(query.kernel, q, steps)
+        before = placed_vertices(query, q, placements())
+        after = placed_vertices(query, q + steps * rng.choice([-1.0, 1.0], 12), placements())
+        for (a, b), bound in zip(query.kernel.pairs[:, :2], bounds, strict=True):
+            change = np.abs(cdist(before[a], before[b]) - cdist(after[a], after[b])).max()
+            assert change <= bound + 1e-12
+            if change > 1e-3:
+                tightest = min(tightest, bound / change)
+    assert tightest < 1.5
+
+
+def travel_bounds(kernel, q, steps):
+    """Return the bound of each pair's relative motion."""
+    scratch = make_scratch(kernel)
+    place_frames(kernel, q, scratch.frames)
+    frames, centers, travel = scratch.frames, scratch.centers, scratch.travel
+    for shape in kernel.shapes:
+        place_center(kernel.spheres, kernel.shape_frame, frames, shape, centers)
+        bound_travel(kernel.drivers, kernel.spheres, kernel.shape_frame, shape, steps, frames, centers, travel)
+    a, b, column_a, column_b = kernel.pairs.T
+    return travel[a, column_a] + travel[b, column_b]
+
+
+def placed_vertices(query, q, placements):
+    """Return the vertices of every shape in the world, by matrix products."""
+    frames = world_frames(q, placements)
+    shapes = [(frames[body.frame], shape) for body in query.model.bodies for shape in body.shapes]
+    return [shape.vertices @ T[:3, :3].T + T[:3, 3] for T, shape in shapes]
 
 
 def test_an_edge_is_free_in_both_directions_or_in_none(model):
@@ -131,7 +172,7 @@ def test_a_path_is_free_when_all_its_edges_are(model):
     verdicts = []
     for _ in range(60):
         Q = HOME + np.cumsum(rng.normal(scale=0.04, size=(6, 12)), axis=0)
-        free = all(query.edge(a, b).free for a, b in zip(Q[:-1], Q[1:], strict=True))
+        free = all(query.edge(a, b).free for a, b in itertools.pairwise(Q))
         result = query.path(Q)
         assert result.free == free
         if not free:
