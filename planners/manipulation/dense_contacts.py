@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -77,6 +77,19 @@ class ContactSampling:
             raise LiftwrightError("numbers of azimuths and densities are at least 1")
         if min(self.goal_height, self.lifted_step, self.com_threshold_per_size, self.rotation_threshold) <= 0.0:
             raise LiftwrightError("heights and thresholds are positive")
+
+    def scaled(self, density: float) -> ContactSampling:
+        """Return a sampling with about `density` times as many poses: more tilts in contact, more azimuths without."""
+
+        def times(spread: tuple[float, float, int]) -> tuple[float, float, int]:
+            return (*spread[:2], max(1, round(spread[2] * density)))
+
+        return replace(
+            self,
+            edge_tilts=times(self.edge_tilts),
+            vertex_tilts=times(self.vertex_tilts),
+            lifted_azimuths=max(1, round(self.lifted_azimuths * density)),
+        )
 
     def tilts(self, spread: tuple[float, float, int]) -> Array:
         """Return the tilts of one of the spreads above at this density [rad]."""

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.graph.search import Knowledge, StateGraph, graph_from_edges, whole
-from planners.manipulation.contacts import restraint
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import DenseContactStateGraph
 
@@ -103,14 +102,11 @@ def build_graph(
     motion = np.concatenate([transfer[1], np.full(len(transit), -1, np.int32)])
     is_transit = motion < 0
 
-    up = poses.plate.T_world_plate[:3, 2]  # at rest; ranks do not depend on how the contact normals turn
-    rank = np.array(
-        [restraint(pose.contact_points, np.tile(up, (len(pose.contact_points), 1))) for pose in poses.poses]
-    )
+    rank = np.array([pose.restraint for pose in poses.poses])
     cost = np.zeros((len(nodes), 2))
     cost[~is_transit] = _motion_costs(poses, rank, costs)[motion[~is_transit]]
     effort = np.zeros(len(nodes))
-    effort[~is_transit] = _efforts(poses)[motion[~is_transit]]
+    effort[~is_transit] = np.array([poses.travel(k) for k in range(len(poses.edges))])[motion[~is_transit]]
 
     graph = graph_from_edges(len(node_pose), nodes[:, 0], nodes[:, 1], cost, is_transit, effort)
     lifted = np.zeros(len(poses.poses), bool)
@@ -186,12 +182,6 @@ def _motion_costs(poses: DenseContactStateGraph, rank: NDArray[np.int64], costs:
                 (costs.contact_change(int(rank[i]), int(rank[j])), costs.contact_change(int(rank[j]), int(rank[i])))
             )
     return np.array(rows, float).reshape(-1, 2)
-
-
-def _efforts(poses: DenseContactStateGraph) -> NDArray[np.float64]:
-    """(DCSG edges,): angle plus way of each motion, which decides between equally cheap paths: the shorter one."""
-    lengths = [poses.motion_between(int(i), int(j)).length for i, j in poses.edges]
-    return np.array([length.rotation + length.com_travel for length in lengths])
 
 
 def _cheapest_lift(costs: TransitionCost, rank: int) -> float:

@@ -1,0 +1,78 @@
+"""From a scene to a plan document: the one call the service makes of the planners.
+
+`TaskSpec -> Scene -> plan -> certify -> PlanDocument`; certifying is `planners.certify`, apart on purpose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from planners.contract.lift_document import lift_document
+from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
+from planners.errors import SceneError
+from planners.manipulation.dense_contacts import ContactSampling
+from planners.manipulation.planner import LiftSettings, PlateLiftPlanner
+from planners.progress import Progress
+from planners.scene.scene import PLANNED_KINDS, PlateLiftScene
+
+
+def plan(
+    task: PlateLiftTask | SuctionToolTask, scene: PlateLiftScene, progress: Progress, clock: Callable[[], float]
+) -> dict[str, Any]:
+    """Plan a task; that there is no plan is an answer, with its reasons.
+
+    Args:
+        task: as accepted.
+        scene: built from it.
+        progress: told what is being done; may raise `PlanningCancelled`.
+        clock: seconds, for the statistics only; no decision depends on it.
+
+    Returns:
+        The plan document, without certificate.
+
+    Raises:
+        SceneError: the kind of task cannot be planned.
+        PlanningCancelled: `progress` asked for it.
+    """
+    if not isinstance(task, PlateLiftTask):
+        raise SceneError("/kind", f"tasks of kind {task.kind} cannot be planned yet", list(PLANNED_KINDS))
+    stopwatch = _Stopwatch(clock, progress)
+    outcome = PlateLiftPlanner(scene, lift_settings(task.options), stopwatch).plan()
+    stopwatch.stop()
+    return lift_document(task, scene, outcome, stopwatch.seconds)
+
+
+def lift_settings(options: PlateLiftOptions) -> LiftSettings:
+    """Return the planner's settings for the options of a task."""
+    defaults = LiftSettings()
+    return replace(
+        defaults,
+        minimise=options.minimise,
+        full=options.search == "full",
+        sampling=replace(ContactSampling().scaled(options.contact_density), goal_height=options.goal_height),
+        grips=replace(defaults.grips, count=max(1, round(defaults.grips.count * options.hold_density))),
+        pushes=replace(defaults.pushes, count=max(1, round(defaults.pushes.count * options.hold_density))),
+    )
+
+
+class _Stopwatch:
+    """Passes progress on, and adds up the seconds between the first report of a stage and that of the next."""
+
+    def __init__(self, clock: Callable[[], float], progress: Progress) -> None:
+        self._clock, self._progress = clock, progress
+        self._stage, self._begun = "sample", clock()
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        if stage != self._stage:
+            self.stop()
+            self._stage = stage
+        self._progress(stage, done, total)
+
+    def stop(self) -> None:
+        """Close the stage that is running."""
+        now = self._clock()
+        self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._begun
+        self._begun = now
