@@ -51,10 +51,11 @@ def hull_points(mesh: MeshFile) -> Array:
     Raises:
         AssetError: There is no such file, or it spans no volume.
     """
-    text = mesh_path(mesh).read_text(encoding="utf-8")
-    rows = [line.split()[1:4] for line in text.splitlines() if line.startswith("v ")]
+    path = mesh_path(mesh)
     try:
-        points = np.array(rows, dtype=float) * mesh.scale
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = [line.split()[1:4] for line in lines if line.startswith("v ")]
+        points = np.array(rows, dtype=float).reshape(-1, 3) * mesh.scale
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError) as error:
         raise AssetError(f"{mesh.path} of the package {mesh.package!r} spans no volume") from error

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+MODELS = Path(find_spec("airo_models").submodule_search_locations[0])
 RIGHT_ANGLE = math.pi / 2
 
 
@@ -59,8 +60,7 @@ class PinocchioArm:
 
 def published_urdf(path: str) -> str:
     """Read a URDF of airo-models without what makes it invalid XML."""
-    folder = Path(find_spec("airo_models").submodule_search_locations[0])
-    text = (folder / path).read_text()
+    text = (MODELS / path).read_text()
     text = re.sub(r"<drake:.*?</drake:collision_filter_group>", "", text, flags=re.DOTALL)
     return re.sub(r'drake:\w+="[^"]*"', "", text)
 

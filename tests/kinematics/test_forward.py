@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pinocchio as pin
 import pytest
-from arm_oracle import ARMS, UR3E, PinocchioArm, published_urdf, random_pose
 
 from planners.kinematics.forward import flange_pose, jacobian, link_frames
+from tests.kinematics.arm_oracle import ARMS, UR3E, PinocchioArm, published_urdf, random_pose
 
 
 @pytest.mark.parametrize("dh", ARMS.values(), ids=ARMS.keys())

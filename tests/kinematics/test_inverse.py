@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from arm_oracle import ARMS, UR3E, PinocchioArm
 
 from planners.kinematics.inverse import BRANCHES, WRIST_SINGULAR, inverse_kinematics, is_ur_type
+from tests.kinematics.arm_oracle import ARMS, UR3E, PinocchioArm
 
 
 def solve(dh: np.ndarray, T_base_flange: np.ndarray, q6_free: float = 0.0) -> dict[int, np.ndarray]:

@@ -15,7 +15,8 @@ TURN = 2 * math.pi
 
 def brute_force(q: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
     """List all combinations of up to three turns within the limits."""
-    choices = [[a + k * TURN for k in range(-3, 4) if low <= a + k * TURN <= high] for a, low, high in zip(q, lo, hi)]
+    turned = q[:, None] + TURN * np.arange(-3, 4)
+    choices = [row[(low <= row) & (row <= high)] for row, low, high in zip(turned, lo, hi, strict=True)]
     return np.array(list(itertools.product(*choices))).reshape(-1, len(q))
 
 

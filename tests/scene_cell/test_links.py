@@ -1,0 +1,105 @@
+"""Links: where their meshes are, and that few vertices leave nothing of them uncovered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial import ConvexHull
+
+from planners.scene.asset_files import shipped_shelf
+from planners.scene.cell import load_cell
+from planners.scene.meshes import HullSettings, enclosing_hull
+from planners.scene.robot import load_robot
+from tests.kinematics.arm_oracle import published_urdf
+from tests.scene_cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
+
+URDF_LINKS = {
+    "base": ("base_link_inertia", "base"),
+    "shoulder": ("shoulder_link", "shoulder"),
+    "upper_arm": ("upper_arm_link", "upperarm"),
+    "forearm": ("forearm_link", "forearm"),
+    "wrist_1": ("wrist_1_link", "wrist1"),
+    "wrist_2": ("wrist_2_link", "wrist2"),
+    "wrist_3": ("wrist_3_link", "wrist3"),
+}
+
+
+@pytest.fixture(scope="module")
+def ur3e():
+    return load_robot("ur3e", shipped_shelf(), "test")
+
+
+def test_links_are_where_the_published_urdf_puts_their_meshes(ur3e):
+    """Whole meshes are compared by how far they extend in many directions."""
+    cell = load_cell("dual_ur3e_lift")
+    rng = np.random.default_rng(0)
+    model = pin.buildModelFromXML(published_urdf(ARM_URDF))
+    data, origins = model.createData(), mesh_origins(ARM_URDF)
+    directions = rng.normal(size=(3, 40))
+    for q in rng.uniform(-np.pi, np.pi, (20, 6)):
+        pin.framesForwardKinematics(model, data, q)
+        T_base_urdf = data.oMf[model.getFrameId("base")].inverse()
+        frames = cell_frames(cell, np.concatenate([q, q]))
+        T_base_world = np.linalg.inv(cell.arms["left"].T_world_base)
+        for i, link in enumerate(ur3e.links):
+            urdf_link, mesh = URDF_LINKS[link.name]
+            T_base_link = (T_base_urdf * data.oMf[model.getFrameId(urdf_link)]).homogeneous
+            vertices = obj_vertices(f"arms/ur3e/collision/{mesh}.obj")
+            published = moved(T_base_link @ origins[urdf_link], vertices)
+            ours = moved(T_base_world @ frames[f"left/{i}"], link.points)
+            np.testing.assert_allclose((ours @ directions).max(axis=0), (published @ directions).max(axis=0), atol=1e-8)
+
+
+def test_links_cover_the_visual_meshes_but_for_the_cable_and_a_millimetre(ur3e):
+    """The hulls of airo-models are its visual meshes' own, up to their rounding."""
+    for link in ur3e.links:
+        mesh = URDF_LINKS[link.name][1]
+        visual = obj_vertices(f"arms/ur3e/visual/{mesh}.obj")
+        hull = obj_vertices(f"arms/ur3e/collision/{mesh}.obj")
+        assert outside(visual, of=hull).max() < 1e-3
+
+
+def test_the_cable_that_hangs_from_the_base_is_not_part_of_it(ur3e):
+    assert ur3e.links[0].points[:, 2].min() > -1e-5
+
+
+def test_a_link_of_few_vertices_contains_the_mesh_and_not_much_more(ur3e):
+    for link in ur3e.links:
+        assert len(link.shape.vertices) <= 60
+        assert link.shape.radius == 0.0
+        assert outside(link.points, of=link.shape.vertices).max() < 1e-12
+        wrist = link.name.startswith("wrist")
+        assert outside(link.shape.vertices, of=link.points).max() < (1.6e-3 if wrist else 3.3e-3)
+
+
+def test_unsimplified_hulls_are_closed_surfaces_around_all_points_with_faces_outward(ur3e):
+    for name, (vertices, faces) in ur3e.link_hulls().items():
+        link = next(link for link in ur3e.links if link.name == name)
+        assert {tuple(v) for v in vertices} == {tuple(p) for p in link.points}
+        edges = [tuple(face[[i, (i + 1) % 3]]) for face in faces for i in range(3)]
+        assert len(set(edges)) == len(edges)
+        assert {edge[::-1] for edge in edges} == set(edges)
+        a, b, c = (vertices[faces[:, k]] for k in range(3))
+        volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+        assert volume == pytest.approx(ConvexHull(link.points).volume)
+
+
+@pytest.mark.parametrize("vertices", [20, 40])
+def test_a_simplified_hull_contains_any_cloud_of_points(vertices):
+    rng = np.random.default_rng(vertices)
+    for _ in range(10):
+        points = rng.normal(size=(300, 3)) * rng.uniform(0.01, 1.0, 3)
+        points /= np.linalg.norm(points, axis=1, keepdims=True) ** rng.uniform(0.0, 1.0)
+        points = points[ConvexHull(points).vertices]
+        simple = enclosing_hull(points, HullSettings(most_vertices=vertices))
+        assert len(simple) <= max(vertices, 14)
+        assert outside(points, of=simple).max() < 1e-9
+
+
+def test_the_ur3_has_its_own_table_and_the_links_of_the_ur3e(ur3e):
+    ur3 = load_robot("ur3", shipped_shelf(), "test")
+    assert ur3.dh[3, 2] == 0.11235
+    assert not np.array_equal(ur3.dh, ur3e.dh)
+    for ours, stand_in in zip(ur3.links, ur3e.links, strict=True):
+        np.testing.assert_array_equal(ours.points, stand_in.points)
