@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.balance.balanced import UnbalanceProof
 from planners.balance.contacts import GripContacts, PushContact
@@ -48,7 +49,7 @@ class TwistTable:
         self._push_levers = np.array([push.point for push in pushes]).reshape(-1, 3) - balance.com
         self._push_normals = np.array([push.normal for push in pushes]).reshape(-1, 3)
 
-    def infeasible(self, proof: UnbalanceProof | Array) -> Array:
+    def infeasible(self, proof: UnbalanceProof | Array) -> NDArray[np.bool_]:
         """Test one twist, fixed in the plate, at every node.
 
         Args:
@@ -60,14 +61,14 @@ class TwistTable:
         proof = _as_proof(proof)
         return self._test(proof.twist[None], proof.net_multiplier[None])
 
-    def infeasible_in_world(self, proof: UnbalanceProof | Array, pose: int) -> Array:
+    def infeasible_in_world(self, proof: UnbalanceProof | Array, pose: int) -> NDArray[np.bool_]:
         """Test a proof found at `pose` as a motion fixed in the world: rewritten for each pose; see `infeasible`."""
         proof = _as_proof(proof)
         R_poses_source = np.swapaxes(self._rotations, 1, 2) @ self._rotations[pose]
         twists = np.stack([rotated(R, proof.twist) for R in R_poses_source])
         return self._test(twists, R_poses_source @ proof.net_multiplier)
 
-    def _test(self, twists: Array, net_multipliers: Array) -> Array:
+    def _test(self, twists: Array, net_multipliers: Array) -> NDArray[np.bool_]:
         """Test `twists` (n or 1, 6), one a pose or one for all."""
         balance = self._balance
         friction, limits = balance.friction, balance.limits
@@ -99,7 +100,7 @@ def _as_proof(proof: UnbalanceProof | Array) -> UnbalanceProof:
     return proof if isinstance(proof, UnbalanceProof) else UnbalanceProof(np.asarray(proof, dtype=float), np.zeros(3))
 
 
-def _same_count(environment_points: Sequence[Array], com: Array) -> list[tuple[Array, Array]]:
+def _same_count(environment_points: Sequence[Array], com: Array) -> list[tuple[NDArray[np.intp], Array]]:
     """Group the poses by their number of environment points: indices (g,) and levers (g, k, 3)."""
     points = [np.asarray(each, dtype=float).reshape(-1, 3) for each in environment_points]
     counts = np.array([len(each) for each in points])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
-import clarabel
 import numpy as np
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceProof, UnbalanceReason
@@ -15,7 +14,8 @@ from planners.balance.lifter import LifterModel, lifter_of
 from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.balance.template import TORQUE_LENGTH, Structure, Template
 from planners.errors import LiftwrightError
-from planners.geometry.pose import Array, skew
+from planners.geometry.pose import Array, transform
+from planners.geometry.wrench import grasp_map
 
 GRAVITY = 9.81
 """[m/s^2], along world -z."""
@@ -28,7 +28,7 @@ PROOF_MARGIN = 1e-7
 class Balance:
     """The balance program of one plate with its cup. Keeps compiled programs: not for two threads at once."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - the plate's data, each with its own meaning
         self,
         plate_mass: float,
         plate_com: Array,
@@ -63,8 +63,7 @@ class Balance:
         self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
         self._templates: dict[Structure, Template] = {}
         self._hand_maps: WeakKeyDictionary[GripContacts | PushContact, Array] = WeakKeyDictionary()
-        self._cup_axes = cup.T_plate_cup[:3, :3]
-        self._cup_map = _wrench_map(self._cup_axes, cup.T_plate_cup[:3, 3] - self.com)
+        self._cup_map = grasp_map(transform(cup.T_plate_cup[:3, :3], cup.T_plate_cup[:3, 3] - self.com))
 
     def solve(
         self,
@@ -86,10 +85,10 @@ class Balance:
         template = self._template(Structure(len(points), grip is not None, push is not None))
         contact_map = self._contact_map(contacts)
         gravity = np.concatenate([-self.weight * contacts.up, np.zeros(3)])
-        status, x, z = template.solve(contact_map, gravity)
+        infeasible, x, z = template.solve(contact_map, gravity)
         # The solver's verdict only says what to check first; the checks decide.
         proofs = [_proof_from_dual(z[:6], template.net_multiplier(z))]
-        if status != clarabel.SolverStatus.PrimalInfeasible:
+        if not infeasible:
             residual = _close_balance(x, contact_map, gravity)
             hands = template.columns.hand_normals
             if hands:
@@ -145,11 +144,11 @@ class Balance:
         if known is not None:
             return known
         if isinstance(hand, PushContact):
-            block = _wrench_map(hand.rotation, hand.point - self.com)[:, :3]
+            block = grasp_map(transform(hand.rotation, hand.point - self.com))[:, :3]
         else:
             fingers = zip(hand.rotations, hand.points - self.com, strict=True)
             scale = np.array([1.0, 1.0, 1.0, self.friction.eps])
-            block = np.concatenate([_wrench_map(R, p)[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1)
+            block = np.concatenate([grasp_map(transform(R, p))[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1)
         self._hand_maps[hand] = block
         return block
 
@@ -260,14 +259,6 @@ def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
     correction, *_ = np.linalg.lstsq(scaled_map, residual, rcond=None)
     wrenches -= correction
     return scaled_map @ wrenches + scaled_gravity
-
-
-def _wrench_map(axes: Array, lever: Array) -> Array:
-    """Return the grasp map (6, 6) of a contact whose axes and lever from the centre of mass are given."""
-    block = np.zeros((6, 6))
-    block[:3, :3] = block[3:, 3:] = axes
-    block[3:, :3] = skew(lever) @ axes
-    return block
 
 
 def _force_maps(axes: Array, levers: Array) -> Array:

@@ -70,7 +70,9 @@ def state_balance(
     pull = cp.Variable(name="f_s")
     Omega_g = np.concatenate([-plate.mass * plate.gravity * up, np.zeros(3)])
 
-    total = sum(grasp_map(T) @ F[name] for name, T in frames.items())
+    total: cp.Expression = cp.Constant(np.zeros(6))
+    for name, T in frames.items():
+        total = total + grasp_map(T) @ F[name]
     limits: list[cp.Constraint] = []
     for name in frames:
         if name.startswith("grip"):

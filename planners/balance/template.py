@@ -5,6 +5,9 @@ are forces: torques are divided by the length that belongs to their contact (eps
 the cup), so that one tolerance in newtons fits them all.
 """
 
+# clarabel is a native module without stubs.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -175,7 +178,7 @@ class Template:
         empty = sparse.csc_matrix((columns.size, columns.size))
         self._solver = clarabel.DefaultSolver(empty, self.cost, first, self._b, kinds, _solver_settings())
 
-    def solve(self, contact_map: Array, gravity: Array) -> tuple[clarabel.SolverStatus, Array, Array]:
+    def solve(self, contact_map: Array, gravity: Array) -> tuple[bool, Array, Array]:
         """Solve with new data.
 
         Args:
@@ -183,7 +186,7 @@ class Template:
             gravity: Omega_g, (6,), in the same axes.
 
         Returns:
-            The solver's verdict, x, and the dual z of the rows: six of the balance, then those of the cones.
+            Whether the solver calls it infeasible; x; and the dual z of the rows, six of the balance, then the cones'.
         """
         size = self.columns.wrench_size
         self._A[:3, :size] = contact_map[:3]
@@ -197,7 +200,8 @@ class Template:
         self._b[3:6] = -gravity[3:] / TORQUE_LENGTH
         self._solver.update(A=self._A.T[self._pattern], b=self._b)
         solution = self._solver.solve()
-        return solution.status, np.array(solution.x), np.array(solution.z)
+        infeasible = solution.status == clarabel.SolverStatus.PrimalInfeasible
+        return infeasible, np.array(solution.x), np.array(solution.z)
 
     def least_slack(self, x: Array) -> float:
         """Return how far x, of the problem last solved, is inside the nearest untightened limit [N].

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -37,6 +38,13 @@ class Lift:
 
     def state(self) -> Statement:
         return state_balance(self.plate, self.rotation, self.environment_points, self.grip, self.push)
+
+    def most_power(self, statement: Statement, twist: Array) -> float:
+        """Ask cvxpy for the most power of the contacts and the weight along `twist` [W]."""
+        normals = [F[2] for name, F in statement.wrenches.items() if name.startswith("environment")]
+        bound = [cp.sum(cp.hstack(normals)) <= self.balance.environment_bound] if normals else []
+        problem = cp.Problem(cp.Maximize(twist @ statement.total), [*statement.limits, *bound])
+        return problem.solve(solver="CLARABEL") - self.plate.mass * 9.81 * twist[:3] @ self.rotation[2]
 
 
 def _tilted(rng: np.random.Generator, environment: int) -> Array:

@@ -9,7 +9,6 @@ from typing import get_args
 import cvxpy as cp
 import numpy as np
 import pytest
-from pytest import approx
 
 from planners.balance.balanced import Unbalanced
 from planners.balance.contacts import Cup, Friction, HandForceLimit, PushContact
@@ -46,7 +45,7 @@ def test_the_cups_share_is_reached_at_some_tilt(model, max_tilt):
         R = rotation_z(0.3) @ rotation_x(tilt) @ rotation_z(math.pi / 4)
         lifts.append(most_lift(state_balance(plate, R, np.empty((0, 3))), R[2]))
     assert max(lifts) <= expected + 1e-5
-    assert max(lifts) == approx(expected, rel=1e-3)
+    assert max(lifts) == pytest.approx(expected, rel=1e-3)
 
 
 def test_the_pushers_share_is_reached_along_the_edge_of_its_cone():
@@ -56,7 +55,7 @@ def test_the_pushers_share_is_reached_along_the_edge_of_its_cone():
     R = rotation_y(math.atan(0.5))
     push = PushContact(np.array([0.0, 0.1, -0.02]), np.array([0.0, 0.0, 1.0]))
     statement = state_balance(plate, R, np.empty((0, 3)), None, push)
-    assert most_lift(statement, R[2]) == approx(held.capacity(MAX_TILT).pusher, rel=1e-6)
+    assert most_lift(statement, R[2]) == pytest.approx(held.capacity(MAX_TILT).pusher, rel=1e-6)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -65,7 +64,7 @@ def test_the_weak_cup_cannot_lift_the_heavy_plate(model):
     cup = Cup.on_top((0.045, 0.0, 0.022), 0.0175, 20.0)
     capacity = Balance(6.4, np.zeros(3), cup, lifter_model=model).capacity(MAX_TILT)
     assert not capacity.suffices
-    assert capacity.needed == approx(62.784)
+    assert capacity.needed == pytest.approx(62.784)
     assert capacity.gripper == capacity.pusher == 19.0
     strong = Balance(6.4, np.zeros(3), replace(cup, max_force=60.0), lifter_model=model).capacity(MAX_TILT)
     assert strong.suffices

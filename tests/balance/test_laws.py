@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pytest import approx
 
 from planners.balance.balanced import Balanced, Unbalanced
 from planners.balance.contacts import Cup, GripContacts, HandForceLimit, PushContact
@@ -32,9 +31,9 @@ def balance(mass=4.0, cup_at=(0.0, 0.0), max_force=20.0, kappa=0.005, **rest) ->
 def test_a_plate_flat_on_the_table_needs_no_hands(model):
     answer = balance(lifter_model=model).solve(np.eye(3), CORNERS)
     assert isinstance(answer, Balanced)
-    assert answer.objective == approx(0.0, abs=1e-5)
+    assert answer.objective == pytest.approx(0.0, abs=1e-5)
     with_hands = balance(lifter_model=model).solve(np.eye(3), CORNERS, GRIP, PUSH)
-    assert with_hands.objective == approx(0.0, abs=1e-5)
+    assert with_hands.objective == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -43,7 +42,7 @@ def test_a_level_cup_above_the_centre_lifts_its_force_and_no_more(model, share):
     answer = balance(mass=share * 20.0 / 9.81, lifter_model=model).solve(np.eye(3), NOTHING)
     assert isinstance(answer, Balanced) == (share < 1.0)
     if isinstance(answer, Unbalanced):
-        assert answer.shortage == approx(0.001 * 20.0, rel=1e-3)
+        assert answer.shortage == pytest.approx(0.001 * 20.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("share", [0.99, 1.01])
@@ -84,8 +83,8 @@ def test_a_mirrored_lift_needs_the_same_effort(model):
     mirror = np.diag([-1.0, 1.0, 1.0])
     R = rotation_z(0.4) @ rotation_y(0.25) @ rotation_x(0.1)
     edge = CORNERS[:1]
-    push = PushContact(PUSH.point + [0.03, 0, 0], np.array([0.6, 0.0, 0.8]))
-    grip = GripContacts(GRIP.points + [0.05, 0, 0], GRIP.normals)
+    push = PushContact(PUSH.point + np.array([0.03, 0, 0]), np.array([0.6, 0.0, 0.8]))
+    grip = GripContacts(GRIP.points + np.array([0.05, 0, 0]), GRIP.normals)
     one = balance(mass=2.5, cup_at=(0.06, 0.01), lifter_model=model).solve(R, edge, grip, push)
     other = balance(mass=2.5, cup_at=(-0.06, 0.01), lifter_model=model).solve(
         mirror @ R @ mirror,
@@ -94,7 +93,7 @@ def test_a_mirrored_lift_needs_the_same_effort(model):
         PushContact(push.point @ mirror, push.normal @ mirror),
     )
     assert isinstance(one, Balanced)
-    assert other.objective == approx(one.objective, rel=1e-6)
+    assert other.objective == pytest.approx(one.objective, rel=1e-6)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -102,7 +101,7 @@ def test_yaw_of_the_plate_changes_nothing(model):
     tilted = rotation_y(0.2)
     held = balance(cup_at=(0.05, 0.0), lifter_model=model)
     efforts = [held.solve(rotation_z(yaw) @ tilted, CORNERS[:2], GRIP, PUSH).objective for yaw in (0.0, 1.0, 2.5)]
-    assert efforts == approx([efforts[0]] * 3, rel=1e-7)
+    assert efforts == pytest.approx([efforts[0]] * 3, rel=1e-7)
 
 
 @pytest.mark.parametrize("field", ["max_force", "mu", "kappa", "radius"])
