@@ -14,7 +14,7 @@ from planners.collision.placement import Attached, Fixed, Riding, Upright
 from planners.collision.sweep import bound_travel
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import frame_from_z, transform
-from planners.geometry.shapes import box, capsule, sphere
+from planners.geometry.shapes import box, capsule, placed, sphere
 from tests.collision.coal_scene import world_frames
 from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting
 
@@ -138,6 +138,27 @@ def placed_vertices(query, q, placements):
     frames = world_frames(q, placements)
     shapes = [(frames[body.frame], shape) for body in query.model.bodies for shape in body.shapes]
     return [shape.vertices @ T[:3, :3].T + T[:3, 3] for T, shape in shapes]
+
+
+def test_a_free_edge_sinks_no_deeper_than_a_negative_margin_allows():
+    """A block on the flange grazes a wall; free edges stay within the millimetre, and some do use it."""
+    block = CollisionBody("block", "right", "right/6", (placed(box([0.1, 0.1, 0.1]), transform(position=[0, 0, 0.1])),))
+    wall = CollisionBody("wall", "obstacle", "wall", (box([0.2, 8.0, 8.0]),))
+    model = CollisionModel.build(ARMS, [block, wall])
+    rng = np.random.default_rng(8)
+    grazing = 0
+    for _ in range(200):
+        q_from = HOME + rng.uniform(-0.6, 0.6, 12)
+        q_to = q_from + rng.normal(scale=0.002, size=12)
+        farthest = placed_vertices(model.scene({"wall": None}), q_from, {})[0][:, 0].max()
+        wall_pose = {"wall": Fixed(transform(position=[farthest + 0.1 + rng.uniform(-0.003, 0.001), 0, 0]))}
+        query = model.scene(wall_pose, margins={("block", "wall"): -0.001})
+        if query.edge(q_from, q_to).free:
+            for q in dense(q_from, q_to, 0.0002):
+                deepest = placed_vertices(query, q, wall_pose)[0][:, 0].max()
+                assert deepest <= wall_pose["wall"].T_world_body[0, 3] - 0.1 + 0.001 + 1e-9
+                grazing += deepest > wall_pose["wall"].T_world_body[0, 3] - 0.1
+    assert grazing > 100
 
 
 def test_an_edge_is_free_in_both_directions_or_in_none(model):
