@@ -10,12 +10,8 @@ from planners.certify.motion import SegmentMotion, relative
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 
-_FULL = 1.0
 
-
-def attachment_checks(
-    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
-) -> list[Check]:
+def attachment_checks(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> list[Check]:
     """Check drift and turn of attached bodies, who may attach what, cup and cable, and bodies at rest."""
     return [
         *_drift(motions, settings),
@@ -38,9 +34,7 @@ def _drift(motions: list[SegmentMotion], settings: CertifySettings) -> list[Chec
             to = attachment.to
             holder = motion.frames[to][:, 6] if to in ARMS else motion.body_poses[to]
             poses = relative(holder, motion.body_poses[attachment.body])
-            distance = np.linalg.norm(
-                poses[:, :3, 3] - attachment.T_to_body[:3, 3], axis=1
-            )
+            distance = np.linalg.norm(poses[:, :3, 3] - attachment.T_to_body[:3, 3], axis=1)
 
             def where(
                 i: int,
@@ -51,8 +45,7 @@ def _drift(motions: list[SegmentMotion], settings: CertifySettings) -> list[Chec
 
             place.note_all(settings.attachment_distance - distance, where)
             turn.note_all(
-                settings.attachment_angle
-                - rotation_angles(poses, attachment.T_to_body),
+                settings.attachment_angle - rotation_angles(poses, attachment.T_to_body),
                 where,
             )
     return [place.check(), turn.check()]
@@ -64,10 +57,7 @@ def _rules(plan: PlanView, motions: list[SegmentMotion]) -> Check:
         segment = motion.segment
         for attachment in segment.attached:
             stick = attachment.to in ARMS and plan.hands[attachment.to].kind == "stick"
-            finding.note(
-                -_FULL if stick else 0.0,
-                f"{segment.place()}: {attachment.body} is attached to a stick",
-            )
+            finding.require(not stick, segment.place(), f"{attachment.body} is attached to a stick")
         if segment.grip is None:
             continue
         arms = {a.to for a in segment.attached if a.body == segment.grip.body}
@@ -77,20 +67,16 @@ def _rules(plan: PlanView, motions: list[SegmentMotion]) -> Check:
         else:
             wrong = segment.grip.arm not in arms
             text = f"{segment.grip.body} is held by the {segment.grip.arm} hand and not attached to it"
-        finding.note(-_FULL if wrong else 0.0, f"{segment.place()}: {text}")
+        finding.require(not wrong, segment.place(), text)
     return finding.check()
 
 
-def _lifter(
-    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
-) -> Check:
+def _lifter(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> Check:
     """The cup keeps its pose on the plate; the cable keeps its foot on the cup and hangs plumb."""
     finding = Finding("lifter", "m")
     if not {"plate", "cup", "cable"} <= set(plan.bodies):
         return finding.check()
-    start = {
-        name: plan.bodies[name].T_world_start for name in ("plate", "cup", "cable")
-    }
+    start = {name: plan.bodies[name].T_world_start for name in ("plate", "cup", "cable")}
     T_plate_cup = np.linalg.inv(start["plate"]) @ start["cup"]
     rim = plan.bodies["cup"].shape.vertices
     axis = plan.bodies["cable"].shape.vertices[:, 2]
@@ -100,13 +86,10 @@ def _lifter(
     )
     anchor = np.linalg.inv(start["cup"]) @ start["cable"] @ foot
     for motion in motions:
-        plate, cup, cable = (
-            motion.body_poses[name] for name in ("plate", "cup", "cable")
-        )
+        plate, cup, cable = (motion.body_poses[name] for name in ("plate", "cup", "cable"))
         seat = plate @ T_plate_cup
         shift = np.linalg.norm(
-            np.einsum("nij,kj->nki", (cup - seat)[:, :3, :3], rim)
-            + (cup - seat)[:, None, :3, 3],
+            np.einsum("nij,kj->nki", (cup - seat)[:, :3, :3], rim) + (cup - seat)[:, None, :3, 3],
             axis=2,
         ).max(axis=1)
         finding.note_all(
@@ -127,17 +110,13 @@ def _lifter(
     return finding.check()
 
 
-def _resting(
-    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
-) -> Check:
+def _resting(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> Check:
     finding = Finding("resting_bodies", "m")
     for motion in motions:
         segment = motion.segment
         free = {attachment.body for attachment in segment.attached}
         if segment.kind not in ("grip", "release"):
-            free |= {
-                hold.body for hold in (segment.grip, segment.push) if hold is not None
-            }
+            free |= {hold.body for hold in (segment.grip, segment.push) if hold is not None}
         if "plate" in free:
             free |= {"cup", "cable"}
         for name, poses in segment.body_poses.items():
@@ -145,12 +124,8 @@ def _resting(
                 moved = np.abs(poses - poses[0]).max(axis=(1, 2))
                 finding.note_all(
                     settings.join - moved,
-                    lambda i, s=segment, n=name: (
-                        f"{s.place(i)}: {n} moves, held by nothing"
-                    ),
+                    lambda i, s=segment, n=name: f"{s.place(i)}: {n} moves, held by nothing",
                 )
             if plan.bodies[name].static:
-                finding.note(
-                    -_FULL, f"{segment.place()}: {name} is static and has poses"
-                )
+                finding.require(False, segment.place(), f"{name} is static and has poses")
     return finding.check()

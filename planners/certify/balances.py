@@ -65,7 +65,7 @@ def balance_checks(
     for contact_set in (one for group in sets for one in group):
         body = plan.bodies[contact_set.body]
         if body.mass is None:
-            force.note(-1.0, f"{contact_set.where} has contacts and no mass")
+            force.require(False, contact_set.where, "has contacts and no mass")
             continue
         total_force, total_moment = residual(contact_set, body, plan.gravity)
         force.note(
@@ -84,9 +84,7 @@ def balance_checks(
     ]
 
 
-def residual(
-    contact_set: ContactSet, body: BodyView, gravity: Array
-) -> tuple[Array, Array]:
+def residual(contact_set: ContactSet, body: BodyView, gravity: Array) -> tuple[Array, Array]:
     """Return what is left of force [N] and moment about the centre of mass [Nm], world axes."""
     T = contact_set.T_world_body
     com = T[:3, :3] @ body.com + T[:3, 3]
@@ -127,9 +125,7 @@ def _inertia(
                 (c.force for c in contact_set.contacts if c.kind == "inertia"),
                 np.zeros(3),
             )
-            low, high = _around(
-                -body.mass * accelerations[body.name], contact_set.sample
-            )
+            low, high = _around(-body.mass * accelerations[body.name], contact_set.sample)
             missing = np.linalg.norm(counted - np.clip(counted, low, high))
             finding.note(
                 settings.inertia_fraction * body.mass * weight - float(missing),
@@ -161,40 +157,26 @@ def _spacing(
     finding = Finding("contact_sets", "1")
     for motion, group in zip(motions, sets, strict=True):
         for body in plan.bodies.values():
-            if (
-                body.mass is None
-                or body.static
-                or not _needs_sets(plan, motion, body, settings)
-            ):
+            if body.mass is None or body.static or not _needs_sets(plan, motion, body, settings):
                 continue
             samples = sorted({one.sample for one in group if one.body == body.name})
             _note_spacing(motion, body, samples, finding, settings)
     return finding.check()
 
 
-def _needs_sets(
-    plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings
-) -> bool:
+def _needs_sets(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
     """Whether the body is in a hand for all of the segment, or off its rest."""
     segment = motion.segment
-    gripped = (
-        segment.grip is not None
-        and segment.grip.body == body.name
-        and segment.kind not in ("grip", "release")
-    )
+    gripped = segment.grip is not None and segment.grip.body == body.name and segment.kind not in ("grip", "release")
     pushed = segment.push is not None and segment.push.body == body.name
     if pushed and segment.push is not None and segment.kind in ("approach", "retreat"):
         pushed = segment.push.arm not in segment.movers
     return gripped or pushed or not _rests_flat(plan, motion, body, settings)
 
 
-def _rests_flat(
-    plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings
-) -> bool:
+def _rests_flat(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
     low = body.shape.vertices[:, 2] <= body.shape.vertices[:, 2].min() + _STILL
-    above = heights(
-        motion.body_poses[body.name], body.shape.vertices[low]
-    ) - support_height(plan)
+    above = heights(motion.body_poses[body.name], body.shape.vertices[low]) - support_height(plan)
     return bool(np.abs(above).max() <= settings.element_height)
 
 
@@ -207,18 +189,12 @@ def _note_spacing(
 ) -> None:
     segment, last = motion.segment, len(motion.segment.time) - 1
     for end, name in ((0, "first"), (last, "last")):
-        present = end in samples
-        finding.note(
-            0.0 if present else -1.0,
-            f"{segment.place(end)}: no contact set of {body.name} at the {name} sample",
-        )
+        finding.require(end in samples, segment.place(end), f"no contact set of {body.name} at the {name} sample")
     poses = motion.body_poses[body.name]
     centres = _centres(body, poses)
     still = np.abs(np.diff(poses, axis=0)).max(axis=(1, 2), initial=0.0) <= _STILL
     for before, after in zip(samples[:-1], samples[1:], strict=True):
-        chord = np.linalg.norm(poses[after, :3, :3] - poses[before, :3, :3]) / np.sqrt(
-            2.0
-        )
+        chord = np.linalg.norm(poses[after, :3, :3] - poses[before, :3, :3]) / np.sqrt(2.0)
         turn = 2 * float(np.arcsin(min(1.0, chord / 2)))
         way = float(np.linalg.norm(centres[after] - centres[before]))
         rest = _longest_rest(segment.time[before : after + 1], still[before:after])
@@ -229,7 +205,7 @@ def _note_spacing(
         )
         finding.note(
             1.0 + _ROUNDING - used,
-            f"{segment.place(before)}: no contact set of {body.name} up to sample {after}",
+            f"{segment.place(before)} to sample {after}: {body.name}",
         )
 
 

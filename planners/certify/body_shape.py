@@ -46,16 +46,10 @@ class ConvexPart:
         order = np.lexsort(sides.T)
         sides, faces = sides[order], np.tile(np.arange(len(normals)), 3)[order]
         # Every side of a closed surface belongs to two triangles, which sorting puts next to one another.
-        sharp = (
-            np.einsum("ij,ij->i", normals[faces[::2]], normals[faces[1::2]]) < 1 - 1e-9
-        )
-        directions = (
-            self.vertices[sides[::2][sharp, 1]] - self.vertices[sides[::2][sharp, 0]]
-        )
+        sharp = np.einsum("ij,ij->i", normals[faces[::2]], normals[faces[1::2]]) < 1 - 1e-9
+        directions = self.vertices[sides[::2][sharp, 1]] - self.vertices[sides[::2][sharp, 0]]
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        leading = np.take_along_axis(
-            directions, np.argmax(np.abs(directions), axis=1)[:, None], axis=1
-        )
+        leading = np.take_along_axis(directions, np.argmax(np.abs(directions), axis=1)[:, None], axis=1)
         return np.unique(np.round(directions * np.sign(leading), 9), axis=0)
 
 
@@ -118,9 +112,7 @@ def _single(points: Array) -> BodyShape:
 
 def box(size: Array) -> BodyShape:
     """Return a box of full lengths `size` about the origin."""
-    signs = np.array(
-        [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float
-    )
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     return _single(signs * size / 2)
 
 
@@ -137,10 +129,7 @@ def prism(outline: Array, height: float) -> BodyShape:
     Raises:
         ValueError: The outline has no area.
     """
-    rings = [
-        np.column_stack([outline, np.full(len(outline), z)])
-        for z in (-height / 2, height / 2)
-    ]
+    rings = [np.column_stack([outline, np.full(len(outline), z)]) for z in (-height / 2, height / 2)]
     return _single(np.vstack(rings))
 
 

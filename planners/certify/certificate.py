@@ -80,6 +80,10 @@ class Finding:
                 where if isinstance(where, str) else where(),
             )
 
+    def require(self, met: bool, where: str, complaint: str) -> None:
+        """Note something that is so or not: margin 0, or -1 with the complaint."""
+        self.note(0.0 if met else -1.0, where if met else f"{where}: {complaint}")
+
     def note_all(self, margins: Array, where: Callable[..., str]) -> None:
         """Keep the smallest of an array of margins; `where` is called with the indices of that entry."""
         if margins.size == 0:

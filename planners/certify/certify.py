@@ -55,22 +55,16 @@ def certify(
         return Certificate((structure,))
     # Numbers that make no sense overflow to inf or nan, which fail the check that meets them.
     with np.errstate(all="ignore"):
-        return Certificate(
-            (structure, *_checks(plan, document, task, surfaces, reference, settings))
-        )
+        return Certificate((structure, *_checks(plan, document, task, surfaces, reference, settings)))
 
 
 def _refuse_nonsense(plan: PlanView) -> None:
     """Refuse what no check could make sense of."""
     if plan.outcome != "solved":
         if plan.segments:
-            raise MalformedDocument(
-                "/segments", f"a plan that is {plan.outcome} has no segments"
-            )
+            raise MalformedDocument("/segments", f"a plan that is {plan.outcome} has no segments")
         if not (plan.explanation or {}).get("summary"):
-            raise MalformedDocument(
-                "/explanation/summary", f"a plan that is {plan.outcome} says why"
-            )
+            raise MalformedDocument("/explanation/summary", f"a plan that is {plan.outcome} says why")
         return
     if not plan.segments:
         raise MalformedDocument("/segments", "a solved plan has segments")

@@ -26,16 +26,10 @@ _BLOCK = 16
 class PairMotion:
     """How far two solids can move relative to one another during a segment."""
 
-    def __init__(
-        self, motion: SegmentMotion, a: Solid, b: Solid, touching: bool
-    ) -> None:
+    def __init__(self, motion: SegmentMotion, a: Solid, b: Solid, touching: bool) -> None:
         anchors = motion.anchor(a.frame), motion.anchor(b.frame)
         self._motion = motion
-        self._one_arm = (
-            anchors[0] is not None
-            and anchors[1] is not None
-            and anchors[0][0] == anchors[1][0]
-        )
+        self._one_arm = anchors[0] is not None and anchors[1] is not None and anchors[0][0] == anchors[1][0]
         self._relative = self._one_arm or touching
         if self._relative and self._second_is_the_base(anchors, a, b):
             a, b, anchors = b, a, anchors[::-1]
@@ -50,37 +44,26 @@ class PairMotion:
                 self._stray = motion.stray(b.frame, far, anchors[0][1])
             else:
                 # A point of b and the point of a that it is beside: both stray from their straight ways.
-                reach = np.linalg.norm(
-                    T_a_b[:, :3, :3] @ b.centre + T_a_b[:, :3, 3], axis=1
-                ).max()
+                reach = np.linalg.norm(T_a_b[:, :3, :3] @ b.centre + T_a_b[:, :3, 3], axis=1).max()
                 beside = float(reach + b.bound + ways.max(initial=0.0))
                 self._stray = motion.stray(a.frame, beside) + motion.stray(b.frame, far)
         else:
             ways = motion.ways(a) + motion.ways(b)
             self._stray = sum(
-                (
-                    motion.stray(s.frame, float(np.linalg.norm(s.centre)) + s.bound)
-                    for s in (a, b)
-                ),
+                (motion.stray(s.frame, float(np.linalg.norm(s.centre)) + s.bound) for s in (a, b)),
                 np.zeros(1),
             )
         self._stray = np.broadcast_to(self._stray, (motion.samples - 1,))
-        self._way = np.concatenate(
-            [[0.0], np.cumsum(np.broadcast_to(ways, (motion.samples - 1,)))]
-        )
+        self._way = np.concatenate([[0.0], np.cumsum(np.broadcast_to(ways, (motion.samples - 1,)))])
 
-    def _second_is_the_base(
-        self, anchors: tuple[tuple[str, int] | None, ...], a: Solid, b: Solid
-    ) -> bool:
+    def _second_is_the_base(self, anchors: tuple[tuple[str, int] | None, ...], a: Solid, b: Solid) -> bool:
         if self._one_arm and anchors[0] is not None and anchors[1] is not None:
             return anchors[0][1] > anchors[1][1]
         return a.bound < b.bound
 
     def between(self, start: int, end: int) -> float:
         """Return how much the two move and stray between two samples [m]."""
-        return float(
-            self._way[end] - self._way[start] + 2 * self._stray[start:end].max()
-        )
+        return float(self._way[end] - self._way[start] + 2 * self._stray[start:end].max())
 
     def within(self, interval: int, start: float, end: float) -> float:
         """Return the same for a part of the interval after a sample [m]."""
@@ -89,33 +72,18 @@ class PairMotion:
             2 * float(self._stray[interval]) * (end - start) ** 2,
         )
         if not self._relative:
-            return (
-                stray
-                + motion.way(self.a, interval, start, end)
-                + motion.way(self.b, interval, start, end)
-            )
-        poses = [
-            np.stack([motion.pose(solid.frame, interval, u) for u in (start, end)])
-            for solid in (self.a, self.b)
-        ]
+            return stray + motion.way(self.a, interval, start, end) + motion.way(self.b, interval, start, end)
+        poses = [np.stack([motion.pose(solid.frame, interval, u) for u in (start, end)]) for solid in (self.a, self.b)]
         way = float(chord_lengths(relative(*poses), self.b.centre, self.b.bound)[0])
-        travel = sum(
-            motion.finger_travel_between(s.frame, interval, start, end)
-            for s in (self.a, self.b)
-        )
+        travel = sum(motion.finger_travel_between(s.frame, interval, start, end) for s in (self.a, self.b))
         return stray + way + travel
 
     def distance(self, interval: int, u: float) -> float:
         """Return the signed distance at a moment of an interval; at a sample for u = 0 [m]."""
         if u == 0.0:
-            poses = [
-                self._at_sample(solid.frame, interval) for solid in (self.a, self.b)
-            ]
+            poses = [self._at_sample(solid.frame, interval) for solid in (self.a, self.b)]
         else:
-            poses = [
-                self._motion.pose(solid.frame, interval, u)
-                for solid in (self.a, self.b)
-            ]
+            poses = [self._motion.pose(solid.frame, interval, u) for solid in (self.a, self.b)]
         return signed_distance(self.a, poses[0], self.b, poses[1])
 
     def _at_sample(self, frame: Frame, sample: int) -> Array:
@@ -126,9 +94,7 @@ class PairMotion:
 class CollisionCheck:
     """Looks at every pair in every segment."""
 
-    def __init__(
-        self, plan: PlanView, solids: Sequence[Solid], settings: CertifySettings
-    ) -> None:
+    def __init__(self, plan: PlanView, solids: Sequence[Solid], settings: CertifySettings) -> None:
         self._plan, self._solids, self._settings = plan, solids, settings
         static = frozenset(name for name, body in plan.bodies.items() if body.static)
         self._pairs = np.array(pairs_of(solids, static), dtype=int).reshape(-1, 2)
@@ -146,10 +112,7 @@ class CollisionCheck:
 
     def _segment(self, motion: SegmentMotion) -> None:
         rule = TouchRule(self._plan, motion.segment)
-        moving = {
-            frame: motion.moves(frame)
-            for frame in {solid.frame for solid in self._solids}
-        }
+        moving = {frame: motion.moves(frame) for frame in {solid.frame for solid in self._solids}}
         for frame, moves in moving.items():
             self._versions[frame] = self._versions.get(frame, 0) + moves
         near = self._near_blocks(motion)
@@ -185,9 +148,7 @@ class CollisionCheck:
             if key not in clearances:
                 self._left -= 1
                 clearances[key] = pair.distance(interval, u) + allowance
-                finding.note(
-                    clearances[key], lambda: self._where(motion, a, b, interval, u)
-                )
+                finding.note(clearances[key], lambda: self._where(motion, a, b, interval, u))
             return clearances[key]
 
         if rigid:
@@ -226,9 +187,7 @@ class CollisionCheck:
                 return False
         return True
 
-    def _clear_within(
-        self, pair: PairMotion, clearance: Callable[[int, float], float], interval: int
-    ) -> bool:
+    def _clear_within(self, pair: PairMotion, clearance: Callable[[int, float], float], interval: int) -> bool:
         """Prove the motion between two neighbouring samples."""
         stretches = [(0.5, 1.0), (0.0, 0.5)]
         while stretches and self._left > 0:
@@ -250,39 +209,26 @@ class CollisionCheck:
         for index, solid in enumerate(self._solids):
             low[index], high[index] = _swept_boxes(motion, solid, starts)
         first, second = self._pairs.T
-        return np.all(
-            (low[first] <= high[second]) & (low[second] <= high[first]), axis=2
-        )
+        return np.all((low[first] <= high[second]) & (low[second] <= high[first]), axis=2)
 
-    def _where(
-        self, motion: SegmentMotion, a: Solid, b: Solid, interval: int, u: float
-    ) -> str:
+    def _where(self, motion: SegmentMotion, a: Solid, b: Solid, interval: int, u: float) -> str:
         time = motion.segment.time
-        moment = time[interval] + (
-            u * (time[interval + 1] - time[interval]) if u else 0.0
-        )
+        moment = time[interval] + (u * (time[interval + 1] - time[interval]) if u else 0.0)
         return f"{motion.segment.place()}, t = {moment:.4f} s: {a.name} and {b.name}"
 
 
-def _swept_boxes(
-    motion: SegmentMotion, solid: Solid, starts: Array
-) -> tuple[Array, Array]:
+def _swept_boxes(motion: SegmentMotion, solid: Solid, starts: Array) -> tuple[Array, Array]:
     """Return boxes that hold the solid during blocks of samples, in the world: (blocks, 3) twice [m]."""
     poses = motion.poses(solid.frame)
     if not motion.moves(solid.frame):
         poses = poses[:1]
-    points = (
-        np.einsum("nij,kj->nki", poses[:, :3, :3], solid.corners)
-        + poses[:, None, :3, 3]
-    )
+    points = np.einsum("nij,kj->nki", poses[:, :3, :3], solid.corners) + poses[:, None, :3, 3]
     low, high = points.min(axis=1), points.max(axis=1)
     if len(poses) == 1:
         shape = (len(starts), 3)
         return np.broadcast_to(low, shape), np.broadcast_to(high, shape)
     stray = motion.stray(solid.frame, float(np.linalg.norm(solid.centre)) + solid.bound)
-    stray = np.broadcast_to(
-        stray + motion.finger_travel(solid.frame), (motion.samples - 1,)
-    )[:, None]
+    stray = np.broadcast_to(stray + motion.finger_travel(solid.frame), (motion.samples - 1,))[:, None]
     return (
         np.minimum.reduceat(np.minimum(low[:-1], low[1:]) - stray, starts),
         np.maximum.reduceat(np.maximum(high[:-1], high[1:]) + stray, starts),
@@ -293,7 +239,4 @@ def _runs(near: Array, last: int) -> list[tuple[int, int]]:
     """Join neighbouring blocks into runs of samples (first, last)."""
     edges = np.diff(np.concatenate([[0], near.astype(int), [0]]))
     firsts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [
-        (int(f) * _BLOCK, min(int(e) * _BLOCK, last))
-        for f, e in zip(firsts, ends, strict=True)
-    ]
+    return [(int(f) * _BLOCK, min(int(e) * _BLOCK, last)) for f, e in zip(firsts, ends, strict=True)]

@@ -67,9 +67,7 @@ class ConeChecks:
         sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
         turning = float(contact.torque @ contact.normal)
         other = float(np.linalg.norm(contact.torque - turning * contact.normal))
-        stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}[
-            contact.kind
-        ]
+        stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}[contact.kind]
         self._same(values["mu"], friction[stated], f"{where}: mu")
         if contact.kind == "soft_finger":
             self._same(values["eps"], friction["eps"], f"{where}: eps")
@@ -80,14 +78,12 @@ class ConeChecks:
             self._same(values["limit"], self._task.normal_limit, f"{where}: limit")
         self._torque.note(self._slack - other, where)
         self._friction.note(values["mu"] * pressed - sliding + self._slack, where)
-        self._normal.note(pressed + self._slack, f"{where}: pulls")
+        self._normal.note(pressed + self._slack, f"{where}")
         if values["limit"] is not None:
             self._normal.note(values["limit"] + self._slack - pressed, where)
 
     def _same(self, value: float | None, stated: float, where: str) -> None:
-        self._parameters.note(
-            -1.0 if value is None else self._equal - abs(value - stated), where
-        )
+        self._parameters.note(-1.0 if value is None else self._equal - abs(value - stated), where)
 
     def _suction_limits(self, contact: ContactView, where: str) -> None:
         values, cup, slack = contact.parameters, self._task.cup, self._slack
@@ -115,21 +111,15 @@ class ConeChecks:
             self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
             return
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
-        hold = values["mu"] * (
-            force if self._task.lifter_model == "paper" else values["limit"] - force
-        )
+        hold = values["mu"] * (force if self._task.lifter_model == "paper" else values["limit"] - force)
         self._suction.note(
             hold - math.sqrt(3.0) * float(np.abs(shear).max()) + slack,
             f"{where}: shear",
         )
         radius = values["radius"]
-        self._suction_moment.note(
-            radius * hold - math.sqrt(3.0) * abs(twist) + slack, f"{where}: twist"
-        )
+        self._suction_moment.note(radius * hold - math.sqrt(3.0) * abs(twist) + slack, f"{where}: twist")
         peel = math.pi * radius * values["kappa"]
-        self._suction_moment.note(
-            peel - math.sqrt(2.0) * float(np.abs(bend).max()) + slack, f"{where}: peel"
-        )
+        self._suction_moment.note(peel - math.sqrt(2.0) * float(np.abs(bend).max()) + slack, f"{where}: peel")
 
 
 def _name(contact: ContactView) -> str:
@@ -139,9 +129,7 @@ def _name(contact: ContactView) -> str:
 
 def x_axis_error(contact: ContactView, T_world_body: Array) -> float:
     """Return the angle between a pad's x axis and the body's x projected on the pad [rad]."""
-    x = T_world_body[:3, 0] - contact.normal * float(
-        T_world_body[:3, 0] @ contact.normal
-    )
+    x = T_world_body[:3, 0] - contact.normal * float(T_world_body[:3, 0] @ contact.normal)
     return angle(contact.x_axis, x)
 
 

@@ -21,16 +21,12 @@ from planners.geometry.pose import Array, Transform, inverse
 class ContactPlaceChecks:
     """Looks at each contact from both sides: the body that it acts on, and who makes it."""
 
-    def __init__(
-        self, plan: PlanView, task: LiftTask, settings: CertifySettings
-    ) -> None:
+    def __init__(self, plan: PlanView, task: LiftTask, settings: CertifySettings) -> None:
         self._plan, self._task, self._settings = plan, task, settings
         self._points = Finding("contact_points", "m")
         self._normals = Finding("contact_normals", "rad")
 
-    def run(
-        self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]]
-    ) -> list[Check]:
+    def run(self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]]) -> list[Check]:
         """Check all contact sets of each segment."""
         for motion, group in zip(motions, sets, strict=True):
             for contact_set in group:
@@ -39,9 +35,7 @@ class ContactPlaceChecks:
                         self._contact(motion, contact_set, contact)
         return [self._points.check(), self._normals.check()]
 
-    def _contact(
-        self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView
-    ) -> None:
+    def _contact(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView) -> None:
         finger = "" if contact.finger is None else f" finger {contact.finger}"
         where = f"{contact_set.where} by {contact.by}{finger}"
         body = self._plan.bodies[contact.body].shape
@@ -72,19 +66,13 @@ class ContactPlaceChecks:
         if outward is not None:
             normals = shape.normals_near(local, self._settings.contact_distance)
             direction = T_body_world[:3, :3] @ outward
-            error = min(
-                (angle(direction, normal) for normal in normals), default=math.pi
-            )
+            error = min((angle(direction, normal) for normal in normals), default=math.pi)
             self._normals.note(self._settings.contact_angle - error, where)
 
-    def _meets(
-        self, contact: ContactView, point: Array, normal: Array, where: str
-    ) -> None:
+    def _meets(self, contact: ContactView, point: Array, normal: Array, where: str) -> None:
         distance = float(np.linalg.norm(contact.point - point))
         self._points.note(self._settings.contact_distance - distance, where)
-        self._normals.note(
-            self._settings.contact_angle - angle(contact.normal, normal), where
-        )
+        self._normals.note(self._settings.contact_angle - angle(contact.normal, normal), where)
 
     def _finger(
         self,
@@ -94,7 +82,7 @@ class ContactPlaceChecks:
         where: str,
     ) -> None:
         if contact.by not in ARMS or self._plan.hands[contact.by].kind != "gripper":
-            self._points.note(-1.0, f"{where}: has no fingers")
+            self._points.require(False, where, "has no fingers")
             return
         width = motion.segment.widths[contact.by][contact.sample : contact.sample + 1]
         T_flange_tcp = self._plan.hands[contact.by].T_flange_tcp(width)[0]
@@ -117,7 +105,7 @@ class ContactPlaceChecks:
     ) -> None:
         hand = self._plan.hands.get(contact.by)
         if hand is None or hand.T_flange_tip is None:
-            self._points.note(-1.0, f"{where}: has no tip")
+            self._points.require(False, where, "has no tip")
             return
         T_world_flange = motion.frames[contact.by][contact.sample, 6]
         tip = T_world_flange[:3, :3] @ hand.T_flange_tip[:3, 3] + T_world_flange[:3, 3]
@@ -136,9 +124,7 @@ class ContactPlaceChecks:
         where: str,
     ) -> None:
         if contact.by != self._plan.support:
-            self._points.note(
-                -1.0, f"{where}: {contact.body} rests on {self._plan.support}"
-            )
+            self._points.require(False, where, f"{contact.body} rests on {self._plan.support}")
             return
         pose = motion.body_poses[contact.by][contact.sample]
         self._on_surface(
@@ -157,9 +143,7 @@ class ContactPlaceChecks:
         where: str,
     ) -> None:
         if contact.by != "cup" or contact.body != "plate":
-            self._points.note(
-                -1.0, f"{where}: only the cup sucks, and only at the plate"
-            )
+            self._points.require(False, where, "only the cup sucks, and only at the plate")
             return
         T = contact_set.T_world_body
         top = float(self._plan.bodies["plate"].shape.vertices[:, 2].max())

@@ -18,10 +18,7 @@ _CORNER = 1e-6
 def support_height(plan: PlanView) -> float:
     """Return the height of the support's top [m]."""
     support = plan.bodies[plan.support]
-    return float(
-        (support.shape.vertices @ support.T_world_start[2, :3]).max()
-        + support.T_world_start[2, 3]
-    )
+    return float((support.shape.vertices @ support.T_world_start[2, :3]).max() + support.T_world_start[2, 3])
 
 
 def heights(poses: Array, points: Array) -> Array:
@@ -43,41 +40,25 @@ def contact_state_checks(
         tolerance = settings.element_height
         finding.note_all(
             tolerance + heights(poses, plate) - top,
-            lambda i, k, s=segment: (
-                f"{s.place(i)}: vertex {k} of plate is below its support"
-            ),
+            lambda i, k, s=segment: f"{s.place(i)}: vertex {k} of plate is below its support",
         )
         state = segment.contact_state
         if state is None:
-            if (
-                "plate" in segment.body_poses
-                and np.ptp(poses, axis=0).max() > settings.join
-            ):
-                finding.note(
-                    -1.0, f"{segment.place()}: plate moves without a contact state"
-                )
+            if "plate" in segment.body_poses and np.ptp(poses, axis=0).max() > settings.join:
+                finding.require(False, segment.place(), "plate moves without a contact state")
             continue
         if state.element == "none":
             continue
         if state.other != plan.support:
-            finding.note(
-                -1.0,
-                f"{segment.place()}: plate touches {state.other}, it rests on {plan.support}",
-            )
-        to_corner = np.linalg.norm(state.vertices[:, None] - plate[None], axis=2).min(
-            axis=1
-        )
+            finding.require(False, segment.place(), f"plate touches {state.other}, it rests on {plan.support}")
+        to_corner = np.linalg.norm(state.vertices[:, None] - plate[None], axis=2).min(axis=1)
         finding.note_all(
             _CORNER - to_corner,
-            lambda k, s=segment: (
-                f"{s.place()}: contact vertex {k} is no corner of plate"
-            ),
+            lambda k, s=segment: f"{s.place()}: contact vertex {k} is no corner of plate",
         )
         finding.note_all(
             tolerance - np.abs(heights(poses, state.vertices) - top),
-            lambda i, k, s=segment: (
-                f"{s.place(i)}: contact vertex {k} of plate is off its support"
-            ),
+            lambda i, k, s=segment: f"{s.place(i)}: contact vertex {k} of plate is off its support",
         )
     return [finding.check(), *_goal(plan, motions, task, settings)]
 
@@ -91,32 +72,17 @@ def _goal(
     height, hold = Finding("goal_height", "m"), Finding("goal_hold", "1")
     motion = motions[-1]
     segment, last = motion.segment, len(motion.segment.time) - 1
-    lowest = float(
-        heights(
-            motion.body_poses["plate"][-1:], plan.bodies["plate"].shape.vertices
-        ).min()
-    )
+    lowest = float(heights(motion.body_poses["plate"][-1:], plan.bodies["plate"].shape.vertices).min())
     height.note(
         lowest - support_height(plan) - task.goal_height + settings.goal_slack,
         segment.place(last),
     )
     where = segment.place(last)
-    gripped = (
-        segment.grip is not None
-        and segment.grip.body == "plate"
-        and segment.kind != "release"
-    )
-    pushed = (
-        segment.push is not None
-        and segment.push.body == "plate"
-        and segment.kind != "retreat"
-    )
+    gripped = segment.grip is not None and segment.grip.body == "plate" and segment.kind != "release"
+    pushed = segment.push is not None and segment.push.body == "plate" and segment.kind != "retreat"
     kinds = {c.kind for c in segment.contacts if c.sample == last and c.body == "plate"}
-    hold.note(0.0 if gripped else -1.0, f"{where}: plate is not gripped")
-    hold.note(0.0 if pushed else -1.0, f"{where}: plate is not pushed")
-    hold.note(0.0 if kinds else -1.0, f"{where}: no contact set")
-    hold.note(
-        -1.0 if "environment" in kinds else 0.0,
-        f"{where}: plate still touches its surroundings",
-    )
+    hold.require(gripped, where, "plate is not gripped")
+    hold.require(pushed, where, "plate is not pushed")
+    hold.require(bool(kinds), where, "no contact set of plate")
+    hold.require("environment" not in kinds, where, "plate still touches its surroundings")
     return [height.check(), hold.check()]

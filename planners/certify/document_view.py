@@ -189,11 +189,7 @@ class SegmentView:
     def place(self, sample: int | None = None) -> str:
         """Name the segment, and a sample of it with its time."""
         name = f"segment {self.index} ({self.kind})"
-        return (
-            name
-            if sample is None
-            else f"{name}, sample {sample} (t = {self.time[sample]:.3f} s)"
-        )
+        return name if sample is None else f"{name}, sample {sample} (t = {self.time[sample]:.3f} s)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +240,7 @@ def read_list(value: Any, pointer: str) -> list[Any]:
 
 def read_number(value: Any, pointer: str) -> float:
     """Return a finite number; strings and booleans are none."""
-    if type(value) not in (int, float) and not isinstance(
-        value, (np.floating, np.integer)
-    ):
+    if type(value) not in (int, float) and not isinstance(value, (np.floating, np.integer)):
         raise MalformedDocument(pointer, "must be a number")
     try:
         number = float(value)
@@ -302,10 +296,7 @@ def read_matrix(value: Any, pointer: str, shape: tuple[int | None, int]) -> Arra
             if np.all(np.abs(matrix) < _ABSURD):
                 return matrix
     numbers = [
-        [
-            read_number(x, child(pointer if single else child(pointer, i), j))
-            for j, x in enumerate(row)
-        ]
+        [read_number(x, child(pointer if single else child(pointer, i), j)) for j, x in enumerate(row)]
         for i, row in enumerate(rows)
     ]
     return np.array(numbers, dtype=float).reshape(len(rows), shape[1])
@@ -330,24 +321,14 @@ def read_pose(value: Any, pointer: str) -> Transform:
 def read_poses(value: Any, pointer: str, count: int) -> Array:
     """Return `count` poses as (count, 4, 4)."""
     rows = read_matrix(value, pointer, (count, 7))
-    bad = np.flatnonzero(
-        np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > _UNIT_QUATERNION
-    )
+    bad = np.flatnonzero(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) > _UNIT_QUATERNION)
     if bad.size:
-        raise MalformedDocument(
-            child(pointer, int(bad[0])), "has a quaternion that is not unit to 1e-6"
-        )
+        raise MalformedDocument(child(pointer, int(bad[0])), "has a quaternion that is not unit to 1e-6")
     w, x, y, z = (rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)).T
     poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, 0, :3] = np.stack(
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1
-    )
-    poses[:, 1, :3] = np.stack(
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1
-    )
-    poses[:, 2, :3] = np.stack(
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1
-    )
+    poses[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1)
+    poses[:, 1, :3] = np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1)
+    poses[:, 2, :3] = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
     poses[:, :3, 3] = rows[:, :3]
     return poses
 
@@ -361,22 +342,16 @@ def read_shape(value: Any, pointer: str) -> BodyShape:
         ("box", "cylinder", "prism", "mesh"),
     )
     if kind == "box":
-        size = read_vector(
-            read_member(shape, "size", pointer), child(pointer, "size"), 3
-        )
+        size = read_vector(read_member(shape, "size", pointer), child(pointer, "size"), 3)
         if np.any(size <= 0):
             raise MalformedDocument(child(pointer, "size"), "must be positive")
         return box(size)
     if kind == "mesh":
         return _read_mesh(shape, pointer)
-    height = read_positive(
-        read_member(shape, "height", pointer), child(pointer, "height")
-    )
+    height = read_positive(read_member(shape, "height", pointer), child(pointer, "height"))
     if kind == "cylinder":
         return cylinder(
-            read_positive(
-                read_member(shape, "radius", pointer), child(pointer, "radius")
-            ),
+            read_positive(read_member(shape, "radius", pointer), child(pointer, "radius")),
             height,
         )
     where = child(pointer, "outline")
@@ -388,21 +363,15 @@ def _read_mesh(shape: Mapping[str, Any], pointer: str) -> BodyShape:
     where = child(pointer, "convex_parts")
     parts = [
         read_matrix(
-            part["vertices"]
-            if isinstance(part, Mapping) and "vertices" in part
-            else part,
+            part["vertices"] if isinstance(part, Mapping) and "vertices" in part else part,
             child(where, i),
             (None, 3),
         )
-        for i, part in enumerate(
-            read_list(read_member(shape, "convex_parts", pointer), where)
-        )
+        for i, part in enumerate(read_list(read_member(shape, "convex_parts", pointer), where))
     ]
     if not parts:
         raise MalformedDocument(where, "has no part")
-    vertices = read_matrix(
-        read_member(shape, "vertices", pointer), child(pointer, "vertices"), (None, 3)
-    )
+    vertices = read_matrix(read_member(shape, "vertices", pointer), child(pointer, "vertices"), (None, 3))
     return _refuse_flat(lambda: mesh(vertices, parts), where)
 
 
@@ -434,16 +403,8 @@ def read_document(document: Any) -> PlanView:
     arms = read_object(read_member(cell, "arms", "/cell"), "/cell/arms")
     hands = read_object(read_member(cell, "hands", "/cell"), "/cell/hands")
     bodies = read_object(read_member(root, "bodies", ""), "/bodies")
-    body_views = {
-        name: _read_body(name, body, child("/bodies", name))
-        for name, body in bodies.items()
-    }
-    hand_views = {
-        arm: _read_hand(
-            read_member(hands, arm, "/cell/hands"), child("/cell/hands", arm)
-        )
-        for arm in ARMS
-    }
+    body_views = {name: _read_body(name, body, child("/bodies", name)) for name, body in bodies.items()}
+    hand_views = {arm: _read_hand(read_member(hands, arm, "/cell/hands"), child("/cell/hands", arm)) for arm in ARMS}
     segments = read_list(read_member(root, "segments", ""), "/segments")
     reader = _SegmentReader(frozenset(body_views), hand_views)
     return PlanView(
@@ -452,18 +413,10 @@ def read_document(document: Any) -> PlanView:
         cell=cell,
         explanation=explanation,
         gravity=read_vector(read_member(cell, "gravity", "/cell"), "/cell/gravity", 3),
-        arms={
-            arm: _read_arm(
-                arm, read_member(arms, arm, "/cell/arms"), child("/cell/arms", arm)
-            )
-            for arm in ARMS
-        },
+        arms={arm: _read_arm(arm, read_member(arms, arm, "/cell/arms"), child("/cell/arms", arm)) for arm in ARMS},
         hands=hand_views,
         bodies=body_views,
-        segments=tuple(
-            reader.read(i, segment, child("/segments", i))
-            for i, segment in enumerate(segments)
-        ),
+        segments=tuple(reader.read(i, segment, child("/segments", i)) for i, segment in enumerate(segments)),
     )
 
 
@@ -475,9 +428,7 @@ def _read_arm(name: str, value: Any, pointer: str) -> ArmView:
 
     return ArmView(
         name=name,
-        T_world_base=read_pose(
-            read_member(arm, "base", pointer), child(pointer, "base")
-        ),
+        T_world_base=read_pose(read_member(arm, "base", pointer), child(pointer, "base")),
         dh=read_matrix(read_member(arm, "dh", pointer), child(pointer, "dh"), (6, 4)),
         position_min=six("position_min"),
         position_max=six("position_max"),
@@ -488,15 +439,11 @@ def _read_arm(name: str, value: Any, pointer: str) -> ArmView:
 
 def _read_hand(value: Any, pointer: str) -> HandView:
     hand = read_object(value, pointer)
-    kind = read_text(
-        read_member(hand, "kind", pointer), child(pointer, "kind"), ("gripper", "stick")
-    )
+    kind = read_text(read_member(hand, "kind", pointer), child(pointer, "kind"), ("gripper", "stick"))
     where = child(pointer, "tcp")
     tcp = read_member(hand, "tcp", pointer)
     if kind == "stick":
-        radius = read_positive(
-            read_member(hand, "tip_radius", pointer), child(pointer, "tip_radius")
-        )
+        radius = read_positive(read_member(hand, "tip_radius", pointer), child(pointer, "tip_radius"))
         return HandView(kind, None, read_pose(tcp, where), radius)
     table = read_matrix(tcp, where, (None, 2))
     if len(table) < 2 or np.any(np.diff(table[:, 0]) <= 0):
@@ -512,15 +459,11 @@ def _read_body(name: str, value: Any, pointer: str) -> BodyView:
         raise MalformedDocument(child(pointer, "static"), "must be true or false")
     return BodyView(
         name=name,
-        role=read_text(
-            read_member(body, "role", pointer), child(pointer, "role"), ROLES
-        ),
+        role=read_text(read_member(body, "role", pointer), child(pointer, "role"), ROLES),
         shape=read_shape(read_member(body, "shape", pointer), child(pointer, "shape")),
         mass=None if mass is None else read_positive(mass, child(pointer, "mass")),
         com=read_vector(read_member(body, "com", pointer), child(pointer, "com"), 3),
-        T_world_start=read_pose(
-            read_member(body, "pose", pointer), child(pointer, "pose")
-        ),
+        T_world_start=read_pose(read_member(body, "pose", pointer), child(pointer, "pose")),
         static=static,
     )
 
@@ -538,9 +481,7 @@ class _SegmentReader:
         def member(key: str) -> tuple[Any, str]:
             return read_member(segment, key, pointer), child(pointer, key)
 
-        time = read_matrix(
-            [[t] for t in read_list(*member("time"))], child(pointer, "time"), (None, 1)
-        )[:, 0]
+        time = read_matrix([[t] for t in read_list(*member("time"))], child(pointer, "time"), (None, 1))[:, 0]
         n = len(time)
         if n < 2:
             raise MalformedDocument(child(pointer, "time"), "needs two samples or more")
@@ -565,9 +506,7 @@ class _SegmentReader:
             widths=self._widths(*member("gripper_width"), n),
             attached=self._attached(*member("attached")),
             body_poses={
-                self._body(name, child(where, name)): read_poses(
-                    rows, child(where, name), n
-                )
+                self._body(name, child(where, name)): read_poses(rows, child(where, name), n)
                 for name, rows in poses.items()
             },
             contacts=tuple(
@@ -596,10 +535,7 @@ class _SegmentReader:
                 pointer,
                 f"must have the grippers {sorted(grippers)}, not {sorted(map(str, widths))}",
             )
-        return {
-            arm: read_vector(widths[arm], child(pointer, arm), n)
-            for arm in sorted(grippers)
-        }
+        return {arm: read_vector(widths[arm], child(pointer, arm), n) for arm in sorted(grippers)}
 
     def _contact_state(self, value: Any, pointer: str) -> ContactStateView | None:
         if value is None:
@@ -612,24 +548,14 @@ class _SegmentReader:
         )
         other = state.get("with")
         if element != "none":
-            other = self._body(
-                read_member(state, "with", pointer), child(pointer, "with")
-            )
+            other = self._body(read_member(state, "with", pointer), child(pointer, "with"))
         where = child(pointer, "vertices")
-        vertices = read_matrix(
-            read_member(state, "vertices", pointer), where, (None, 3)
-        )
+        vertices = read_matrix(read_member(state, "vertices", pointer), where, (None, 3))
         if len(vertices) not in ELEMENT_SIZES[element]:
-            raise MalformedDocument(
-                where, f"{len(vertices)} vertices do not make the element {element!r}"
-            )
-        return ContactStateView(
-            element, other if isinstance(other, str) else "", vertices
-        )
+            raise MalformedDocument(where, f"{len(vertices)} vertices do not make the element {element!r}")
+        return ContactStateView(element, other if isinstance(other, str) else "", vertices)
 
-    def _hold(
-        self, value: Any, pointer: str
-    ) -> tuple[GripView | None, PushView | None]:
+    def _hold(self, value: Any, pointer: str) -> tuple[GripView | None, PushView | None]:
         if value is None:
             return None, None
         hold = read_object(value, pointer)
@@ -642,29 +568,19 @@ class _SegmentReader:
             at = child(pointer, "grip")
             member = read_object(grip_value, at)
             grip = GripView(
-                arm=self._hand(
-                    read_member(member, "arm", at), child(at, "arm"), "gripper"
-                ),
+                arm=self._hand(read_member(member, "arm", at), child(at, "arm"), "gripper"),
                 body=self._body(read_member(member, "body", at), child(at, "body")),
-                T_body_tcp=read_pose(
-                    read_member(member, "pose", at), child(at, "pose")
-                ),
+                T_body_tcp=read_pose(read_member(member, "pose", at), child(at, "pose")),
                 width=read_number(read_member(member, "width", at), child(at, "width")),
             )
         if push_value is not None:
             at = child(pointer, "push")
             member = read_object(push_value, at)
             push = PushView(
-                arm=self._hand(
-                    read_member(member, "arm", at), child(at, "arm"), "stick"
-                ),
+                arm=self._hand(read_member(member, "arm", at), child(at, "arm"), "stick"),
                 body=self._body(read_member(member, "body", at), child(at, "body")),
-                point=read_vector(
-                    read_member(member, "point", at), child(at, "point"), 3
-                ),
-                normal=read_unit(
-                    read_member(member, "normal", at), child(at, "normal")
-                ),
+                point=read_vector(read_member(member, "point", at), child(at, "point"), 3),
+                normal=read_unit(read_member(member, "normal", at), child(at, "normal")),
             )
         return grip, push
 
@@ -678,9 +594,7 @@ class _SegmentReader:
                 member = read_object(entry, at)
                 to = read_text(read_member(member, "to", at), child(at, "to"))
                 if to not in ARMS and (to not in self.bodies or to == name):
-                    raise MalformedDocument(
-                        child(at, "to"), f"{to!r} is no arm and no other body"
-                    )
+                    raise MalformedDocument(child(at, "to"), f"{to!r} is no arm and no other body")
                 attachments.append(
                     AttachmentView(
                         body,
@@ -698,25 +612,14 @@ class _SegmentReader:
 
         sample = contact.get("sample")
         if type(sample) is not int or not 0 <= sample < n:
-            raise MalformedDocument(
-                child(pointer, "sample"), f"must be a whole number from 0 to {n - 1}"
-            )
+            raise MalformedDocument(child(pointer, "sample"), f"must be a whole number from 0 to {n - 1}")
         kind = read_text(*member("kind"), CONTACT_KINDS)
         finger = contact.get("finger")
         if kind == "soft_finger" and (type(finger) is not int or finger not in (0, 1)):
-            raise MalformedDocument(
-                child(pointer, "finger"), "must be 0 or 1 for a soft finger"
-            )
+            raise MalformedDocument(child(pointer, "finger"), "must be 0 or 1 for a soft finger")
         by = "" if kind == "inertia" else read_text(*member("by"))
-        if (
-            kind != "inertia"
-            and by not in ARMS
-            and by not in ("cup", "tool")
-            and by not in self.bodies
-        ):
-            raise MalformedDocument(
-                child(pointer, "by"), f"{by!r} is no arm, cup, tool or body"
-            )
+        if kind != "inertia" and by not in ARMS and by not in ("cup", "tool") and by not in self.bodies:
+            raise MalformedDocument(child(pointer, "by"), f"{by!r} is no arm, cup, tool or body")
         wrench = read_vector(*member("wrench"), 6)
         normal = np.zeros(3) if kind == "inertia" else read_unit(*member("normal"))
         return ContactView(
@@ -734,9 +637,7 @@ class _SegmentReader:
         )
 
     @staticmethod
-    def _parameters(
-        contact: Mapping[str, Any], kind: str, pointer: str
-    ) -> Mapping[str, Any]:
+    def _parameters(contact: Mapping[str, Any], kind: str, pointer: str) -> Mapping[str, Any]:
         if kind == "inertia":
             return {}
         needed = {
@@ -749,9 +650,5 @@ class _SegmentReader:
         for key in needed:
             value = read_member(contact, key, pointer)
             may_be_null = key == "limit" and kind in ("point", "environment")
-            values[key] = (
-                None
-                if value is None and may_be_null
-                else read_number(value, child(pointer, key))
-            )
+            values[key] = None if value is None and may_be_null else read_number(value, child(pointer, key))
         return values

@@ -13,9 +13,7 @@ from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
 
 
-def hold_checks(
-    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
-) -> list[Check]:
+def hold_checks(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> list[Check]:
     """Check grips (pose, opening) and pushes (the tip stays on its point)."""
     place, turn = Finding("grips", "m"), Finding("grip_angles", "rad")
     width, push = Finding("grip_width", "m"), Finding("pushes", "m")
@@ -56,17 +54,12 @@ def _grip(
         return f"{segment.place(int(samples[i]))}: {grip.arm} hand on {grip.body}"
 
     place.note_all(
-        settings.attachment_distance
-        - np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1),
+        settings.attachment_distance - np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1),
         where,
     )
-    turn.note_all(
-        settings.attachment_angle - rotation_angles(poses, grip.T_body_tcp), where
-    )
+    turn.note_all(settings.attachment_angle - rotation_angles(poses, grip.T_body_tcp), where)
     thickness, offset = _thickness(plan.bodies[grip.body].shape, grip.T_body_tcp)
-    width.note_all(
-        settings.contact_distance - np.abs(widths[chosen] - thickness), where
-    )
+    width.note_all(settings.contact_distance - np.abs(widths[chosen] - thickness), where)
     width.note(
         settings.contact_distance - abs(grip.width - thickness),
         f"{segment.place()}: width of the hold",

@@ -23,9 +23,7 @@ def join_checks(
     return [_joins(plan, motions, settings), _start(plan, task, home, settings)]
 
 
-def _joins(
-    plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings
-) -> Check:
+def _joins(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> Check:
     finding = Finding("joins", "s, rad, rad/s, m")
     for before, after in zip(plan.segments[:-1], plan.segments[1:], strict=True):
         where = f"{after.place(0)}"
@@ -46,16 +44,12 @@ def _joins(
     for motion in motions:
         for name, poses in motion.segment.body_poses.items():
             jump = float(np.abs(poses[0] - last[name]).max())
-            finding.note(
-                settings.join - jump, f"{motion.segment.place(0)}: pose of {name}"
-            )
+            finding.note(settings.join - jump, f"{motion.segment.place(0)}: pose of {name}")
             last[name] = poses[-1]
     return finding.check()
 
 
-def _start(
-    plan: PlanView, task: LiftTask, home: Array | None, settings: CertifySettings
-) -> Check:
+def _start(plan: PlanView, task: LiftTask, home: Array | None, settings: CertifySettings) -> Check:
     finding = Finding("start", "rad")
     stated = home if task.start_positions is None else task.start_positions
     if plan.segments and stated is not None:

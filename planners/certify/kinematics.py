@@ -17,19 +17,12 @@ class ArmKinematics:
         self._model = pin.Model()
         self._T_world_base = T_world_base
         # Pinocchio's joint frame stops after the turn about z; the rest of the row is a constant.
-        self._T_joint_link = np.array(
-            [
-                transform(rotation_x(alpha), [a, 0.0, d])
-                for a, alpha, d, _ in dh.tolist()
-            ]
-        )
+        self._T_joint_link = np.array([transform(rotation_x(alpha), [a, 0.0, d]) for a, alpha, d, _ in dh.tolist()])
         T_link_joint = T_world_base
         parent = 0
         for joint, row in enumerate(dh):
             placement = T_link_joint @ transform(rotation_z(float(row[3])))
-            parent = self._model.addJoint(
-                parent, pin.JointModelRZ(), pin.SE3(placement), f"joint_{joint + 1}"
-            )
+            parent = self._model.addJoint(parent, pin.JointModelRZ(), pin.SE3(placement), f"joint_{joint + 1}")
             T_link_joint = self._T_joint_link[joint]
         self._data = self._model.createData()
 
@@ -62,9 +55,7 @@ class HermiteCurve:
     def position(self, interval: int, u: float) -> Array:
         """Return the positions at fraction `u` of an interval: (k,)."""
         linear = self._step[interval] * self._v0[interval]
-        return self._q0[interval] + u * (
-            linear + u * (self._c2[interval] + u * self._c3[interval])
-        )
+        return self._q0[interval] + u * (linear + u * (self._c2[interval] + u * self._c3[interval]))
 
     def position_extremes(self) -> tuple[Array, Array]:
         """Return the lowest and highest position of each interval: (n - 1, k) each."""
@@ -78,9 +69,7 @@ class HermiteCurve:
     def velocity_peak(self) -> Array:
         """The largest speed of each interval: (n - 1, k)."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            u = np.nan_to_num(
-                -self._c2 / (3 * self._c3), nan=0.0, posinf=0.0, neginf=0.0
-            )
+            u = np.nan_to_num(-self._c2 / (3 * self._c3), nan=0.0, posinf=0.0, neginf=0.0)
         u = np.clip(u, 0.0, 1.0)
         between = self._v0 + (2 * self._c2 * u + 3 * self._c3 * u * u) / self._step
         return np.max(np.abs([self._v0, between, self._v1]), axis=0)

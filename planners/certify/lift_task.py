@@ -78,23 +78,15 @@ def read_lift_task(task: Mapping[str, Any]) -> LiftTask:
     return LiftTask(
         bodies=_bodies(task),
         cup=_cup(task),
-        lifter_model=read_text(
-            read_member(task, "lifter_model", at), "/task/lifter_model", LIFTER_MODELS
-        ),
+        lifter_model=read_text(read_member(task, "lifter_model", at), "/task/lifter_model", LIFTER_MODELS),
         friction={
-            key: read_number(
-                read_member(friction, key, "/task/friction"), f"/task/friction/{key}"
-            )
+            key: read_number(read_member(friction, key, "/task/friction"), f"/task/friction/{key}")
             for key in ("grip", "push", "environment", "eps")
         },
         normal_limit=_positive(limits, "normal", "/task/hand_force_limit"),
         net_limit=_positive(limits, "net", "/task/hand_force_limit"),
-        start_positions=None
-        if start is None
-        else read_vector(start, "/task/start_positions", 12),
-        goal_height=_positive(
-            _object(task, "options", at), "goal_height", "/task/options"
-        ),
+        start_positions=None if start is None else read_vector(start, "/task/start_positions", 12),
+        goal_height=_positive(_object(task, "options", at), "goal_height", "/task/options"),
     )
 
 
@@ -123,20 +115,14 @@ def _bodies(task: Mapping[str, Any]) -> tuple[StatedBody, ...]:
         StatedBody(
             name="plate",
             shape=read_shape(read_member(plate, "shape", at), "/task/plate/shape"),
-            T_world_body=_pose(
-                read_member(task, "plate_pose", "/task"), "/task/plate_pose"
-            ),
+            T_world_body=_pose(read_member(task, "plate_pose", "/task"), "/task/plate_pose"),
             mass=_positive(plate, "mass", at),
             com=read_vector(read_member(plate, "com", at), "/task/plate/com", 3),
         )
     ]
     if task.get("support") is not None:
-        bodies.append(
-            _placed("support", _object(task, "support", "/task"), "/task/support")
-        )
-    for index, value in enumerate(
-        read_list(task.get("obstacles", []), "/task/obstacles")
-    ):
+        bodies.append(_placed("support", _object(task, "support", "/task"), "/task/support"))
+    for index, value in enumerate(read_list(task.get("obstacles", []), "/task/obstacles")):
         at = child("/task/obstacles", index)
         obstacle = read_object(value, at)
         name = read_text(read_member(obstacle, "name", at), child(at, "name"))
@@ -148,9 +134,7 @@ def _placed(name: str, body: Mapping[str, Any], pointer: str) -> StatedBody:
     shape = _object(body, "shape", pointer)
     return StatedBody(
         name=name,
-        shape=None
-        if shape.get("type") == "mesh"
-        else read_shape(shape, child(pointer, "shape")),
+        shape=None if shape.get("type") == "mesh" else read_shape(shape, child(pointer, "shape")),
         T_world_body=_pose(read_member(body, "pose", pointer), child(pointer, "pose")),
     )
 

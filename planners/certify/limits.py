@@ -30,13 +30,11 @@ def _time(plan: PlanView, settings: CertifySettings) -> Check:
     finding = Finding("time", "s")
     for segment in plan.segments:
         steps = np.diff(segment.time)
-        finding.note_all(
-            steps - _ROUNDING, lambda i, s=segment: f"{s.place(i)}: time does not rise"
-        )
+        finding.note_all(steps - _ROUNDING, lambda i, s=segment: f"{s.place(i)} and the next: time must rise")
         longest = settings.time_step + _ROUNDING
         finding.note_all(
             longest - steps,
-            lambda i, s=segment: f"{s.place(i)}: the step after it is too long",
+            lambda i, s=segment: f"{s.place(i)} and the next: longest step",
         )
     if plan.segments:
         start = abs(float(plan.segments[0].time[0]))
@@ -55,7 +53,7 @@ def _rest(plan: PlanView, settings: CertifySettings) -> Check:
         margins = settings.rest_velocity - np.abs(speeds)
         finding.note_all(
             margins,
-            lambda i, j: f"{segment.place(first + i)}: {JOINT_NAMES[j]} is not at rest",
+            lambda i, j: f"{segment.place(first + i)}: {JOINT_NAMES[j]}",
         )
 
     for segment in plan.segments:
@@ -73,22 +71,16 @@ def _movers(plan: PlanView, settings: CertifySettings) -> Check:
         for index, arm in enumerate(ARMS):
             columns = slice(6 * index, 6 * index + 6)
             if arm not in segment.movers:
-                drift = np.abs(
-                    segment.positions[:, columns] - segment.positions[0, columns]
-                )
+                drift = np.abs(segment.positions[:, columns] - segment.positions[0, columns])
                 finding.note_all(
                     settings.join - drift,
-                    lambda i, j, s=segment, f=6 * index: (
-                        f"{s.place(i)}: {JOINT_NAMES[f + j]} moves, not a mover"
-                    ),
+                    lambda i, j, s=segment, f=6 * index: f"{s.place(i)}: {JOINT_NAMES[f + j]} is no mover",
                 )
     return finding.check()
 
 
 def _stacked(plan: PlanView, name: str) -> Array:
-    return np.concatenate(
-        [getattr(arm, name) for arm in (plan.arms[arm] for arm in ARMS)]
-    )
+    return np.concatenate([getattr(arm, name) for arm in (plan.arms[arm] for arm in ARMS)])
 
 
 def _limits(plan: PlanView, settings: CertifySettings) -> list[Check]:
@@ -111,9 +103,7 @@ def _limits(plan: PlanView, settings: CertifySettings) -> list[Check]:
         position.note_all(lowest - low + slack * np.abs(low) + _ROUNDING, after)
         position.note_all(high + slack * np.abs(high) - highest + _ROUNDING, after)
         velocity.note_all((1 + slack) * fastest - curve.velocity_peak, after)
-        acceleration.note_all(
-            (1 + slack) * hardest - np.abs(segment.accelerations), after
-        )
+        acceleration.note_all((1 + slack) * hardest - np.abs(segment.accelerations), after)
         acceleration.note_all((1 + slack) * hardest - curve.acceleration_peak, after)
     return [position.check(), velocity.check(), acceleration.check()]
 

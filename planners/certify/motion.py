@@ -55,9 +55,7 @@ class SegmentMotion:
 
     def anchor(self, frame: Frame) -> tuple[str, int] | None:
         """Return the arm's link that the frame is rigidly fixed to during the segment, if it is."""
-        if frame.kind == "link" or (
-            frame.kind == "finger" and not self.fingers_move(frame.owner)
-        ):
+        if frame.kind == "link" or (frame.kind == "finger" and not self.fingers_move(frame.owner)):
             return frame.owner, frame.link
         if frame.kind == "body" and frame.owner in self.riders:
             return self.riders[frame.owner].arm, 6
@@ -76,9 +74,7 @@ class SegmentMotion:
         arm, link = self._link_of(frame)
         columns = slice(6 * ARMS.index(arm), 6 * ARMS.index(arm) + link)
         still = np.abs(self.segment.velocities[:, columns]).max(initial=0.0) <= _STILL
-        return not still or bool(
-            np.ptp(self.segment.positions[:, columns], axis=0).max(initial=0.0) > _STILL
-        )
+        return not still or bool(np.ptp(self.segment.positions[:, columns], axis=0).max(initial=0.0) > _STILL)
 
     def poses(self, frame: Frame) -> Array:
         """Return `T_world_frame` at the samples: (n, 4, 4)."""
@@ -98,15 +94,11 @@ class SegmentMotion:
         if frame.kind == "body":
             return T_world_link @ self.riders[frame.owner].T_flange_body
         width = self.segment.widths[arm][interval : interval + 2] @ [1.0 - u, u]
-        return (
-            T_world_link @ finger_poses(frame.part, frame.finger, np.array([width]))[0]
-        )
+        return T_world_link @ finger_poses(frame.part, frame.finger, np.array([width]))[0]
 
     def ways(self, solid: Solid) -> Array:
         """Return how far any point of the solid gets from sample to sample, in a straight line: (n - 1,) [m]."""
-        return chord_lengths(
-            self.poses(solid.frame), solid.centre, solid.bound
-        ) + self.finger_travel(solid.frame)
+        return chord_lengths(self.poses(solid.frame), solid.centre, solid.bound) + self.finger_travel(solid.frame)
 
     def way(self, solid: Solid, interval: int, start: float, end: float) -> float:
         """Return the same for a part of an interval, from fraction `start` to fraction `end` [m]."""
@@ -141,31 +133,21 @@ class SegmentMotion:
         )
         # |p''| <= sum_j |q''_j| r_j + sum_jk |q'_j| |q'_k| r_max(j, k): the outer joint's lever counts.
         lever = np.minimum.outer(reach, reach)
-        bends = (
-            (push @ reach + np.einsum("nj,jk,nk->n", speed, lever, speed))
-            * steps**2
-            / 8
-        )
+        bends = (push @ reach + np.einsum("nj,jk,nk->n", speed, lever, speed)) * steps**2 / 8
         return bends + self.finger_travel(frame)
 
     def finger_travel(self, frame: Frame) -> Array | float:
         """Return how far the frame moves in the flange's frame from sample to sample, for fingers (n - 1,), else 0 [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
-        return _FINGER_REACH * np.abs(
-            np.diff(finger_angles(self.segment.widths[frame.owner]))
-        )
+        return _FINGER_REACH * np.abs(np.diff(finger_angles(self.segment.widths[frame.owner])))
 
-    def finger_travel_between(
-        self, frame: Frame, interval: int, start: float, end: float
-    ) -> float:
+    def finger_travel_between(self, frame: Frame, interval: int, start: float, end: float) -> float:
         """Return the same for a part of an interval [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
         first, last = self.segment.widths[frame.owner][interval : interval + 2]
-        angles = finger_angles(
-            np.array([first + (last - first) * u for u in (start, end)])
-        )
+        angles = finger_angles(np.array([first + (last - first) * u for u in (start, end)]))
         return _FINGER_REACH * float(abs(angles[1] - angles[0]))
 
     def _link_of(self, frame: Frame) -> tuple[str, int]:
@@ -198,44 +180,33 @@ class SegmentMotion:
 def chord_lengths(poses: Array, centre: Array, bound: float) -> Array:
     """Return how far any point of a ball fixed in a moving frame gets from pose to pose: (n, 4, 4) → (n - 1,) [m]."""
     centres = poses[:, :3, :3] @ centre + poses[:, :3, 3]
-    turns = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(
-        2.0
-    )
+    turns = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
     return np.linalg.norm(np.diff(centres, axis=0), axis=1) + bound * turns
 
 
 def _turns(poses: Array) -> Array:
     """Return the angles between successive orientations: (n - 1,) [rad]."""
-    chord = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(
-        2.0
-    )
+    chord = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
     return 2 * np.arcsin(np.clip(chord / 2, 0.0, 1.0))
 
 
 def motions_of(plan: PlanView) -> list[SegmentMotion]:
     """Return the motion of every segment. Arms that rest are computed once a segment."""
-    kinematics = {
-        arm: ArmKinematics(view.dh, view.T_world_base)
-        for arm, view in plan.arms.items()
-    }
+    kinematics = {arm: ArmKinematics(view.dh, view.T_world_base) for arm, view in plan.arms.items()}
     reaches = {arm: _reaches(view.dh) for arm, view in plan.arms.items()}
     last = {name: body.T_world_start for name, body in plan.bodies.items()}
     motions = []
     for segment in plan.segments:
         n = len(segment.time)
         body_poses = {
-            name: segment.body_poses.get(name, np.broadcast_to(pose, (n, 4, 4)))
-            for name, pose in last.items()
+            name: segment.body_poses.get(name, np.broadcast_to(pose, (n, 4, 4))) for name, pose in last.items()
         }
         last = {name: poses[-1] for name, poses in body_poses.items()}
         columns = {arm: slice(6 * i, 6 * i + 6) for i, arm in enumerate(ARMS)}
         motions.append(
             SegmentMotion(
                 segment=segment,
-                frames={
-                    arm: _frames(kinematics[arm], segment.positions[:, columns[arm]])
-                    for arm in ARMS
-                },
+                frames={arm: _frames(kinematics[arm], segment.positions[:, columns[arm]]) for arm in ARMS},
                 body_poses=body_poses,
                 riders=_riders(segment),
                 kinematics=kinematics,
@@ -255,9 +226,7 @@ def motions_of(plan: PlanView) -> list[SegmentMotion]:
 
 def _frames(kinematics: ArmKinematics, positions: Array) -> Array:
     if np.all(positions == positions[0]):
-        return np.broadcast_to(
-            kinematics.frames(positions[:1]), (len(positions), 7, 4, 4)
-        )
+        return np.broadcast_to(kinematics.frames(positions[:1]), (len(positions), 7, 4, 4))
     return kinematics.frames(positions)
 
 
@@ -268,9 +237,7 @@ def _riders(segment: SegmentView) -> dict[str, Rider]:
         T_to_body, to, seen = start.T_to_body, start.to, {start.body}
         while to not in ARMS and to not in seen:
             seen.add(to)
-            below = next(
-                (other for other in segment.attached if other.body == to), None
-            )
+            below = next((other for other in segment.attached if other.body == to), None)
             if below is None:
                 break
             T_to_body, to = below.T_to_body @ T_to_body, below.to
@@ -282,9 +249,7 @@ def _riders(segment: SegmentView) -> dict[str, Rider]:
 def _reaches(dh: Array) -> Array:
     """Sum the lengths of the links between each joint's axis and each frame's origin."""
     lengths = np.hypot(dh[:, 0], dh[:, 2])
-    return np.array(
-        [[lengths[j:i].sum() if j < i else 0.0 for j in range(6)] for i in range(7)]
-    )
+    return np.array([[lengths[j:i].sum() if j < i else 0.0 for j in range(6)] for i in range(7)])
 
 
 def _interpolate(T_from: Transform, T_to: Transform, u: float) -> Transform:

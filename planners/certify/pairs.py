@@ -28,10 +28,7 @@ def can_meet(a: Solid, b: Solid, static: frozenset[str]) -> bool:
 def pairs_of(solids: Sequence[Solid], static: frozenset[str]) -> list[tuple[int, int]]:
     """Return the index pairs (i < j) of the solids that can meet."""
     return [
-        (i, j)
-        for i in range(len(solids))
-        for j in range(i + 1, len(solids))
-        if can_meet(solids[i], solids[j], static)
+        (i, j) for i in range(len(solids)) for j in range(i + 1, len(solids)) if can_meet(solids[i], solids[j], static)
     ]
 
 
@@ -42,9 +39,7 @@ class TouchRule:
         self._plan = plan
         around = [segment]
         # While a hand is taking hold or letting go, the hold stands in the segment after or before.
-        if segment.kind in ("grip", "approach") and segment.index + 1 < len(
-            plan.segments
-        ):
+        if segment.kind in ("grip", "approach") and segment.index + 1 < len(plan.segments):
             around.append(plan.segments[segment.index + 1])
         if segment.kind in ("release", "retreat") and segment.index > 0:
             around.append(plan.segments[segment.index - 1])
@@ -56,11 +51,7 @@ class TouchRule:
         if a.arm is not None and b.arm is not None:
             return False
         if a.arm is None and b.arm is None:
-            return (
-                self._rests(a, b)
-                or self._rests(b, a)
-                or {a.group, b.group} == {"cup", "plate"}
-            )
+            return self._rests(a, b) or self._rests(b, a) or {a.group, b.group} == {"cup", "plate"}
         robot, body = (a, b) if a.arm is not None else (b, a)
         key = (robot.frame.owner, body.frame.owner)
         if robot.group in ("pad", "finger"):

@@ -52,9 +52,7 @@ def _bodies(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
     for stated in task.bodies:
         body = plan.bodies.get(stated.name)
         if body is None:
-            finding.note(
-                -1.0, f"body {stated.name}: is in the task, not in the document"
-            )
+            finding.require(False, f"body {stated.name}", "is in the task, not in the document")
             continue
         equal(
             f"body {stated.name}: pose",
@@ -63,18 +61,16 @@ def _bodies(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
         if stated.shape is not None:
             equal(f"body {stated.name}: shape", _difference(body.shape, stated.shape))
         if stated.com is not None:
-            equal(
-                f"body {stated.name}: com", float(np.abs(body.com - stated.com).max())
-            )
+            equal(f"body {stated.name}: com", float(np.abs(body.com - stated.com).max()))
         if stated.mass is not None:
             equal(f"body {stated.name}: mass", abs((body.mass or 0.0) - stated.mass))
     for name in ("cup", "cable", plan.support):
         if name not in plan.bodies:
-            finding.note(-1.0, f"body {name}: is missing")
+            finding.require(False, f"body {name}", "is missing")
     for name, body in plan.bodies.items():
         fixed = name not in ("plate", "cup", "cable")
         if body.static != fixed:
-            finding.note(-1.0, f"body {name}: must {'' if fixed else 'not '}be static")
+            finding.require(False, f"body {name}", f"must {'' if fixed else 'not '}be static")
     return finding.check()
 
 
@@ -98,9 +94,7 @@ def _grippers(plan: PlanView, settings: CertifySettings) -> Check:
         )
         for segment in plan.segments:
             opening = segment.widths[arm]
-            outside = np.maximum(
-                -opening, opening - min(largest_width(), float(widths[-1]))
-            )
+            outside = np.maximum(-opening, opening - min(largest_width(), float(widths[-1])))
             finding.note_all(
                 settings.attachment_distance - outside,
                 lambda i, a=arm, s=segment: f"{s.place(i)}: opening of {a}",
@@ -108,9 +102,7 @@ def _grippers(plan: PlanView, settings: CertifySettings) -> Check:
     return finding.check()
 
 
-def _cell(
-    document: Mapping[str, Any], reference: CellReference, settings: CertifySettings
-) -> Check:
+def _cell(document: Mapping[str, Any], reference: CellReference, settings: CertifySettings) -> Check:
     finding = Finding("cell", "1")
     _compare(document["cell"], reference.cell, "/cell", finding, settings.join)
     for name, body in reference.bodies.items():
@@ -124,9 +116,7 @@ def _cell(
     return finding.check()
 
 
-def _compare(
-    value: Any, known: Any, pointer: str, finding: Finding, tolerance: float
-) -> None:
+def _compare(value: Any, known: Any, pointer: str, finding: Finding, tolerance: float) -> None:
     """Note the first difference between two JSON values; numbers may differ by `tolerance`."""
     if isinstance(known, Mapping) and isinstance(value, Mapping):
         for key in sorted(set(known) | set(value)):
@@ -134,11 +124,7 @@ def _compare(
                 finding.note(-1.0, f"{pointer}/{key}")
             else:
                 _compare(value[key], known[key], f"{pointer}/{key}", finding, tolerance)
-    elif (
-        isinstance(known, (list, tuple))
-        and isinstance(value, (list, tuple))
-        and len(known) == len(value)
-    ):
+    elif isinstance(known, (list, tuple)) and isinstance(value, (list, tuple)) and len(known) == len(value):
         for index, (a, b) in enumerate(zip(value, known, strict=True)):
             _compare(a, b, f"{pointer}/{index}", finding, tolerance)
     elif _is_number(known) and _is_number(value):

@@ -63,15 +63,9 @@ class Solid:
         """The arm that the solid is part of, if any."""
         return None if self.frame.kind == "body" else self.frame.owner
 
-    def place(
-        self, T_world_frame: Transform, *, core: bool = False
-    ) -> fcl.CollisionObject:
+    def place(self, T_world_frame: Transform, *, core: bool = False) -> fcl.CollisionObject:
         """Move the fcl object to a pose of its frame and return it."""
-        T = (
-            T_world_frame
-            if self.part is not None
-            else T_world_frame @ self.T_frame_shape
-        )
+        T = T_world_frame if self.part is not None else T_world_frame @ self.T_frame_shape
         chosen = self.core if core and self.core is not None else self.shape
         chosen.setTransform(fcl.Transform(T[:3, :3], T[:3, 3]))
         return chosen
@@ -121,14 +115,7 @@ def capsule(name: str, group: str, frame: Frame, ends: Array, radius: float) -> 
 def _bounds(points: Array, radius: float) -> tuple[Array, float, Array]:
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
     centre = (low + high) / 2
-    corners = np.array(
-        [
-            [x, y, z]
-            for x in (low[0], high[0])
-            for y in (low[1], high[1])
-            for z in (low[2], high[2])
-        ]
-    )
+    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     return (
         centre,
         float(np.linalg.norm(points - centre, axis=1).max()) + radius,
@@ -141,24 +128,18 @@ def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[Solid]:
     solids: list[Solid] = []
     for arm in ARMS:
         for index, (link, hull) in enumerate(zip(LINKS, surfaces.links, strict=True)):
-            solids.append(
-                polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull)
-            )
+            solids.append(polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull))
         flange = Frame("link", arm, 6)
         solids.append(polytope(f"{arm}_ft300", "hand", flange, surfaces.sensor))
         hand = plan.hands[arm]
         if hand.kind == "gripper":
-            solids.append(
-                polytope(f"{arm}_gripper_base", "hand", flange, surfaces.gripper_base)
-            )
+            solids.append(polytope(f"{arm}_gripper_base", "hand", flange, surfaces.gripper_base))
             solids += _fingers(arm, surfaces)
         else:
             solids += _stick(arm, hand)
     for body in plan.bodies.values():
         frame = Frame("body", body.name)
-        solids += [
-            polytope(body.name, body.role, frame, part) for part in body.shape.parts
-        ]
+        solids += [polytope(body.name, body.role, frame, part) for part in body.shape.parts]
     return solids
 
 
@@ -166,15 +147,9 @@ def _fingers(arm: str, surfaces: RobotSurfaces) -> list[Solid]:
     solids = []
     for finger in (0, 1):
         for part, hull in surfaces.finger_parts.items():
-            name = (
-                f"{arm}_pad_{finger}"
-                if part == "pad"
-                else f"{arm}_finger_{finger}_{part}"
-            )
+            name = f"{arm}_pad_{finger}" if part == "pad" else f"{arm}_finger_{finger}_{part}"
             group = "pad" if part == "pad" else "finger"
-            solids.append(
-                polytope(name, group, Frame("finger", arm, 6, finger, part), hull)
-            )
+            solids.append(polytope(name, group, Frame("finger", arm, 6, finger, part), hull))
     return solids
 
 
@@ -186,16 +161,12 @@ def _stick(arm: str, hand: HandView) -> list[Solid]:
     end = tip - (tip - start) * min(1.0, hand.tip_radius / max(length, _THIN))
     flange = Frame("link", arm, 6)
     return [
-        capsule(
-            f"{arm}_stick", "hand", flange, np.array([start, end]), hand.tip_radius
-        ),
+        capsule(f"{arm}_stick", "hand", flange, np.array([start, end]), hand.tip_radius),
         capsule(f"{arm}_tip", "tip", flange, np.array([end, tip]), hand.tip_radius),
     ]
 
 
-def signed_distance(
-    a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform
-) -> float:
+def signed_distance(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
     """Return the distance between two solids [m], or minus how deep they are in one another.
 
     A depth is exact or, between a capsule's axis or very round hulls, larger than it is: never smaller.
@@ -215,9 +186,7 @@ def _distance(a: fcl.CollisionObject, b: fcl.CollisionObject) -> float:
     return float(fcl.distance(a, b, fcl.DistanceRequest(), fcl.DistanceResult()))
 
 
-def _polytope_depth(
-    a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform
-) -> float:
+def _polytope_depth(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
     """Return the shortest way out of one another of the hulls of both solids' points (separating axes)."""
     R = T_world_b[:3, :3].T @ T_world_a[:3, :3]
     p = T_world_b[:3, :3].T @ (T_world_a[:3, 3] - T_world_b[:3, 3])

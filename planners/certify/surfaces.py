@@ -83,10 +83,7 @@ def load_surfaces(folder: Path | None = None) -> RobotSurfaces:
         0.0,
         _SENSOR_LENGTH,
     ]
-    parts = {
-        name: _hull(_MILLIMETRE * _vertices(gripper / file), file)
-        for name, file in _GRIPPER_MESHES.items()
-    }
+    parts = {name: _hull(_MILLIMETRE * _vertices(gripper / file), file) for name, file in _GRIPPER_MESHES.items()}
     parts["pad"] = box(_PAD_SIZE).parts[0]
     sensor = cylinder(_SENSOR_RADIUS, _SENSOR_LENGTH).parts[0]
     return RobotSurfaces(
@@ -101,33 +98,20 @@ def _link_hulls(folder: Path) -> tuple[ConvexPart, ...]:
     """Take the meshes from where the URDF places them at zero to the frames of the contract."""
     # The URDF uses the prefix `drake:` undeclared, and shows the base with its cable, 0.34 m of it.
     text = _read(folder / "ur3e.urdf").replace("drake:", "")
-    text = text.replace("visual/base_cable_labels", "visual/base").replace(
-        "visual/", "collision/"
-    )
+    text = text.replace("visual/base_cable_labels", "visual/base").replace("visual/", "collision/")
     model = pin.buildModelFromXML(text)
-    geometry = pin.buildGeomFromUrdfString(
-        model, text, pin.GeometryType.VISUAL, package_dirs=[str(folder)]
-    )
+    geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL, package_dirs=[str(folder)])
     data, geometry_data = model.createData(), geometry.createData()
-    pin.updateGeometryPlacements(
-        model, data, geometry, geometry_data, pin.neutral(model)
-    )
+    pin.updateGeometryPlacements(model, data, geometry, geometry_data, pin.neutral(model))
     pin.updateFramePlacements(model, data)
     # The URDF's root is the ROS base_link, half a turn about z from the controller's base.
     T_base_root = inverse(data.oMf[model.getFrameId("base")].homogeneous)
     frames = ArmKinematics(_UR3E_DH, np.eye(4)).frames(np.zeros((1, 6)))[0]
     hulls = []
     for index, mesh in enumerate(_LINK_MESHES):
-        shape = geometry.getGeometryId(
-            ("base_link_inertia" if index == 0 else f"{LINKS[index]}_link") + "_0"
-        )
-        T_link_mesh = (
-            inverse(frames[index]) @ T_base_root @ geometry_data.oMg[shape].homogeneous
-        )
-        vertices = (
-            _vertices(folder / "collision" / f"{mesh}.obj") @ T_link_mesh[:3, :3].T
-            + T_link_mesh[:3, 3]
-        )
+        shape = geometry.getGeometryId(("base_link_inertia" if index == 0 else f"{LINKS[index]}_link") + "_0")
+        T_link_mesh = inverse(frames[index]) @ T_base_root @ geometry_data.oMg[shape].homogeneous
+        vertices = _vertices(folder / "collision" / f"{mesh}.obj") @ T_link_mesh[:3, :3].T + T_link_mesh[:3, 3]
         hulls.append(_hull(vertices, mesh))
     return tuple(hulls)
 
@@ -136,15 +120,11 @@ def _read(path: Path) -> str:
     try:
         return path.read_text()
     except OSError as error:
-        raise AssetError(
-            f"{path.name} of airo-models cannot be read: {error.strerror}"
-        ) from error
+        raise AssetError(f"{path.name} of airo-models cannot be read: {error.strerror}") from error
 
 
 def _vertices(path: Path) -> Array:
-    rows = [
-        line.split()[1:4] for line in _read(path).splitlines() if line.startswith("v ")
-    ]
+    rows = [line.split()[1:4] for line in _read(path).splitlines() if line.startswith("v ")]
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
@@ -190,9 +170,7 @@ def finger_poses(part: str, finger: int, widths: Array) -> Array:
             rotation, position = np.eye(3), _KNUCKLE_PIVOT + turn @ _INNER_FINGER
             if part == "pad":
                 position = position + _PAD
-        poses[index] = transform(
-            turned @ rotation, turned @ position + [0.0, 0.0, _SENSOR_LENGTH]
-        )
+        poses[index] = transform(turned @ rotation, turned @ position + [0.0, 0.0, _SENSOR_LENGTH])
     return poses
 
 
