@@ -8,4 +8,4 @@ from pathlib import Path
 
 def assets_folder() -> Path:
     """Return the folder that this package ships its files in."""
-    return Path(str(files(__package__)))
+    return Path(str(files(__name__)))

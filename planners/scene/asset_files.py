@@ -118,12 +118,25 @@ class RobotFile(_Asset):
         return self
 
 
-class SensorFile(_Part):
-    """The force-torque sensor with its coupling: a cylinder from the flange on."""
+class SensorFile(_Asset):
+    """sensors/*.yaml: a force-torque sensor with its coupling, a cylinder from the flange on."""
 
     radius: Positive
+    """[m]"""
     length: Positive
+    """From the flange to the hand [m]."""
     mass: Positive
+    """[kg]"""
+    force_max: Positive
+    """Range per axis [N]."""
+    torque_max: Positive
+    """Range per axis [Nm]."""
+    rate: Positive
+    """[Hz]"""
+    force_noise: NotNegative
+    """Standard deviation per axis [N]."""
+    torque_noise: NotNegative
+    """Standard deviation per axis [Nm]."""
 
 
 class LinkageFile(_Part):
@@ -147,7 +160,7 @@ class GripperMeshes(_Part):
 
 
 class _HandFile(_Asset):
-    sensor: SensorFile
+    sensor: Name
     mass: Positive
     """[kg], without the sensor."""
     com: NotNegative
@@ -177,12 +190,6 @@ class StickFile(_HandFile):
     stick_radius: Positive
     tip_length: NotNegative
     """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
-
-    @model_validator(mode="after")
-    def _tip_is_beyond_the_sensor(self) -> Self:
-        if self.tip_distance - self.tip_radius - self.tip_length <= self.sensor.length:
-            raise ValueError("tip_distance leaves no stick between the sensor and the tip")
-        return self
 
 
 class ArmMountFile(Placement):
@@ -261,7 +268,7 @@ class AssetShelf:
     folders: tuple[Path, ...]
 
     def names(self, kind: str) -> list[str]:
-        """List the names of all files of a kind ("robots", "hands", "mounts", "cells")."""
+        """List the names of all files of a kind ("robots", "hands", "sensors", "mounts", "cells")."""
         return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
 
     def find(self, kind: str, name: str, where: str) -> Path:
@@ -313,6 +320,11 @@ def read_hand_file(path: Path) -> GripperFile | StickFile:
     if not isinstance(kind, str) or kind not in _HAND_KINDS:
         raise AssetError(f"{path}: kind: must be one of {', '.join(sorted(_HAND_KINDS))}")
     return _validated(_HAND_KINDS[kind], path, data)
+
+
+def read_sensor_file(path: Path) -> SensorFile:
+    """Read sensors/*.yaml."""
+    return _validated(SensorFile, path, _read_mapping(path))
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from planners.scene.asset_files import (
     StickFile,
     fingerprint,
     read_hand_file,
+    read_sensor_file,
 )
 from planners.scene.meshes import Hull, enclosing_hull, hull_points, hull_with_faces, mesh_path
 
@@ -240,17 +241,17 @@ def load_hand(name: str, shelf: AssetShelf, where: str) -> Gripper | Pusher:
     """
     path = shelf.find("hands", name, where)
     file = read_hand_file(path)
+    sensor = read_sensor_file(shelf.find("sensors", file.sensor, f"{path}: sensor"))
     try:
-        return _gripper(file) if isinstance(file, GripperFile) else _pusher(file)
+        return _gripper(file, sensor) if isinstance(file, GripperFile) else _pusher(file, sensor)
     except AssetError as error:
         raise AssetError(f"{path}: {error}") from error
 
 
-def _gripper(file: GripperFile) -> Gripper:
+def _gripper(file: GripperFile, sensor: SensorFile) -> Gripper:
     origins = {name: np.array(origin) for name, origin in file.linkage.model_dump().items()}
     meshes = {name: getattr(file.meshes, name) for name in type(file.meshes).model_fields}
     parts = {name: _part(mesh, f"meshes.{name}") for name, mesh in meshes.items()}
-    own = file.model_dump_json().encode()
     linkage = Linkage(**origins, pad_thickness=file.pad_size[1])
     _check_stroke(linkage, file.width_max)
     return Gripper(
@@ -259,14 +260,16 @@ def _gripper(file: GripperFile) -> Gripper:
         pad_size=np.array(file.pad_size),
         force_min=file.force_range[0],
         force_max=file.force_range[1],
-        mass=file.mass + file.sensor.mass,
+        mass=file.mass + sensor.mass,
         com=np.array([0.0, 0.0, file.com]),
-        sensor=_sensor(file.sensor),
-        base_height=file.sensor.length,
+        sensor=_sensor_shape(sensor),
+        base_height=sensor.length,
         linkage=linkage,
         base=parts.pop("base"),
         finger_parts=parts,
-        fingerprint=fingerprint([own, *(mesh_path(mesh).read_bytes() for mesh in meshes.values())]),
+        fingerprint=fingerprint(
+            [*_contents(file, sensor), *(mesh_path(mesh).read_bytes() for mesh in meshes.values())]
+        ),
     )
 
 
@@ -278,23 +281,29 @@ def _check_stroke(linkage: Linkage, width_max: float) -> None:
             raise AssetError(f"linkage: the pads are never {width} m apart") from error
 
 
-def _pusher(file: StickFile) -> Pusher:
+def _pusher(file: StickFile, sensor: SensorFile) -> Pusher:
     center = file.tip_distance - file.tip_radius
     neck = center - file.tip_length
+    if neck <= sensor.length:
+        raise AssetError("tip_distance: leaves no stick between the sensor and the tip")
     return Pusher(
         name=file.name,
         T_flange_tcp=transform(None, [0.0, 0.0, center]),
         tip_radius=file.tip_radius,
-        mass=file.mass + file.sensor.mass,
+        mass=file.mass + sensor.mass,
         com=np.array([0.0, 0.0, file.com]),
-        sensor=_sensor(file.sensor),
-        stick=capsule([0.0, 0.0, file.sensor.length], [0.0, 0.0, neck], file.stick_radius),
+        sensor=_sensor_shape(sensor),
+        stick=capsule([0.0, 0.0, sensor.length], [0.0, 0.0, neck], file.stick_radius),
         tip=capsule([0.0, 0.0, neck], [0.0, 0.0, center], file.tip_radius),
-        fingerprint=fingerprint([file.model_dump_json().encode()]),
+        fingerprint=fingerprint(_contents(file, sensor)),
     )
 
 
-def _sensor(file: SensorFile) -> ConvexShape:
+def _contents(*files: GripperFile | StickFile | SensorFile) -> list[bytes]:
+    return [file.model_dump_json().encode() for file in files]
+
+
+def _sensor_shape(file: SensorFile) -> ConvexShape:
     return placed(cylinder(file.radius, file.length), transform(None, [0.0, 0.0, 0.5 * file.length]))
 
 

@@ -28,7 +28,7 @@ def cell(request) -> Cell:
 @pytest.fixture
 def shelf(tmp_path):
     """Copy the shipped assets into a folder that a test may spoil."""
-    for kind in ("robots", "hands", "mounts", "cells"):
+    for kind in ("robots", "hands", "sensors", "mounts", "cells"):
         shutil.copytree(assets_folder() / kind, tmp_path / kind)
     return tmp_path
 
@@ -253,8 +253,9 @@ WRONG = {
         "linkage: the pads are never 0.0 m apart",
     ),
     "a hand of no kind": ("hands/pushing_stick_ft300", ["kind"], "hook", "kind: must be one of gripper, stick"),
-    "a stick inside its sensor": ("hands/pushing_stick_ft300", ["tip_distance"], 0.05, "tip_distance leaves no stick"),
+    "a stick inside its sensor": ("hands/pushing_stick_ft300", ["tip_distance"], 0.05, "tip_distance: leaves no stick"),
     "an unknown hand": ("cells/dual_ur3e_lift", ["arms", "left", "hand"], "hook", "arms.left.hand: no file 'hook'"),
+    "an unknown sensor": ("hands/pushing_stick_ft300", ["sensor"], "ft9", "sensor: no file 'ft9' among the sensors"),
     "an unknown robot": ("cells/dual_ur3e_lift", ["arms", "left", "robot"], "ur9", "there are: ur3, ur3e"),
     "an unknown mount": ("cells/dual_ur3e_lift", ["mount"], "wall", "mount: no file 'wall'"),
     "a third arm": ("cells/dual_ur3e_lift", ["arms", "middle"], {"robot": "ur3", "hand": "x"}, "arms.middle: must be"),
