@@ -185,8 +185,8 @@ def core_gap(kernel: CollisionKernel, pair: int, near: float, far: float, scratc
     The frames and centres of both shapes are in place. Where `near` is negative the bound may be too: the cores then
     overlap by no more than its size.
     """
-    a, b = kernel.pairs[pair, 0], kernel.pairs[pair, 1]
-    f, g = kernel.shape_frame[a], kernel.shape_frame[b]
+    a, b = int(kernel.pairs[pair, 0]), int(kernel.pairs[pair, 1])
+    f, g = int(kernel.shape_frame[a]), int(kernel.shape_frame[b])
     _start_axis(scratch.axis, pair, scratch.centers, a, b, scratch.frames, f)
     relative_transform(scratch.frames, f, g, scratch.T_a_b)
     lower, _ = core_bounds(
@@ -242,7 +242,7 @@ def first_collision(kernel: CollisionKernel, q: Array, scratch: Scratch) -> int:
         z = centers[a, 2] - centers[b, 2]
         if x * x + y * y + z * z > reach[pair] * reach[pair]:
             continue
-        f, g = shape_frame[a], shape_frame[b]
+        f, g = int(shape_frame[a]), int(shape_frame[b])
         threshold = margin[pair, 0]
         apart = spheres[a, 3] + radius[b] + threshold
         if square_to_box(frames, g, boxes, b, centers, a) > apart * apart:

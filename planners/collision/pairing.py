@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from planners.collision.distance import Indices
 from planners.collision.kernel import STILL
@@ -11,8 +12,8 @@ from planners.geometry.pose import Array
 
 
 @njit(cache=True, nogil=True)
-def choose_pairs(shape_pairs: Indices, pair_bodies: Indices, chosen: Array) -> Indices:
-    """Return the rows of `shape_pairs` whose body pair is chosen (booleans)."""
+def choose_pairs(shape_pairs: Indices, pair_bodies: Indices, chosen: NDArray[np.bool_]) -> Indices:
+    """Return the rows of `shape_pairs` whose body pair is chosen."""
     rows = np.empty(len(shape_pairs), np.int32)
     count = 0
     for row in range(len(shape_pairs)):

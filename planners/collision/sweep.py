@@ -75,7 +75,7 @@ def _unproven(
     q: Array,
     steps: Array,
     stamp: int,
-    pending: Array,
+    pending: Indices,
     depth: int,
     count: int,
     scratch: Scratch,
@@ -119,7 +119,7 @@ def _unproven(
         apart = spheres[a, 3] + spheres[b, 3] + clear
         if x * x + y * y + z * z > apart * apart:
             continue
-        f, g = shape_frame[a], shape_frame[b]
+        f, g = int(shape_frame[a]), int(shape_frame[b])
         apart = spheres[a, 3] + radius[b] + clear
         if square_to_box(frames, g, boxes, b, centers, a) > apart * apart:
             continue
