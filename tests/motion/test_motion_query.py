@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -114,6 +115,19 @@ def test_the_search_asks_the_same_edges_again_for_the_same_seed() -> None:
         plan_motion(across(checker, 6), MotionSettings(max_iterations=100), np.random.default_rng(3))
         asked.append(np.array(checker.edges_asked))
     assert np.array_equal(asked[0], asked[1])
+
+
+def test_searches_in_threads_do_not_disturb_each_other() -> None:
+    def path(seed: int) -> Array:
+        query = across(wall_with_gap(6, gap=0.5), 6)
+        found = plan_motion(query, LONG_STEPS, np.random.default_rng(seed)).path
+        assert found is not None
+        return found
+
+    alone = [path(seed) for seed in range(8)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(path, range(8)))
+    assert all(np.array_equal(a, b) for a, b in zip(alone, together, strict=True))
 
 
 def test_the_nearest_winding_is_chosen_when_the_way_is_free() -> None:

@@ -105,6 +105,11 @@ def test_a_corner_that_cannot_be_cut_is_a_stop() -> None:
     assert np.array_equal(path.evaluate(path.stops).positions, waypoints[1:2])
 
 
+def test_neighbouring_corners_share_a_short_leg() -> None:
+    zigzag = 0.2 * np.array([[i, i % 2] for i in range(8)], dtype=float)
+    assert BlendedPath.through(zigzag, Recording()).stops.size == 0
+
+
 def test_repeated_waypoints_change_nothing() -> None:
     waypoints = random_polyline(0)
     doubled = np.repeat(waypoints, 2, axis=0)
