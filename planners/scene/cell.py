@@ -188,8 +188,11 @@ def _load(path: Path, shelf: AssetShelf) -> Cell:
 
 def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> dict[str, Arm]:
     wanted = file.arms
-    robots = {w.robot: load_robot(w.robot, shelf, f"{path}: arms.{arm}.robot") for arm, w in wanted.items()}
-    hands = {w.hand: load_hand(w.hand, shelf, f"{path}: arms.{arm}.hand") for arm, w in wanted.items()}
+    # Both arms may be of one kind: each file is loaded once, for the last arm that asks for it.
+    robot_fields = {arm_file.robot: f"{path}: arms.{arm}.robot" for arm, arm_file in wanted.items()}
+    hand_fields = {arm_file.hand: f"{path}: arms.{arm}.hand" for arm, arm_file in wanted.items()}
+    robots = {name: load_robot(name, shelf, where) for name, where in robot_fields.items()}
+    hands = {name: load_hand(name, shelf, where) for name, where in hand_fields.items()}
     arms = {}
     for name in ARM_NAMES:
         place, robot = mount.arms[name], robots[wanted[name].robot]
