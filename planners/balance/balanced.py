@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -39,12 +40,12 @@ class Balanced:
 
     contacts: tuple[str, ...]
     """The names of the contacts, in the order of the arrays below; see `ContactWrench.name`."""
-    points: Array
-    """(m, 3), contact points in the plate frame [m]."""
-    rotations: Array
-    """(m, 3, 3), axes of the contact frames in the plate frame; z is the normal into the plate."""
+    frames: Callable[[], tuple[Array, Array]]
+    """Gives `points` and `rotations`; a search asks for them at few of its many answers."""
     wrenches_contact: Array
     """(m, 6), in the contact frames."""
+    hand_wrenches: Array
+    """(2, 6), total of the gripper's and of the stick's contacts, plate axes, about the centre of mass."""
     rotation_world_plate: Array
     """(3, 3), of the pose that was solved."""
     objective: float
@@ -61,6 +62,16 @@ class Balanced:
     """Norm of their moment about the centre of mass [Nm]."""
     least_slack: float
     """Distance to the nearest limit, in N (torques over their contact's length)."""
+
+    @cached_property
+    def points(self) -> Array:
+        """(m, 3), contact points in the plate frame [m]."""
+        return self.frames()[0]
+
+    @cached_property
+    def rotations(self) -> Array:
+        """(m, 3, 3), axes of the contact frames in the plate frame; z is the normal into the plate."""
+        return self.frames()[1]
 
     @property
     def largest_hand_normal(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -12,7 +13,7 @@ from planners.balance.capacity import LiftCapacity, largest_environment_normal, 
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
 from planners.balance.support import environment_power, grip_power, point_velocity, push_power
-from planners.balance.template import TORQUE_LENGTH, Structure, Template
+from planners.balance.template import TORQUE_LENGTH, Columns, Structure, Template
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, transform
 from planners.geometry.wrench import grasp_map
@@ -23,6 +24,9 @@ MAX_RESIDUAL = 1e-9
 """Largest residual of (5b) accepted, relative to the weight (moments at 0.1 m)."""
 PROOF_MARGIN = 1e-7
 """A twist proves something when it loses more than this times the weight [m/s]: rounding is 1e-13 of it."""
+
+_DAMPING = 1e-13
+"""Of the normal equations that close the balance, relative to their trace."""
 
 
 class Balance:
@@ -87,7 +91,7 @@ class Balance:
         gravity = np.concatenate([-self.weight * contacts.up, np.zeros(3)])
         infeasible, x, z = template.solve(contact_map, gravity)
         # The solver's verdict only says what to check first; the checks decide.
-        proofs = [_proof_from_dual(z[:6], template.net_multiplier(z))]
+        proofs = []
         if not infeasible:
             residual = _close_balance(x, contact_map, gravity)
             hands = template.columns.hand_normals
@@ -98,6 +102,7 @@ class Balance:
                 return self._balanced(template, contacts, x, residual, slack)
             # What no forces at all can close is square to them: a proof where the solver breaks down.
             proofs.append(_proof_from_dual(residual, np.zeros(3)))
+        proofs.append(_proof_from_dual(z[:6], template.net_multiplier(z)))
         return self._unbalanced(contacts, proofs)
 
     def power_bound(
@@ -162,13 +167,12 @@ class Balance:
             *((*x[s], 0.0, 0.0, 0.0) for s in columns.environment),
             self.lifter.contact_map(contacts.up) @ x[columns.lifter],
         ]
-        points, rotations = contacts.frames(self.cup)
         pull = float(x[columns.pull])
         return Balanced(
             contacts=contacts.names,
-            points=points,
-            rotations=rotations,
+            frames=partial(contacts.frames, self.cup),
             wrenches_contact=np.array(wrenches),
+            hand_wrenches=self._hand_wrenches(columns, contacts, x),
             rotation_world_plate=contacts.rotation_world_plate,
             objective=float(template.cost @ x),
             f_plus_gp=0.0 if columns.hand_effort is None else float(x[columns.hand_effort]),
@@ -178,6 +182,15 @@ class Balance:
             residual_moment=float(np.linalg.norm(residual[3:])) * TORQUE_LENGTH,
             least_slack=least_slack,
         )
+
+    def _hand_wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
+        """Sum up what each hand exerts, about the centre of mass."""
+        totals = np.zeros((2, 6))
+        if contacts.grip is not None:
+            totals[0] = self._hand_map(contacts.grip) @ x[columns.fingers[0].start : columns.fingers[-1].stop]
+        if contacts.push is not None:
+            totals[1] = self._hand_map(contacts.push) @ x[columns.push]
+        return totals
 
     def _unbalanced(self, contacts: _Contacts, proofs: list[UnbalanceProof]) -> Unbalanced:
         proof, power = min(((proof, self._power(proof, contacts)) for proof in proofs), key=lambda pair: pair[1])
@@ -256,9 +269,13 @@ def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
     scaled_map, scaled_gravity = contact_map * scale[:, None], gravity * scale
     wrenches = x[: contact_map.shape[1]]
     residual = scaled_map @ wrenches + scaled_gravity
-    correction, *_ = np.linalg.lstsq(scaled_map, residual, rcond=None)
-    wrenches -= correction
-    return scaled_map @ wrenches + scaled_gravity
+    # Normal equations, with a grain of damping for contacts that cannot exert every wrench; twice for the last digits.
+    normal = scaled_map @ scaled_map.T
+    solve = np.linalg.inv(normal + _DAMPING * np.trace(normal) * np.eye(6))
+    for _ in range(2):
+        wrenches -= scaled_map.T @ (solve @ residual)
+        residual = scaled_map @ wrenches + scaled_gravity
+    return residual
 
 
 def _force_maps(axes: Array, levers: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced, Unbalanced
-from planners.geometry.pose import Array
+from planners.geometry.wrench import rotated
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, whole
 from planners.manipulation.graph import HandHold, ManipulationStateGraph
@@ -96,14 +96,15 @@ class NodeExaminer:
     def _torque(self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced) -> float:
         """Least joint torque that the hands' contact wrenches ask for, tau = J^T F, over the postures [Nm]."""
         T_world_plate = self.graph.poses.poses[pose].T_world_plate
+        com = T_world_plate[:3, :3] @ self.balance.balance.com + T_world_plate[:3, 3]
         total = 0.0
-        for hold, reach, sets, names in (
-            (grip, self.pair.first, self.grip_postures, ("grip_0", "grip_1")),
-            (push, self.pair.second, self.push_postures, ("push",)),
+        for hold, reach, sets, of_plate in (
+            (grip, self.pair.first, self.grip_postures, answer.hand_wrenches[0]),
+            (push, self.pair.second, self.push_postures, answer.hand_wrenches[1]),
         ):
             if hold is not None:
-                point, wrench = hand_wrench(answer, names, T_world_plate)
-                loads = reach.loads(T_world_plate, hold.index, self.postures(pose, hold, sets), wrench, point)
+                wrench = rotated(T_world_plate[:3, :3], of_plate)
+                loads = reach.loads(T_world_plate, hold.index, self.postures(pose, hold, sets), wrench, com)
                 total += float(np.nanmin(loads))
         return total
 
@@ -122,17 +123,6 @@ class NodeExaminer:
 def hands_of(grip: HandHold | None, push: HandHold | None) -> HandPair:
     """Return the numbers of the holds that the hands are in, postures aside."""
     return (None if grip is None else grip.index, None if push is None else push.index)
-
-
-def hand_wrench(answer: Balanced, names: tuple[str, ...], T_world_plate: Array) -> tuple[Array, Array]:
-    """Return one hand's point (the middle of its contacts, world) and its total wrench about it, world axes."""
-    members = [answer.contacts.index(name) for name in names]
-    points = answer.points[members] @ T_world_plate[:3, :3].T + T_world_plate[:3, 3]
-    point = points.mean(axis=0)
-    wrenches = answer.wrenches_world[members]
-    total = wrenches.sum(axis=0)
-    total[3:] += np.cross(points - point, wrenches[:, :3]).sum(axis=0)
-    return point, total
 
 
 def _rows(holds: tuple[HandHold, ...]) -> NDArray[np.int64]:
