@@ -44,9 +44,10 @@ def bound_travel(
 ) -> None:
     """Bound how far any point of a shape moves against each frame of its arm while the joints turn by `steps`.
 
-    A point at distance r from the axis of joint k moves r |step| when joint k turns; meanwhile the joints after k
-    change r by no more than they move the point. So the bounds add up from the last joint inwards. The steps are
-    those to either side of the interval's middle, where the frames are [rad].
+    A point at distance r from the axis of joint k moves at most r |step| when that joint alone turns. Turning the
+    joints one by one, those nearest the base first, each finds the point, seen from its axis, where it was in the
+    middle of the interval: so r is taken there, and the bounds of the joints beyond a frame add up. The steps are
+    those to either side of the middle, where the frames are [rad].
     """
     arm = drivers[shape, 0]
     if arm < 0:
@@ -65,7 +66,7 @@ def bound_travel(
             rx, ry, rz = x - frames[f, 0, 3], y - frames[f, 1, 3], z - frames[f, 2, 3]
             ax, ay, az = frames[f, 0, 2], frames[f, 1, 2], frames[f, 2, 2]
             cx, cy, cz = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
-            total += (math.sqrt(cx * cx + cy * cy + cz * cz) + radius + total) * step
+            total += (math.sqrt(cx * cx + cy * cy + cz * cz) + radius) * step
         travel[shape, joint] = total
 
 

@@ -121,28 +121,6 @@ def test_no_two_points_move_farther_against_each_other_than_their_bounds_add_up_
     assert tightest < 1.5
 
 
-@pytest.mark.parametrize("joint", range(5))
-def test_a_point_on_an_axis_that_the_next_joint_takes_off_it_is_bounded(joint):
-    """The axis alone would not move it at all; its way grows with what the joints after it do."""
-    rng = np.random.default_rng(joint)
-    steps = np.zeros(12)
-    steps[6 + joint : 8 + joint] = 0.5
-    ground = CollisionBody("ground", "cell", "world", (sphere([0, 0, 0], 0.0),))
-    for _ in range(50):
-        q = rng.uniform(-2, 2, 12)
-        frames = world_frames(q, {})
-        axis = frames[f"right/{joint}"]
-        point = np.linalg.inv(frames["right/6"]) @ axis @ [0.0, 0.0, rng.uniform(-0.5, 0.5), 1.0]
-        body = CollisionBody("point", "right", "right/6", (sphere(point[:3], 0.0),))
-        query = CollisionModel.build(ARMS, [body, ground]).scene({})
-        (bound,) = travel_bounds(query.kernel, q, steps)
-        for one, two in itertools.product((-1.0, 1.0), repeat=2):
-            turned = q.copy()
-            turned[6 + joint : 8 + joint] += 0.5 * np.array([one, two])
-            after = world_frames(turned, {})["right/6"] @ point
-            assert np.linalg.norm(after - frames["right/6"] @ point) <= bound
-
-
 def travel_bounds(kernel, q, steps):
     """Return the bound of each pair's relative motion."""
     scratch = make_scratch(kernel)
