@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from importlib import resources
 from importlib.metadata import version
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import install_error_handlers
+from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
 from app.routes import capabilities, plans, probes
 from app.settings import ServiceSettings
+from planners.scene.cell import Cell, known_cells, load_cell
 from workers.database import open_database
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.worker import Worker
 
+REFERENCE_TASK = "ab1.json"
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
     "fetch a certified plan document. SI units; world frame on the floor under the robot."
@@ -33,6 +37,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         database = await run_in_threadpool(open_database, settings)
         queue = JobQueue(database)
         store = PlanStore(database)
+        app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
         worker = Worker(settings, database, queue, store) if with_worker else None
         try:
@@ -60,3 +65,11 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         app.include_router(router)
     install_openapi(app)
     return app
+
+
+def _warm_cells() -> dict[str, Cell]:
+    """Load the cells, and once check a task, so that no request waits for files or compiled kernels."""
+    cells = {name: load_cell(name) for name in known_cells()}
+    reference = resources.files("assets").joinpath("tasks", REFERENCE_TASK)
+    accept_task(reference.read_bytes(), cells)
+    return cells

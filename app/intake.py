@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from starlette.requests import ClientDisconnect, Request
@@ -9,6 +10,7 @@ from starlette.requests import ClientDisconnect, Request
 from app.errors import BodyTooLarge, NotJsonMedia
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import read_task, write_task
+from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 
 DRAINED_BYTES = 32_000_000
@@ -45,12 +47,12 @@ async def read_body(request: Request, limit: int) -> bytes:
     raise BodyTooLarge(limit)
 
 
-def accept_task(body: bytes) -> dict[str, Any]:
+def accept_task(body: bytes, cells: Mapping[str, Cell]) -> dict[str, Any]:
     """Return the task in a body with every default filled in, once it is known that it can be begun.
 
     Raises:
         NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
     """
     task = read_task(parse_json(body))
-    build_scene(task)
+    build_scene(task, cells)
     return write_task(task)

@@ -77,7 +77,8 @@ class PlanDesk:
             self.queue.cancel(plan_id)
             plan = self.plan(plan_id)
             if plan.state == JobState.CANCELLED.value:
-                return plan
+                self.store.mark_finished(plan_id)
+                return self.plan(plan_id)
         raise AlreadyFinished(plan.state)
 
     def delete(self, plan_id: str) -> None:
@@ -97,6 +98,6 @@ class PlanDesk:
         job = self.queue.jobs([record.id]).get(record.id)
         if job is None:
             raise PlanNotFound(record.id)
-        # A document that was stored between the two reads belongs to the state that was read last.
-        fresh = self.store.get(record.id) if job.state is JobState.SUCCEEDED and record.outcome is None else record
+        # What was stored between the two reads belongs to the state that was read last.
+        fresh = self.store.get(record.id) if job.state.done and record.finished_us is None else record
         return plan_resource(fresh or record, job)

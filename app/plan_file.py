@@ -14,7 +14,7 @@ from app.summary import summarise
 from planners.contract.problems import Problem, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import SceneError
-from workers import pipeline
+from workers.pipeline import Pipeline
 from workers.progress_scale import ProgressScale
 
 SOLVED, NO_PLAN, BAD_INPUT = 0, 2, 3
@@ -28,7 +28,8 @@ def plan_file(path: Path, out: Path | None) -> int:
         OSError: A file cannot be read or written.
     """
     try:
-        task = accept_task(path.read_bytes())
+        pipeline = Pipeline.load()
+        task = accept_task(path.read_bytes(), pipeline.cells)
     except NotJson as error:
         return _refuse([Problem(pointer="", detail=str(error))])
     except (ValidationError, SceneError) as error:

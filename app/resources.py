@@ -7,7 +7,6 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from planners.contract.problems import Problem
 from workers.job_state import Job, JobState
 from workers.plan_store import PlanRecord
 
@@ -70,6 +69,16 @@ class PlanList(Resource):
     """Give it as `page_token` for the next page; None on the last one."""
 
 
+class ProblemItem(Resource):
+    """One thing that is wrong with a body."""
+
+    pointer: str
+    """RFC 6901, from the body's root."""
+    detail: str
+    allowed: list[str] | None = None
+    """The valid choices, where they can be listed."""
+
+
 class ProblemDocument(Resource):
     """An error, by RFC 9457."""
 
@@ -77,7 +86,7 @@ class ProblemDocument(Resource):
     title: str
     status: int
     detail: str
-    errors: list[Problem] = []
+    errors: list[ProblemItem] = []
 
 
 def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
@@ -95,7 +104,7 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},
             "created_at": _time(record.created_us),
             "started_at": _time(record.started_us),
-            "finished_at": _time(job.finished_us),
+            "finished_at": _time(record.finished_us if job.state.done else None),
             "attempts": record.attempts,
             "error": None if job.error is None else {"detail": job.error},
             "links": {

@@ -10,7 +10,7 @@ import numpy as np
 
 
 def summarise(document: Mapping[str, Any]) -> str:
-    """Return a few lines: outcome, contact states, largest force, planning time, certificate; or why there is no plan."""
+    """Return a few lines: outcome, contact states, largest force, times, certificate; or why there is no plan."""
     if document["outcome"] != "solved":
         return _explain(document)
     checks = document["certificate"]["checks"]

@@ -28,6 +28,15 @@ class JobQueue:
         """Give all connections back."""
         self._client.destroy()
 
+    def open(self, worker_slots: int, poll_seconds: float) -> None:
+        """Have every worker take at most `worker_slots` jobs at a time, and look for new ones so often [s]."""
+        self._client.register_queue(
+            QUEUE,
+            worker_concurrency=worker_slots,
+            polling_interval_sec=poll_seconds,
+            on_conflict="always_update",
+        )
+
     def enqueue(self, transaction: sa.Connection, plan_id: str) -> None:
         """Enqueue a job; it exists when `transaction` commits."""
         options: EnqueueOptions = {
@@ -67,8 +76,7 @@ class JobQueue:
 
 def _job(status: WorkflowStatus) -> Job:
     state = STATE_OF_STATUS[status.status]
-    finished_ms = status.completed_at if status.completed_at is not None else status.updated_at
     error = None
     if state is JobState.FAILED:
         error = INTERRUPTED_TOO_OFTEN if status.error is None else str(status.error)
-    return Job(state, 1000 * finished_ms if state.done and finished_ms is not None else None, error)
+    return Job(state, error)

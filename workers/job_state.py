@@ -37,7 +37,5 @@ class Job:
     """One run of a task, as the engine knows it."""
 
     state: JobState
-    finished_us: int | None
-    """Microseconds since 1970, UTC."""
     error: str | None
     """A sentence, if the job failed."""

@@ -1,4 +1,4 @@
-"""The five things a plan goes through: TaskSpec, scene, plan, certificate, document."""
+"""The things a plan goes through: TaskSpec, scene, plan, certificate, document."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from planners.certify import certify
 from planners.contract.task_spec import read_task
 from planners.errors import LiftwrightError
 from planners.plan import plan
 from planners.progress import Progress, silent
+from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
 from workers.software import describe_software
 from workers.solver_protocol import REJECTED_VARIABLE, Request
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles, or loads, every kernel a job needs."""
-
-Plan = Callable[..., dict[str, Any]]
 
 
 class CertificateFailed(LiftwrightError):
@@ -33,43 +33,55 @@ class CertificateFailed(LiftwrightError):
         super().__init__(f"the plan that was found failed its certificate: {'; '.join(failed)}")
 
 
-def solve(
-    request: Request, progress: Progress, *, plan: Plan = plan, clock: Callable[[], float] = time.perf_counter
-) -> dict[str, Any]:
-    """Return the certified plan document of a task, or the document that says why there is no plan.
+@dataclass(frozen=True, eq=False)
+class Pipeline:
+    """What one process needs for solving any task."""
 
-    Raises:
-        SceneError, pydantic.ValidationError: The task is not one that can be planned.
-        CertificateFailed: The plan must not be delivered.
-    """
-    begun = clock()
-    progress("scene", 0, 1)
-    task = read_task(request["task"])
-    scene = build_scene(task)
-    progress("scene", 1, 1)
-    built = clock()
-    document = plan(task, scene, progress, clock)
-    document = {**document, "id": request["id"], "software": describe_software()}
-    certifying = clock()
-    if document["segments"]:
-        progress("certify", 0, 1)
-        document["certificate"] = certify(document).to_document()
-        progress("certify", 1, 1)
-        _require_passed(document)
-    ended = clock()
-    statistics = document["statistics"]
-    statistics["stages"] = [
-        {"name": "scene", "seconds": built - begun},
-        *statistics["stages"],
-        {"name": "certify", "seconds": ended - certifying},
-    ]
-    statistics["total_seconds"] = ended - begun
-    return document
+    cells: Mapping[str, Cell]
+    plan: Callable[..., dict[str, Any]] = plan
+    certify: Callable[..., Any] = certify
+    clock: Callable[[], float] = time.perf_counter
+    """[s]"""
 
+    @classmethod
+    def load(cls) -> Self:
+        """Load the cells that are shipped."""
+        return cls({name: load_cell(name) for name in known_cells()})
 
-def prepare() -> None:
-    """Load every compiled kernel that solving needs, by solving the reference task."""
-    solve({"id": "warm-up", "task": reference_task()}, silent)
+    @classmethod
+    def warm(cls) -> Self:
+        """Load the cells and, by solving the reference task, every compiled kernel."""
+        pipeline = cls.load()
+        pipeline.solve({"id": "warm-up", "task": reference_task()}, silent)
+        return pipeline
+
+    def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
+        """Return the certified plan document of a task, or the document that says why there is no plan.
+
+        Raises:
+            SceneError, pydantic.ValidationError: The task is not one that can be planned.
+            CertificateFailed: The plan must not be delivered.
+        """
+        begun = self.clock()
+        progress("scene", 0, 1)
+        task = read_task(request["task"])
+        scene = build_scene(task, self.cells)
+        progress("scene", 1, 1)
+        built = self.clock()
+        document = self.plan(task, scene, progress, self.clock)
+        document |= {"id": request["id"], "software": describe_software()}
+        planned = self.clock()
+        if document["segments"]:
+            progress("certify", 0, 1)
+            document["certificate"] = self.certify(document).to_document()
+            progress("certify", 1, 1)
+            _require_passed(document)
+        ended = self.clock()
+        stages = document["statistics"]["stages"]
+        stages.insert(0, {"name": "scene", "seconds": built - begun})
+        stages.append({"name": "certify", "seconds": ended - planned})
+        document["statistics"]["total_seconds"] = ended - begun
+        return document
 
 
 def reference_task() -> dict[str, Any]:

@@ -29,6 +29,7 @@ class PlanRecord:
     created_us: int
     """Microseconds since 1970, UTC."""
     started_us: int | None
+    finished_us: int | None
     attempts: int
     """How often a solver process began."""
     stage: str | None
@@ -54,6 +55,7 @@ _RECORD_COLUMNS = [
     PLANS.c.fingerprint,
     PLANS.c.created_us,
     PLANS.c.started_us,
+    PLANS.c.finished_us,
     PLANS.c.attempts,
     PLANS.c.stage,
     PLANS.c.fraction,
@@ -160,11 +162,17 @@ class PlanStore:
     def save_document(self, plan_id: str, outcome: str, sha256: str, gzip: bytes) -> None:
         """Store a document, instead of an earlier one if there is one; nothing happens to a plan that was deleted."""
         with self._engine.begin() as transaction:
-            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
-            if transaction.scalar(sa.select(PLANS.c.id).where(PLANS.c.id == plan_id)) is None:
+            finished = sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us())
+            if transaction.execute(finished).rowcount == 0:
                 return
+            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
             row = {"plan_id": plan_id, "outcome": outcome, "sha256": sha256, "gzip": gzip}
             transaction.execute(sa.insert(DOCUMENTS).values(row))
+
+    def mark_finished(self, plan_id: str) -> None:
+        """Keep the time: the engine's own, on SQLite, is a whole second."""
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
 
     def document(self, plan_id: str) -> StoredDocument | None:
         """Return a plan's document."""
@@ -175,9 +183,9 @@ class PlanStore:
 
     def outcome_counts(self) -> dict[str, int]:
         """Return how many documents there are of each outcome."""
-        query = sa.select(DOCUMENTS.c.outcome, sa.func.count()).group_by(DOCUMENTS.c.outcome)
+        query = sa.select(DOCUMENTS.c.outcome, sa.func.count().label("number")).group_by(DOCUMENTS.c.outcome)
         with self._engine.connect() as connection:
-            return {outcome: count for outcome, count in connection.execute(query).tuples()}
+            return {row.outcome: row.number for row in connection.execute(query)}
 
     def delete(self, plan_id: str) -> None:
         """Remove a plan with all that belongs to it."""

@@ -17,6 +17,7 @@ PLANS = sa.Table(
     sa.Column("fingerprint", sa.String(64), nullable=False),
     sa.Column("task", sa.Text, nullable=False),
     sa.Column("started_us", sa.BigInteger),
+    sa.Column("finished_us", sa.BigInteger),
     sa.Column("attempts", sa.Integer, nullable=False, default=0),
     sa.Column("crashes", sa.Integer, nullable=False, default=0),
     sa.Column("stage", sa.String(64)),

@@ -9,13 +9,12 @@ from contextlib import suppress
 from typing import Any
 
 import structlog
-from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat
-from dbos.error import DBOSWorkflowCancelledError
+from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 
 from planners.errors import LiftwrightError
 from workers.database import Database
 from workers.executor_lock import ExecutorLock
-from workers.job_queue import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, JobQueue
+from workers.job_queue import APPLICATION, APPLICATION_VERSION, WORKFLOW, JobQueue
 from workers.plan_store import PlanStore
 from workers.progress_scale import ProgressScale
 from workers.settings import WorkerSettings
@@ -70,10 +69,9 @@ class Worker:
         logging.getLogger("dbos").addFilter(_is_news)
         DBOS(config=config)
         self._register()
+        # Before the launch: the engine looks for new queues only once a second.
+        await asyncio.to_thread(self._queue.open, self._settings.worker_slots, self._settings.poll_seconds)
         DBOS.launch()
-        await DBOS.register_queue_async(
-            QUEUE, worker_concurrency=self._settings.worker_slots, polling_interval_sec=self._settings.poll_seconds
-        )
 
     async def stop(self) -> None:
         """Stop taking jobs; those under way are left to be begun anew after the next start."""
@@ -112,8 +110,12 @@ class Worker:
         task = await asyncio.to_thread(self._store.task, plan_id)
         if task is None:
             raise JobFailed("the plan was deleted before it was solved")
-        async with self._slots:
-            document = await self._solve_despite_crashes(plan_id, {"id": plan_id, "task": task})
+        try:
+            async with self._slots:
+                document = await self._solve_despite_crashes(plan_id, {"id": plan_id, "task": task})
+        except JobFailed:
+            await asyncio.to_thread(self._store.mark_finished, plan_id)
+            raise
         await asyncio.to_thread(self._store.save_document, plan_id, document.outcome, document.sha256, document.gzip)
         log.info("job solved", job_id=plan_id, outcome=document.outcome, bytes=len(document.gzip))
         return document.outcome
@@ -141,7 +143,7 @@ class Worker:
             await asyncio.to_thread(self._store.add_event, plan_id, event)
 
         if plan_id in await asyncio.to_thread(self._queue.cancelled, [plan_id]):
-            raise DBOSWorkflowCancelledError(f"plan {plan_id} was cancelled")
+            raise error.DBOSWorkflowCancelledError(f"plan {plan_id} was cancelled")
         task = asyncio.create_task(self._pool.solve(request, show))
         self._running[plan_id] = task
         try:
@@ -151,7 +153,7 @@ class Worker:
                 # Not an end of the job: it stays begun, and is begun anew when a worker of this name starts.
                 await asyncio.Event().wait()
             if plan_id in self._cancelled:
-                raise DBOSWorkflowCancelledError(f"plan {plan_id} was cancelled") from None
+                raise error.DBOSWorkflowCancelledError(f"plan {plan_id} was cancelled") from None
             task.cancel()
             raise
         finally:
@@ -172,5 +174,6 @@ class Worker:
 
 def _is_news(record: logging.LogRecord) -> bool:
     """The engine logs a cancelled job, and one that failed as it should, as errors with tracebacks."""
-    error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, DBOSWorkflowCancelledError | JobFailed)
+    raised = record.exc_info[1] if record.exc_info else None
+    expected = error.DBOSWorkflowCancelledError | error.DBOSAwaitedWorkflowCancelledError | JobFailed
+    return not isinstance(raised, expected)

@@ -8,8 +8,8 @@ from fastapi import APIRouter, Depends, Request
 
 from app.resources import Resource
 from app.settings import ServiceSettings
-from planners.scene.cell import known_cells
-from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS, PLANNED_SHAPES
+from planners.scene.placements import PLANNED_SHAPES
+from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
@@ -39,7 +39,7 @@ class Capabilities(Resource):
     cells: list[str]
     lifter_models: list[str]
     shapes: list[str]
-    """Of obstacles and supports."""
+    """Of supports and obstacles."""
     limits: Limits
     schema_versions: list[str]
     """Of plan documents."""
@@ -54,11 +54,11 @@ def _settings(request: Request) -> ServiceSettings:
 
 
 @router.get("/capabilities", summary="What this service can plan")
-def get_capabilities(settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
+def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
     """Return kinds of tasks, cells, lifter models, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
-        cells=known_cells(),
+        cells=sorted(request.app.state.cells),
         lifter_models=list(PLANNED_LIFTERS),
         shapes=list(PLANNED_SHAPES),
         limits=Limits(

@@ -1,0 +1,113 @@
+"""Real processes that are killed: whatever dies, every accepted job ends, and nothing is left running."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
+
+LONGEST_CANCEL_SECONDS = 1.0
+LONGEST_ORPHAN_SECONDS = 2.0
+
+
+@pytest.fixture
+def service(tmp_path: Path) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path, FAKE_SOLVER, worker_slots=1) as service:
+        yield service
+
+
+def post(client: httpx.Client, wish: str) -> dict:
+    answer = client.post("/v1/plans", json=task(external_id=wish))
+    assert answer.status_code == 202
+    return answer.json()
+
+
+def running(client: httpx.Client, plan: dict) -> bool:
+    now = client.get(plan["links"]["self"]).json()
+    return now["state"] == "running" and now["progress"]["fraction"] > 0.0
+
+
+def solvers(service: ServiceProcess) -> list[psutil.Process]:
+    """The service's children, oldest first: the one at work before the one that waits."""
+    return sorted(service.descendants(), key=lambda process: process.create_time())
+
+
+def gone(processes: list[psutil.Process]) -> bool:
+    return not any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in processes)
+
+
+def test_a_job_whose_solver_is_killed_is_begun_again_and_ends(service: ServiceProcess) -> None:
+    with service.client() as client:
+        plan = post(client, "steps-40")
+        wait_for(lambda: running(client, plan), 10)
+        solvers(service)[0].kill()
+        plan = finished(client, plan)
+        assert (plan["state"], plan["outcome"], plan["attempts"]) == ("succeeded", "solved", 2)
+
+
+def test_jobs_survive_a_service_that_is_killed_and_leave_no_process_behind(service: ServiceProcess) -> None:
+    with service.client() as client:
+        under_way, waiting = post(client, "steps-60"), post(client, "now")
+        wait_for(lambda: running(client, under_way), 10)
+        shown = client.get(under_way["links"]["self"]).json()["progress"]["fraction"]
+    orphans = service.descendants()
+    assert orphans
+    service.kill()
+    wait_for(lambda: gone(orphans), LONGEST_ORPHAN_SECONDS)
+    service.start()
+    with service.client() as client:
+        again = client.get(under_way["links"]["self"]).json()
+        assert again["progress"]["fraction"] >= shown
+        for plan in under_way, waiting:
+            plan = finished(client, plan)
+            assert (plan["state"], plan["outcome"]) == ("succeeded", "solved")
+            assert client.get(plan["links"]["document"]).json()["id"] == plan["id"]
+        assert client.get(under_way["links"]["self"]).json()["attempts"] == 2
+
+
+def test_a_service_that_is_asked_to_stop_gives_its_job_to_the_next_one(service: ServiceProcess) -> None:
+    with service.client() as client:
+        plan = post(client, "steps-60")
+        wait_for(lambda: running(client, plan), 10)
+    children = service.descendants()
+    service.stop()
+    assert gone(children)
+    service.start()
+    with service.client() as client:
+        assert finished(client, plan)["outcome"] == "solved"
+
+
+def test_cancelling_ends_the_whole_process_group_within_a_second(service: ServiceProcess) -> None:
+    with service.client() as client:
+        plan = post(client, "child")
+        wait_for(lambda: running(client, plan), 10)
+        at_work = solvers(service)[0]
+        group = [at_work, *at_work.children(recursive=True)]
+        assert len(group) == 2
+        begun = time.perf_counter()
+        assert client.post(plan["links"]["cancel"]).status_code == 202
+        wait_for(lambda: gone(group), LONGEST_CANCEL_SECONDS)
+        assert time.perf_counter() - begun < LONGEST_CANCEL_SECONDS
+        assert finished(client, post(client, "now"))["outcome"] == "solved"
+
+
+def test_an_idle_solver_that_is_killed_costs_no_job(service: ServiceProcess) -> None:
+    with service.client() as client:
+        for process in solvers(service):
+            process.send_signal(signal.SIGKILL)
+        plan = finished(client, post(client, "now"))
+        assert (plan["state"], plan["attempts"]) == ("succeeded", 1)
+
+
+def test_a_data_directory_has_one_worker(service: ServiceProcess, tmp_path: Path) -> None:
+    rival = ServiceProcess(tmp_path, FAKE_SOLVER)
+    with pytest.raises(AssertionError, match="ended instead"):
+        rival.start()
+    assert rival.process is not None
+    assert rival.process.wait() != 0

@@ -1,0 +1,51 @@
+"""A solver process whose answers are made up: the real machinery of processes around a function of a few lines.
+
+What it does is told by the task's `external_id`: `steps-5` takes five steps, `hang` never ends, `die` kills itself,
+`fail` raises, `child` starts a process of its own and hangs; anything else is answered at once.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from workers.solver_process import main
+from workers.solver_protocol import Request
+
+STEP_SECONDS = 0.05
+
+
+def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[str, Any]:
+    wish = str(request["task"].get("external_id"))
+    progress("scene", 1, 1)
+    if wish == "die":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if wish == "fail":
+        raise ValueError("the fake solver was told to fail")
+    if wish == "child":
+        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    if wish in ("hang", "child"):
+        for _ in range(6000):
+            progress("graph", 1, 2)
+            time.sleep(0.1)
+    if wish.startswith("steps-"):
+        steps = int(wish.removeprefix("steps-"))
+        for step in range(steps):
+            progress("motion", step + 1, steps)
+            time.sleep(STEP_SECONDS)
+    return {
+        "schema_version": "1.0",
+        "id": request["id"],
+        "outcome": "solved",
+        "task": request["task"],
+        "noise": "x" * 5000,
+    }
+
+
+if __name__ == "__main__":
+    main(lambda: solve)

@@ -1,0 +1,112 @@
+"""A real service for tests: a process of its own on a free port of this machine, with a store of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+import httpx
+import psutil
+
+ROOT = Path(__file__).resolve().parents[2]
+TASKS = ROOT / "assets" / "tasks"
+FAKE_SOLVER = (sys.executable, str(Path(__file__).with_name("fake_solver.py")))
+STARTUP_SECONDS = 900.0
+
+
+def task(name: str = "ab1.json", **members: Any) -> dict[str, Any]:
+    """Return the body of a bundled task, with some members replaced."""
+    return {**json.loads((TASKS / name).read_text()), **members}
+
+
+class ServiceProcess:
+    """`liftwright serve` in a process of its own."""
+
+    def __init__(self, data_dir: Path, solver: tuple[str, ...] | None, **settings: Any) -> None:
+        self._environment = {f"LIFTWRIGHT_{name.upper()}": str(value) for name, value in settings.items()}
+        if solver is not None:
+            self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
+        self._data_dir = data_dir
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            self.port = probe.getsockname()[1]
+        self.address = f"http://127.0.0.1:{self.port}"
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> Self:
+        """Start, and wait until it is ready."""
+        words = ["serve", "--port", str(self.port), "--data-dir", str(self._data_dir)]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "app.cli", *words], cwd=ROOT, env={**os.environ, **self._environment}
+        )
+        wait_for(self._ready, STARTUP_SECONDS)
+        return self
+
+    def kill(self) -> None:
+        """kill -9, as a power failure would."""
+        self._signal(signal.SIGKILL)
+
+    def stop(self) -> None:
+        """Ask it to end, and wait."""
+        self._signal(signal.SIGTERM)
+
+    def client(self) -> httpx.Client:
+        """Return a client for it."""
+        return httpx.Client(base_url=self.address, timeout=120.0)
+
+    def descendants(self) -> list[psutil.Process]:
+        """Return the processes it has started, and those they have started."""
+        assert self.process is not None
+        return psutil.Process(self.process.pid).children(recursive=True)
+
+    def _ready(self) -> bool:
+        assert self.process is not None
+        assert self.process.poll() is None, "the service ended instead of getting ready"
+        try:
+            return httpx.get(f"{self.address}/readyz").status_code == 200
+        except httpx.TransportError:
+            return False
+
+    def _signal(self, number: signal.Signals) -> None:
+        if self.process is not None:
+            self.process.send_signal(number)
+            self.process.wait(timeout=30)
+            self.process = None
+
+
+@contextmanager
+def running_service(data_dir: Path, solver: tuple[str, ...] | None, **settings: Any) -> Iterator[ServiceProcess]:
+    """Run a service for the time of a test."""
+    service = ServiceProcess(data_dir, solver, **settings)
+    try:
+        yield service.start()
+    finally:
+        service.stop()
+
+
+def wait_for(holds: Any, seconds: float) -> None:
+    """Wait until `holds()` is true."""
+    deadline = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < deadline, f"did not hold within {seconds} s"
+        time.sleep(0.02)
+
+
+def finished(client: httpx.Client, plan: dict[str, Any], seconds: float = 60.0) -> dict[str, Any]:
+    """Wait until a plan's job has ended, and return the plan."""
+    last: dict[str, Any] = {}
+
+    def ended() -> bool:
+        last.update(client.get(plan["links"]["self"]).json())
+        return last["done"]
+
+    wait_for(ended, seconds)
+    return last
