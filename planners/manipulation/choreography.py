@@ -13,11 +13,12 @@ from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse, rotation_angle
 from planners.graph.rejections import Rejection
 from planners.kinematics.inverse import BRANCHES
+from planners.manipulation.assignment import Assignment
 from planners.manipulation.dense_contacts import PlateMotion
-from planners.manipulation.engagements import Assignment, Engagement, Itinerary, PostureFollower
+from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
 from planners.manipulation.failures import Hand
 from planners.manipulation.hold_balance import HandPair, HoldBalance
-from planners.manipulation.reach import HandReach
+from planners.manipulation.track import EngagementTrack
 from planners.manipulation.workcell import LiftWorkcell
 from planners.motion.arm_checker import ArmEdgeChecker
 from planners.motion.blended_path import BlendedPath
@@ -27,9 +28,6 @@ from planners.motion.query import MotionOutcome, MotionQuery, MotionSettings, pl
 from planners.motion.timing import TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, hold_still
 from planners.segment import ContactSet, GripHold, PushHold, Segment, SegmentKind
-
-_TURN = 2.0 * math.pi
-_WINDINGS = np.array([-_TURN, 0.0, _TURN])
 
 
 @dataclass(frozen=True)
@@ -119,11 +117,13 @@ class _Run:
         start = choreographer.workcell.scene.start_positions
         pose = itinerary.poses[0]
         self.stage = _Stage(start.copy(), self.follower.poses.poses[pose].T_world_plate, pose)
-        self.tracks: dict[Engagement, _Track] = {}
+        self.tracks: dict[Engagement, EngagementTrack] = {}
 
     def realise(self) -> tuple[Segment, ...] | Stuck:
         for engagement in self.itinerary.engagements:
-            self.tracks[engagement] = _Track.of(self.follower, self.itinerary, engagement, self.assignment[engagement])
+            self.tracks[engagement] = EngagementTrack.of(
+                self.follower, self.itinerary, engagement, self.assignment[engagement]
+            )
         try:
             for engagement in self._changing(lambda e: e.first == 0):
                 self._arrive(engagement)
@@ -186,7 +186,7 @@ class _Run:
             self._free_motion(arm, home[None], hand, place)
             self.stage.loose.remove(hand)
 
-    def _clear_approaches(self, arm: str, hand: Hand, track: _Track, goals: Array) -> Array:
+    def _clear_approaches(self, arm: str, hand: Hand, track: EngagementTrack, goals: Array) -> Array:
         """Keep the windings if the approach is clear of the other arm; all windings look the same to collisions."""
         query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, {arm, *self._holding_arms()})
         return goals if query.path(self._with_arm(arm, track.approach)).free else goals[:0]
@@ -221,7 +221,7 @@ class _Run:
         pair = int(query.first_collision(q)[0])
         return "" if pair < 0 else f" ({' and '.join(query.pair_names(pair))})"
 
-    def _straight(self, arm: str, hand: Hand, track: _Track, coarse: Array, kind: SegmentKind) -> None:
+    def _straight(self, arm: str, hand: Hand, track: EngagementTrack, coarse: Array, kind: SegmentKind) -> None:
         """Move a hand along its straight way; `coarse` (n, 6) runs from start to end of it."""
         ends = track.carrier_ends if kind is SegmentKind.RETREAT else track.carrier_ends[::-1]
         start, end = (self.stage.T_world_plate @ transform for transform in ends)
@@ -403,79 +403,6 @@ class _GotStuck(Exception):
     def __init__(self, stuck: Stuck) -> None:
         self.stuck = stuck
         super().__init__(stuck.rejection.reason)
-
-
-@dataclass(eq=False)
-class _Track:
-    """The joints of one arm over one engagement, continuous from approach to retreat."""
-
-    reach: HandReach
-    hold: int
-    posture: int
-    first: int
-    approach: Array
-    """(n, 6) from contact to the stand-off, at the first place."""
-    motions: dict[int, Array]
-    """By place: (m, 6) along the motion that starts there, in its direction."""
-    retreat: Array
-    """(n, 6) from contact to the stand-off, at the last place."""
-    carrier_ends: tuple[Transform, Transform]
-    """T_plate_carrier at contact and at the stand-off."""
-
-    @classmethod
-    def of(cls, follower: PostureFollower, itinerary: Itinerary, engagement: Engagement, posture: int) -> _Track:
-        """Follow a posture over its engagement, starting in the turns that are nearest to zero."""
-        reach, hold = follower.hand(engagement.hand), engagement.hold.index
-
-        def carriers(place: int) -> Array:
-            T_world_plate = follower.poses.poses[itinerary.poses[place]].T_world_plate
-            return follower.approach_carriers(T_world_plate, engagement.hand, hold)
-
-        away = carriers(engagement.first)
-        approach = reach.follow(away, hold, posture)
-        last = approach[0]
-        motions: dict[int, Array] = {}
-        for place in range(engagement.first, engagement.last):
-            step = itinerary.motions[place]
-            if step is None:
-                continue
-            number, forth = step
-            samples = follower.samples(number)
-            along = _continued(reach, samples if forth else samples[::-1], hold, posture, last)
-            motions[place] = along
-            last = along[-1]
-        retreat = _continued(reach, carriers(engagement.last), hold, posture, last)
-        back = inverse(follower.poses.poses[itinerary.poses[engagement.first]].T_world_plate)
-        return cls(
-            reach, hold, posture, engagement.first, approach, motions, retreat, (back @ away[0], back @ away[-1])
-        )
-
-    def windings(self, lo: Array, hi: Array) -> Array:
-        """Return (k, 6) whole turns [rad] after which the whole engagement is within limits."""
-        everything = np.concatenate([self.approach, *self.motions.values(), self.retreat])
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        choices = [w[(low[i] + w >= lo[i]) & (high[i] + w <= hi[i])] for i, w in enumerate([_WINDINGS] * 6)]
-        return np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, 6)
-
-    def turn(self, turns: Array) -> None:
-        """Add whole turns to all joints."""
-        self.approach = self.approach + turns
-        self.retreat = self.retreat + turns
-        self.motions = {place: along + turns for place, along in self.motions.items()}
-
-    def along(self, place: int) -> Array:
-        """Return (m, 6) along the motion that starts at a place."""
-        return self.motions[place]
-
-    def exact(self, T_world_carriers: Array, reference: Array) -> Array:
-        """Return (n, 6) joint positions at exact poses of the plate, in the turns of `reference`."""
-        return self.reach.follow(T_world_carriers, self.hold, self.posture, reference)
-
-
-def _continued(reach: HandReach, T_world_carriers: Array, hold: int, posture: int, last: Array) -> Array:
-    """Follow a posture from joint positions that it is at already."""
-    along = reach.follow(T_world_carriers, hold, posture)
-    return along + np.rint((last - along[0]) / _TURN) * _TURN
 
 
 def _interpolated(coarse: Array, part: Array) -> Array:

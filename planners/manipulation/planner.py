@@ -14,22 +14,17 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.balance.capacity import LiftCapacity, lift_capacity
+from planners.balance.capacity import LiftCapacity
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
 from planners.balance.solver import Balance
 from planners.geometry.polyhedron import Prism
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath, cheapest_path
+from planners.manipulation.assignment import NoAssignment, PostureAssigner
 from planners.manipulation.choreography import Choreographer, Stuck
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
-from planners.manipulation.engagements import (
-    Engagement,
-    Itinerary,
-    NoAssignment,
-    PostureAssigner,
-    PostureFollower,
-)
+from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
 from planners.manipulation.examiner import NodeExaminer, Objective, hands_of
 from planners.manipulation.failures import Failures, LoneTransitFailure, PairFailure, TransitFailure
 from planners.manipulation.graph import HandHold, build_graph
@@ -134,9 +129,7 @@ class PlateLiftPlanner:
 
     def capacity(self) -> LiftCapacity:
         """Bound what robot and lifter can carry together off the support."""
-        limits, friction = self.balance_program.limits, self.balance_program.friction
-        steepest = max(self.settings.sampling.lifted_tilts[:2])
-        return lift_capacity(self.balance_program.weight, self.balance_program.lifter, friction, limits, steepest)
+        return self.balance_program.capacity(max(self.settings.sampling.lifted_tilts[:2]))
 
     def build(self) -> None:
         """Find out which hand reaches which pose in which postures, and merge the graph."""
@@ -315,7 +308,9 @@ class PlateLiftPlanner:
         """Apply the failures found; where there are none, tell holds apart by posture and merge anew."""
         killed = sum(self.failures.add(failure, self.graph) for failure in problem.failures)
         self.rejections.add(problem.rejection, max(1, killed))
-        if problem.failures:
+        if problem.edge is not None:
+            self.graph.knowledge.edge_dead[problem.edge] = True
+        if not problem.split:
             return
         grips, pushes = self.graph.grips, self.graph.pushes
         for hand, hold in problem.split:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-
 from planners.collision.model import CollisionModel, CollisionQuery, PairChoice, PairMask
 from planners.collision.placement import Fixed, Placement, Upright
 from planners.geometry.convex import CollisionBody
