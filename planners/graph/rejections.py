@@ -11,7 +11,7 @@ class Rejection:
     """One reason for a "no", with its numbers where it has any."""
 
     stage: str
-    """"reach", "balance", "transfer", "transit" or "capacity"."""
+    """"reach", "clearance", "balance", "transfer", "transit" or "capacity"."""
     reason: str
     """A sentence for a person."""
     where: str = ""

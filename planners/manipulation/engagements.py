@@ -90,6 +90,7 @@ class PostureFollower:
         pair: PairReach,
         with_idle: dict[Hand, PlateQuery],
         opened: dict[Hand, PlateQuery],
+        lifted: PlateQuery,
         grips: tuple[Grip, ...],
         pushes: tuple[Push, ...],
         reach: dict[Hand, NDArray[np.uint64]],
@@ -102,18 +103,20 @@ class PostureFollower:
             pair: both hands.
             with_idle: for each hand, its arm and the idle other arm against everything, the plate moving.
             opened: for each hand, its arm against everything but the other arm while it comes to the plate.
+            lifted: plate and cup against what stands in the cell.
             grips: all grips.
             pushes: all pushes.
             reach: (poses, holds) bit sets of each hand.
             settings: how finely to sample.
         """
         self.poses, self.pair, self.with_idle, self.opened = poses, pair, with_idle, opened
-        self.grips, self.pushes, self.reach = grips, pushes, reach
+        self.lifted, self.grips, self.pushes, self.reach = lifted, grips, pushes, reach
         self.settings = settings or SweepSettings()
         self._along: dict[tuple[int, Hand, int, bool], int] = {}
         self._approach: dict[tuple[int, Hand, int], int] = {}
         self._together: dict[tuple[int, int, int, int, int], bool] = {}
         self._samples: dict[int, Array] = {}
+        self._blocked: dict[int, tuple[str, str] | None] = {}
 
     def hand(self, hand: Hand) -> HandReach:
         """Return a hand's reach."""
@@ -146,6 +149,12 @@ class PostureFollower:
             query = self.with_idle[hand] if alone else self.hand(hand).alone
             self._along[key] = self.hand(hand).track(self.samples(number), index, both, query) if both else 0
         return self._along[key]
+
+    def blocked(self, number: int) -> tuple[str, str] | None:
+        """Name what the plate or its cup would meet along a motion, or None."""
+        if number not in self._blocked:
+            self._blocked[number] = next(self.lifted.meetings(self.samples(number)), None)
+        return self._blocked[number]
 
     def approach(self, pose: int, hand: Hand, index: int) -> int:
         """Return the postures of a hold that can be come to, and left, on a straight way at a pose."""

@@ -41,6 +41,17 @@ class MotionFailure:
 
 
 @dataclass(frozen=True)
+class BlockedMotion:
+    """Along a motion the plate or the cup meets something that stands in the cell, whoever holds the plate."""
+
+    motion: int
+
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
+        """Return which edges it kills."""
+        return graph.edge_motion == self.motion
+
+
+@dataclass(frozen=True)
 class TransitFailure:
     """At a plate pose only some postures of a hand can come or go."""
 
@@ -58,6 +69,12 @@ class TransitFailure:
             & (graph.node_pose[graph.edge_nodes[:, 0]] == self.pose)
             & np.isin(mine[graph.edge_nodes].max(axis=1), poor)
         )
+
+    def nodes(self, graph: ManipulationStateGraph) -> Iterator[int]:
+        """Return the start nodes it kills: a plan begins with a hand that comes, on no edge of the graph."""
+        mine, _ = _numbers(graph, self.hand)
+        poor = _without(graph, self.hand, self.index, self.survivors)
+        return (node for node in graph.starts if graph.node_pose[node] == self.pose and mine[node] in poor)
 
 
 @dataclass(frozen=True)
@@ -98,7 +115,44 @@ class LoneTransitFailure:
                 yield node
 
 
-Failure = MotionFailure | TransitFailure | PairFailure | LoneTransitFailure
+@dataclass(frozen=True)
+class EdgeFailure:
+    """One edge was given up, told by its two nodes so that it can be found again in a graph with split holds."""
+
+    ends: tuple[_NodeKey, _NodeKey]
+
+    @classmethod
+    def of(cls, graph: ManipulationStateGraph, edge: int) -> EdgeFailure:
+        """Describe an edge of a graph."""
+        one, other = (
+            _NodeKey(int(graph.node_pose[node]), *graph.hold_of(int(node))) for node in graph.edge_nodes[edge]
+        )
+        return cls((one, other))
+
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
+        """Return which edges it kills."""
+        one, other = (end.nodes(graph)[graph.edge_nodes] for end in self.ends)
+        return (one[:, 0] & other[:, 1]) | (one[:, 1] & other[:, 0])
+
+
+@dataclass(frozen=True)
+class _NodeKey:
+    """A node by what it means."""
+
+    pose: int
+    grip: HandHold | None
+    push: HandHold | None
+
+    def nodes(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
+        """Return which nodes it, or parts of it, are."""
+        return (
+            (graph.node_pose == self.pose)
+            & _holds_within(graph.grips, self.grip)[graph.node_grip]
+            & _holds_within(graph.pushes, self.push)[graph.node_push]
+        )
+
+
+Failure = EdgeFailure | MotionFailure | BlockedMotion | TransitFailure | PairFailure | LoneTransitFailure
 
 
 class Failures:
@@ -136,11 +190,14 @@ class Failures:
 
 
 def _apply(failure: Failure, graph: ManipulationStateGraph) -> int:
-    if isinstance(failure, LoneTransitFailure):
-        nodes = list(failure.nodes(graph))
-        graph.lost_starts.update(nodes)
-        return len(nodes)
-    return _kill(graph, np.flatnonzero(failure.edges(graph)))
+    killed = 0
+    if isinstance(failure, LoneTransitFailure | TransitFailure):
+        lost = set(failure.nodes(graph)) - graph.lost_starts
+        graph.lost_starts.update(lost)
+        killed += len(lost)
+    if not isinstance(failure, LoneTransitFailure):
+        killed += _kill(graph, np.flatnonzero(failure.edges(graph)))
+    return killed
 
 
 def _kill(graph: ManipulationStateGraph, edges: NDArray[np.int64]) -> int:
@@ -166,6 +223,13 @@ def _without(graph: ManipulationStateGraph, hand: Hand, index: int, survivors: i
     """Numbers of the holds with this index that have none of the surviving postures."""
     holds = graph.grips if hand == "grip" else graph.pushes
     return [n for n, hold in enumerate(holds, start=1) if hold.index == index and not hold.postures & survivors]
+
+
+def _holds_within(holds: tuple[HandHold, ...], hold: HandHold | None) -> NDArray[np.bool_]:
+    """(1 + holds,) by hold number, 0 for an absent hand: whether it is `hold`, or one that it was split into."""
+    if hold is None:
+        return np.array([True] + [False] * len(holds))
+    return np.array([False] + [_within(other, hold) for other in holds])
 
 
 def _within(hold: HandHold, other: HandHold) -> bool:

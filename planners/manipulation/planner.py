@@ -18,6 +18,7 @@ from planners.balance.capacity import LiftCapacity
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
 from planners.balance.solver import Balance
 from planners.geometry.polyhedron import Prism
+from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath, cheapest_path
 from planners.manipulation.assignment import NoAssignment, PostureAssigner
@@ -26,7 +27,14 @@ from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
 from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
 from planners.manipulation.examiner import NodeExaminer, Objective, hands_of
-from planners.manipulation.failures import Failures, LoneTransitFailure, PairFailure, TransitFailure
+from planners.manipulation.failures import (
+    BlockedMotion,
+    EdgeFailure,
+    Failures,
+    LoneTransitFailure,
+    PairFailure,
+    TransitFailure,
+)
 from planners.manipulation.graph import HandHold, build_graph
 from planners.manipulation.grips import CupFootprint, Grip, GripSampling, Jaw, generate_grips
 from planners.manipulation.hold_balance import HoldBalance
@@ -138,6 +146,8 @@ class PlateLiftPlanner:
         total = 2 * len(plates)
         self.grip_postures = self.pair.first.postures(plates, lambda n: self.progress("reach", n, total))
         self.push_postures = self.pair.second.postures(plates, lambda n: self.progress("reach", len(plates) + n, total))
+        self.lifted = self.workcell.plate_query(self.workcell.holding, self.workcell.lifted, hands=[])
+        self._forbid_blocked_poses(plates)
         self.follower = self._follower()
         self.failures = Failures(self.balance)
         self.choreographer = Choreographer(
@@ -205,6 +215,14 @@ class PlateLiftPlanner:
         between = cell.plate_query(cell.holding, cell.between_arms, hands=[cell.gripper, cell.pusher])
         return PairReach(hands[0], hands[1], between)
 
+    def _forbid_blocked_poses(self, T_world_plates: Array) -> None:
+        """Take all holds from the poses at which plate or cup meet something that stands in the cell."""
+        for names in self.lifted.meetings(T_world_plates):
+            self.rejections.add(_meeting(*names))
+        blocked = self.lifted.first_collisions(T_world_plates) >= 0
+        self.grip_postures[blocked] = 0
+        self.push_postures[blocked] = 0
+
     def _follower(self) -> PostureFollower:
         cell = self.workcell
         with_idle = {
@@ -216,7 +234,7 @@ class PlateLiftPlanner:
             "push": cell.plate_query(cell.open, cell.without_other(cell.pusher), hands=[cell.pusher]),
         }
         reach = {"grip": self.grip_postures, "push": self.push_postures}
-        return PostureFollower(self.poses, self.pair, with_idle, opened, self.grips, self.pushes, reach)
+        return PostureFollower(self.poses, self.pair, with_idle, opened, self.lifted, self.grips, self.pushes, reach)
 
     def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> None:
         """Build the graph of these holds, and apply all that is known to fail."""
@@ -269,7 +287,7 @@ class PlateLiftPlanner:
     def _realise(self, itinerary: Itinerary) -> tuple[Segment, ...] | None:
         """Check a sequence all along and plan its motion; on failure forbid what failed."""
         self.counts["sequences"] += 1
-        if self._unbalanced_on_the_way(itinerary):
+        if self._blocked_on_the_way(itinerary) or self._unbalanced_on_the_way(itinerary):
             return None
         assigner = PostureAssigner(self.follower, itinerary, self.scene.start_positions)
         problem = assigner.problem()
@@ -291,6 +309,16 @@ class PlateLiftPlanner:
             self._forbid_stuck(itinerary, [each for each, _ in stuck])
         return None
 
+    def _blocked_on_the_way(self, itinerary: Itinerary) -> bool:
+        """Ask whether plate and cup keep clear of what stands in the cell, along every transfer of a sequence."""
+        fell = False
+        for number, _ in filter(None, itinerary.motions):
+            names = self.follower.blocked(number)
+            if names is not None:
+                fell = True
+                self.rejections.add(_meeting(*names), self.failures.add(BlockedMotion(number), self.graph))
+        return fell
+
     def _unbalanced_on_the_way(self, itinerary: Itinerary) -> bool:
         """Ask for balance between the poses of every transfer of a sequence."""
         fell = False
@@ -307,9 +335,9 @@ class PlateLiftPlanner:
     def _forbid(self, problem: NoAssignment) -> None:
         """Apply the failures found; where there are none, tell holds apart by posture and merge anew."""
         killed = sum(self.failures.add(failure, self.graph) for failure in problem.failures)
-        self.rejections.add(problem.rejection, max(1, killed))
         if problem.edge is not None:
-            self.graph.knowledge.edge_dead[problem.edge] = True
+            killed += self.failures.add(EdgeFailure.of(self.graph, problem.edge), self.graph)
+        self.rejections.add(problem.rejection, max(1, killed))
         if not problem.split:
             return
         grips, pushes = self.graph.grips, self.graph.pushes
@@ -327,15 +355,11 @@ class PlateLiftPlanner:
             self.rejections.add(each.rejection)
         (hand, place), _ = Counter((each.hand, each.place) for each in stuck).most_common(1)[0]
         grip, push = itinerary.active("grip", place), itinerary.active("push", place)
-        if hand is None:
-            edge = itinerary.path.edges[place]
-            self.graph.knowledge.edge_dead[edge] = True
-            return
         moving = grip if hand == "grip" else push
         pose = itinerary.poses[place]
-        if moving is None:
-            # The arm was on its way back to where it started.
-            self.graph.knowledge.edge_dead[itinerary.path.edges[place]] = True
+        if hand is None or moving is None:
+            # The plate could not move on, or an arm could not get back to where it started.
+            self.failures.add(EdgeFailure.of(self.graph, itinerary.path.edges[place]), self.graph)
         elif grip is not None and push is not None:
             failure = PairFailure(grip.hold, push.hold, pose=pose, changing=hand)
             self.failures.add(failure, self.graph)
@@ -455,6 +479,11 @@ def _split(holds: tuple[HandHold, ...], hold: HandHold, reach: NDArray[np.uint64
     anywhere = int(np.bitwise_or.reduce(reach[:, hold.index])) & hold.postures
     single = tuple(HandHold(hold.index, 1 << bit) for bit in range(64) if anywhere >> bit & 1)
     return tuple(other for other in holds if other != hold) + single
+
+
+def _meeting(one: str, other: str) -> Rejection:
+    body, obstacle = (one, other) if one in ("plate", "cup") else (other, one)
+    return Rejection("clearance", f"the {body} would touch {obstacle}")
 
 
 def _balance(scene: PlateLiftScene) -> Balance:

@@ -17,6 +17,8 @@ from planners.manipulation.rim import RimPatch, RimStation, rim_stations
 _ON_SURFACE = 1e-4
 """How far from the surface a given point may be [m]."""
 _UP = np.array([0.0, 0.0, 1.0])
+LARGEST_ROLLS = 8
+"""Rolls times branches of the inverse kinematics must fit into a set of 64 bits (`planners.manipulation.reach`)."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class PushSampling:
     def __post_init__(self) -> None:
         if self.count < 1 or self.rolls < 1 or min(self.corner_margin, self.bottom_depth) < 0.0:
             raise LiftwrightError("a push sampling has a positive count, positive rolls and no negative length")
+        if self.rolls > LARGEST_ROLLS:
+            raise LiftwrightError(f"a push has at most {LARGEST_ROLLS} rolls, not {self.rolls}")
         if not 0.0 < self.axis_angle_max < math.pi / 2:
             raise LiftwrightError("the push cone opens by more than 0 and less than 90 degrees")
 

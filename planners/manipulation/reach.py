@@ -8,7 +8,7 @@ posture is kept, so joints move continuously if and only if the branch does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,14 @@ class PlateQuery:
     def kernel(self) -> CollisionKernel:
         """Return a copy of the compiled query that one thread may move the plate in."""
         return self.query.kernel_copy()
+
+    def first_collisions(self, T_world_plates: Array) -> NDArray[np.int64]:
+        """Return for each plate pose (n, 4, 4) the first pair within its margin, or -1: (n,); arms at zero."""
+        return _collisions_at(self.kernel(), self.plate_frame, np.ascontiguousarray(T_world_plates))
+
+    def meetings(self, T_world_plates: Array) -> Iterator[tuple[str, str]]:
+        """Yield the names of bodies that meet, one pair for each plate pose (n, 4, 4) that is not free."""
+        return (self.query.pair_names(int(pair)) for pair in self.first_collisions(T_world_plates) if pair >= 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +206,16 @@ def _within(q, lo, hi):
         if not (lo[i] <= q[i] <= hi[i] or lo[i] <= q[i] + _TURN <= hi[i] or lo[i] <= q[i] - _TURN <= hi[i]):
             return False
     return True
+
+
+@njit(cache=True, nogil=True)
+def _collisions_at(kernel, frame, T_world_plates):
+    scratch, q = make_scratch(kernel), np.zeros(12)
+    result = np.empty(T_world_plates.shape[0], np.int64)
+    for p in range(T_world_plates.shape[0]):
+        set_frame(kernel, frame, T_world_plates[p])
+        result[p] = first_collision(kernel, q, scratch)
+    return result
 
 
 @njit(cache=True, nogil=True)

@@ -16,6 +16,8 @@ from planners.scene.scene import PlateLiftScene
 
 PLATE_FRAME = "plate"
 _SCENERY = frozenset({"plate", "cup", "cable"})
+_LIFTED = frozenset({"plate", "cup"})
+"""What must keep clear of everything that stands in the cell; the cable gives way to all but arms."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,16 @@ class LiftWorkcell:
             return arm in groups or (other in groups and bool(groups & _SCENERY))
 
         return chosen
+
+    def lifted(self, a: CollisionBody, b: CollisionBody) -> bool:
+        """Choose the pairs of plate and cup with what stands in the cell.
+
+        Left out are what the plate rests on and the table: the plate never gets below the height of its support.
+        """
+        if a.name not in _LIFTED:
+            a, b = b, a
+        standing = b.frame == "world" and b.name not in ("table", self.scene.support_name)
+        return a.name in _LIFTED and standing
 
     def _contacts(self, hands: Iterable[str]) -> tuple[list[tuple[str, str]], list[str]]:
         """Pairs that touch because these hands hold or push the plate, and the finger parts close to it."""
