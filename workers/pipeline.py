@@ -11,7 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from planners.certify import certify
+import numpy as np
+
+from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.errors import LiftwrightError
 from planners.plan import plan
@@ -38,15 +40,17 @@ class Pipeline:
     """What one process needs for solving any task."""
 
     cells: Mapping[str, Cell]
+    surfaces: RobotSurfaces
+    """The robots' meshes, which the certificate checks against."""
     plan: Callable[..., dict[str, Any]] = plan
-    certify: Callable[..., Any] = certify
+    certify: Callable[..., Certificate] = certify
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
 
     @classmethod
     def load(cls) -> Self:
-        """Load the cells that are shipped."""
-        return cls({name: load_cell(name) for name in known_cells()})
+        """Load the cells and meshes that are shipped."""
+        return cls({name: load_cell(name) for name in known_cells()}, load_surfaces())
 
     @classmethod
     def warm(cls) -> Self:
@@ -71,11 +75,11 @@ class Pipeline:
         document = self.plan(task, scene, progress, self.clock)
         document |= {"id": request["id"], "software": describe_software()}
         planned = self.clock()
-        if document["segments"]:
-            progress("certify", 0, 1)
-            document["certificate"] = self.certify(document).to_document()
-            progress("certify", 1, 1)
-            _require_passed(document)
+        progress("certify", 0, 1)
+        reference = _reference(self.cells[document["cell"]["name"]])
+        document["certificate"] = self.certify(document, self.surfaces, reference).to_document()
+        progress("certify", 1, 1)
+        _require_passed(document)
         ended = self.clock()
         stages = document["statistics"]["stages"]
         stages.insert(0, {"name": "scene", "seconds": built - begun})
@@ -87,6 +91,12 @@ class Pipeline:
 def reference_task() -> dict[str, Any]:
     """Return the body of the task that is used to warm up."""
     return json.loads(resources.files("assets").joinpath("tasks", REFERENCE_TASK).read_text())
+
+
+def _reference(cell: Cell) -> CellReference:
+    """Return what the certificate may take for known about a cell."""
+    home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
+    return CellReference(cell.document(), cell.body_documents(), home)
 
 
 def _require_passed(document: dict[str, Any]) -> None:

@@ -1,0 +1,41 @@
+# Everything a developer or a factory engineer types. `make help` lists it.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+ONCE ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format bench clean
+
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (minutes the first time, nothing after that)
+
+$(VENV)/.ready: pyproject.toml constraints.txt
+	@echo "setting up: packages"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@$(BIN)/liftwright warmup
+	@touch $@
+
+demo: setup ## start the service, plan a lift over HTTP, keep serving; ONCE=1 stops after the result
+	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
+
+test: setup ## all tests
+	@$(BIN)/python -m pytest -q
+
+check: setup ## format, lint, types
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/basedpyright
+
+format: setup ## put code into its format
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md
+	@$(BIN)/python tests/benchmarks/run.py
+
+clean: ## forget the environment and all plans
+	@rm -rf $(VENV) data build *.egg-info

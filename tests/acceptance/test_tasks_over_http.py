@@ -1,0 +1,77 @@
+"""The experiments of the paper, posted as a factory would: real service, real solver, certified plans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+from support.service import ServiceProcess, finished, running_service, task
+
+GRAVITY = 9.81
+LONGEST_JOB_SECONDS = 120.0
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), None) as service:
+        yield service
+
+
+@pytest.fixture
+def client(service: ServiceProcess) -> Iterator[httpx.Client]:
+    with service.client() as client:
+        yield client
+
+
+def solve(client: httpx.Client, body: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Post a task, wait for its end, and return the plan and its document."""
+    answer = client.post("/v1/plans", json=body)
+    assert answer.status_code == 202, answer.text
+    plan = finished(client, answer.json(), LONGEST_JOB_SECONDS)
+    assert plan["state"] == "succeeded", plan["error"]
+    return plan, client.get(plan["links"]["document"]).json()
+
+
+@pytest.mark.parametrize("name", ["ab1", "ab2", "ab3", "pb1", "pb2"])
+def test_a_task_of_the_paper_is_solved_and_certified(client: httpx.Client, name: str) -> None:
+    body = task(f"{name}.json")
+    plan, document = solve(client, body)
+    assert plan["outcome"] == document["outcome"] == "solved"
+    failed = [check for check in document["certificate"]["checks"] if not check["passed"]]
+    assert failed == []
+    assert document["certificate"]["passed"] is True
+    assert document["id"] == plan["id"]
+    assert document["task"]["plate"]["mass"] == body["plate"]["mass"]
+    assert document["software"]["name"] == "liftwright"
+
+
+@pytest.mark.parametrize("name", ["ab1", "pb2"])
+def test_a_lift_begins_on_the_support_and_ends_in_the_air(client: httpx.Client, name: str) -> None:
+    _, document = solve(client, task(f"{name}.json"))
+    states = [segment["contact_state"]["element"] for segment in document["segments"] if segment["contact_state"]]
+    assert (states[0], states[-1]) == ("face", "none")
+
+
+@pytest.mark.parametrize("name", ["pb1_weak_cup", "pb2_weak_cup"])
+def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(client: httpx.Client, name: str) -> None:
+    body = task(f"{name}.json")
+    plan, document = solve(client, body)
+    assert plan["outcome"] == document["outcome"] == "infeasible"
+    assert document["segments"] == []
+    assert document["explanation"]["summary"]
+    in_newtons = [cause for cause in document["explanation"]["causes"] if cause["unit"] == "N"]
+    assert in_newtons
+    weight = body["plate"]["mass"] * GRAVITY
+    for cause in in_newtons:
+        assert cause["available"] < cause["needed"]
+    assert any(cause["needed"] == pytest.approx(weight, rel=0.01) for cause in in_newtons)
+
+
+def test_the_same_task_gives_the_same_plan(client: httpx.Client) -> None:
+    documents = [solve(client, task("ab1.json"))[1] for _ in range(2)]
+    for document in documents:
+        for changing in ("id", "statistics"):
+            del document[changing]
+    assert documents[0] == documents[1]

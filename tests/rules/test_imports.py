@@ -1,0 +1,84 @@
+"""Three folders, one direction: app, workers, planners."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FORBIDDEN = {
+    "planners": {
+        *("app", "workers", "fastapi", "starlette", "uvicorn", "httpx", "dbos", "sqlalchemy", "sqlite3"),
+        *(
+            "pybullet",
+            "viser",
+            "os",
+            "time",
+            "datetime",
+            "logging",
+            "structlog",
+            "rich",
+            "random",
+            "socket",
+            "subprocess",
+        ),
+    },
+    "workers": {"app", "fastapi", "starlette", "uvicorn", "viser"},
+    "assets": {"app", "workers", "planners"},
+}
+
+
+def imported_packages(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in _imported_modules(ast.parse(path.read_text()))}
+
+
+def _imported_modules(tree: ast.AST) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield node.module
+
+
+@pytest.mark.parametrize("folder", FORBIDDEN)
+def test_a_folder_imports_only_what_lies_below_it(folder: str) -> None:
+    bad = {
+        str(path.relative_to(ROOT)): sorted(found)
+        for path in (ROOT / folder).rglob("*.py")
+        if (found := imported_packages(path) & FORBIDDEN[folder])
+    }
+    assert bad == {}
+
+
+def test_the_certificate_shares_no_code_with_the_planner() -> None:
+    shared = {
+        "planners.collision",
+        "planners.balance",
+        "planners.kinematics",
+        "planners.motion",
+        "planners.manipulation",
+    }
+    bad = {
+        str(path.relative_to(ROOT)): sorted(found)
+        for path in (ROOT / "planners" / "certify").rglob("*.py")
+        if (found := {m for m in _imported_modules(ast.parse(path.read_text())) if m.startswith(tuple(shared))})
+    }
+    assert bad == {}
+
+
+def test_planners_keep_no_state_of_their_own() -> None:
+    """No `global`, and no module-level list, dict or set that somebody could write to."""
+    bad = []
+    for path in (ROOT / "planners").rglob("*.py"):
+        tree = ast.parse(path.read_text())
+        bad += [f"{path}: global" for node in ast.walk(tree) if isinstance(node, ast.Global)]
+        for node in tree.body:
+            target = node.targets[0] if isinstance(node, ast.Assign) else None
+            name = target.id if isinstance(target, ast.Name) else ""
+            if isinstance(node, ast.Assign) and isinstance(node.value, ast.List | ast.Dict | ast.Set):
+                if not name.isupper() and not name.lstrip("_").isupper() and name != "__all__":
+                    bad.append(f"{path}: {name}")
+    assert bad == []
