@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -12,9 +11,6 @@ import numpy as np
 
 from planners.geometry.polygon import ShapeError, convex_outline
 from planners.geometry.pose import Array
-
-_PARALLEL = 1e-12
-"""Sine below which a line is parallel to a face."""
 
 
 class ElementKind(StrEnum):
@@ -35,20 +31,6 @@ class Element:
 
 Boundary = Mapping[Element, frozenset[Element]]
 """The elements that bound each element: the edges and vertices of a face, the two vertices of an edge."""
-
-
-@dataclass(frozen=True)
-class Chord:
-    """The part of a line inside a polyhedron, by distance along the line."""
-
-    enters: float
-    """[m]"""
-    enters_at: int
-    """The face where it enters."""
-    leaves: float
-    """[m]"""
-    leaves_at: int
-    """The face where it leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,21 +79,6 @@ class Polyhedron:
             edges = frozenset(Element(ElementKind.EDGE, numbers[frozenset(pair)]) for pair in _sides(face))
             bounds[Element(ElementKind.FACE, index)] = edges | _vertex_elements(face)
         return bounds
-
-    def chord(self, point: Array, direction: Array) -> Chord | None:
-        """Return where the line through a point (3,) along a unit direction (3,) is inside, None if it misses."""
-        enters, leaves = (-math.inf, -1), (math.inf, -1)
-        for face, corners in enumerate(self.faces):
-            normal = self.face_normal(face)
-            slope, room = float(normal @ direction), float(normal @ (self.vertices[corners[0]] - point))
-            if abs(slope) < _PARALLEL:
-                if room < 0.0:
-                    return None
-            elif slope < 0.0:
-                enters = max(enters, (room / slope, face))
-            else:
-                leaves = min(leaves, (room / slope, face))
-        return Chord(enters[0], enters[1], leaves[0], leaves[1]) if enters[0] < leaves[0] else None
 
     def face_normal(self, face: int) -> Array:
         """Return the outward unit normal (3,) of a face."""

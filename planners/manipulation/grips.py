@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from planners.errors import LiftwrightError, SceneError
-from planners.geometry.polyhedron import Polyhedron, Prism
-from planners.geometry.pose import Array, from_pose7, rotation_z, transform
+from planners.errors import LiftwrightError
+from planners.geometry.polyhedron import Prism
+from planners.geometry.pose import Array, rotation_z, transform
 from planners.manipulation.rim import RimPatch, RimStation, rim_stations
-
-_CENTRED = 1e-3
-"""How far from midway between its contacts a given grip may be [m]: what the closing fingers may shift."""
+from planners.scene.given_holds import GivenGrip
 
 
 @dataclass(frozen=True)
@@ -102,84 +99,32 @@ def generate_grips(
         for station in rim_stations(plate.outline, sampling.count, patch)
         if cup is None or _pad_distance(station, jaw, sampling, cup) >= cup.radius + sampling.cup_clearance
     ]
-    return tuple(_rim_grip(index, station, plate, sampling.depth) for index, station in enumerate(stations))
-
-
-def grips_from_data(
-    data: Sequence[Mapping[str, Any]], plate: Prism, jaw: Jaw, *, friction: float, pointer: str
-) -> tuple[Grip, ...]:
-    """Read a list of grips from plain data: `{"pose": [x, y, z, w, x, y, z]}`, the TCP in the plate's frame.
-
-    Contacts and width follow from the plate: its surface along the opening axis to either side of the TCP.
-
-    Args:
-        data: the grips.
-        plate: what is gripped.
-        jaw: what grips.
-        friction: coefficient between pads and plate.
-        pointer: RFC 6901 path of the list, for errors.
-
-    Raises:
-        SceneError: naming the first grip that misses the plate, is not antipodal within the friction cones, is not
-            midway between its contacts, or is wider than the gripper opens.
-    """
     return tuple(
-        _given_grip(index, entry, plate.polyhedron, jaw, (friction, f"{pointer}/{index}"))
-        for index, entry in enumerate(data)
+        _level_grip(
+            index, np.array([*(s.point + sampling.depth * s.inward), 0.0]), np.array([*s.inward, 0.0]), plate.height
+        )
+        for index, s in enumerate(stations)
     )
 
 
-def _rim_grip(index: int, station: RimStation, plate: Prism, depth: float) -> Grip:
-    approach = np.array([*station.inward, 0.0])
+def given_grips(given: Sequence[GivenGrip], plate: Prism) -> tuple[Grip, ...]:
+    """Make grips of those that a task gives."""
+    return tuple(_level_grip(index, grip.position, grip.approach, plate.height) for index, grip in enumerate(given))
+
+
+def _level_grip(index: int, position: Array, approach: Array, height: float) -> Grip:
+    """Assemble a grip in the plate's plane, fingers on top and bottom."""
     opening = np.array([0.0, 0.0, 1.0])
-    rotation = np.column_stack([np.cross(opening, approach), opening, approach])
-    T_plate_tcp = transform(rotation, [*(station.point + depth * station.inward), 0.0])
-    return _grip(index, T_plate_tcp, (-0.5 * plate.height, 0.5 * plate.height), (opening, -opening))
-
-
-def _grip(index: int, T_plate_tcp: Array, reach: tuple[float, float], normals: tuple[Array, Array]) -> Grip:
-    """Assemble a grip from its first flip, the contacts' places along the opening axis and their normals."""
-    opening, origin = T_plate_tcp[:3, 1], T_plate_tcp[:3, 3]
-    points = np.array([origin + way * opening for way in reach])
-    turned = T_plate_tcp @ transform(rotation_z(math.pi))
-    both = np.array(normals)
+    T_plate_tcp = transform(np.column_stack([np.cross(opening, approach), opening, approach]), position)
+    points = np.array([position - 0.5 * height * opening, position + 0.5 * height * opening])
+    normals = np.array([opening, -opening])
     return Grip(
         index=index,
-        T_plate_tcp=np.array([T_plate_tcp, turned]),
-        width=reach[1] - reach[0],
+        T_plate_tcp=np.array([T_plate_tcp, T_plate_tcp @ transform(rotation_z(math.pi))]),
+        width=height,
         points=np.array([points, points[::-1]]),
-        normals=np.array([both, both[::-1]]),
+        normals=np.array([normals, normals[::-1]]),
     )
-
-
-def _given_grip(index: int, entry: Mapping[str, Any], body: Polyhedron, jaw: Jaw, context: tuple[float, str]) -> Grip:
-    friction, pointer = context
-    T_plate_tcp = from_pose7(_numbers(entry, "pose", 7, pointer))
-    opening = T_plate_tcp[:3, 1]
-    chord = body.chord(T_plate_tcp[:3, 3], opening)
-    if chord is None:
-        raise SceneError(f"{pointer}/pose", "the opening axis of the gripper misses the plate")
-    middle = 0.5 * (chord.enters + chord.leaves)
-    if abs(middle) > _CENTRED:
-        raise SceneError(f"{pointer}/pose", f"the TCP is {abs(middle):.4f} m from midway between its two contacts")
-    width = chord.leaves - chord.enters
-    if width > jaw.width_max:
-        raise SceneError(f"{pointer}/pose", f"the plate is {width:.4f} m wide here, the gripper {jaw.width_max:.4f} m")
-    normals = (-body.face_normal(chord.enters_at), -body.face_normal(chord.leaves_at))
-    least = math.cos(math.atan(friction))
-    if float(normals[0] @ opening) < least or float(normals[1] @ -opening) < least:
-        raise SceneError(f"{pointer}/pose", "the contacts are not antipodal: the opening axis leaves a friction cone")
-    return _grip(index, T_plate_tcp, (chord.enters, chord.leaves), normals)
-
-
-def _numbers(entry: Mapping[str, Any], member: str, count: int, pointer: str) -> Array:
-    """Read a member that is a list of `count` finite numbers."""
-    if member not in entry:
-        raise SceneError(f"{pointer}/{member}", "missing")
-    values = np.asarray(entry[member], dtype=float)
-    if values.shape != (count,) or not np.all(np.isfinite(values)):
-        raise SceneError(f"{pointer}/{member}", f"a list of {count} finite numbers")
-    return values
 
 
 def _pad_distance(station: RimStation, jaw: Jaw, sampling: GripSampling, cup: CupFootprint) -> float:

@@ -90,7 +90,6 @@ class HoldBalance:
             self._answers[key] = answer
             if isinstance(answer, Unbalanced) and answer.proof is not None:
                 self.ruled_out |= self._table.infeasible(answer.proof)
-                self.ruled_out |= self._table.infeasible_in_world(answer.proof, pose)
         return answer
 
     def solve(self, T_world_plate: Transform, contact_points: Array, hands: HandPair) -> Balanced | Unbalanced:
@@ -118,7 +117,6 @@ class HoldBalance:
                 samples.impossible[row] = True
                 if answer.proof is not None:
                     samples.impossible[:] |= samples.table.infeasible(answer.proof).any(axis=0)
-                    samples.impossible[:] |= samples.table.infeasible_in_world(answer.proof, k).any(axis=0)
                 return Rejection(
                     "transfer",
                     "the plate cannot be held between two poses that can be held",

@@ -36,9 +36,9 @@ from planners.manipulation.failures import (
     TransitFailure,
 )
 from planners.manipulation.graph import HandHold, build_graph
-from planners.manipulation.grips import CupFootprint, Grip, GripSampling, Jaw, generate_grips
+from planners.manipulation.grips import CupFootprint, Grip, GripSampling, Jaw, generate_grips, given_grips
 from planners.manipulation.hold_balance import HoldBalance
-from planners.manipulation.pushes import Push, PushSampling, generate_pushes
+from planners.manipulation.pushes import Push, PushSampling, generate_pushes, given_pushes
 from planners.manipulation.reach import HandReach, PairReach
 from planners.manipulation.workcell import LiftWorkcell
 from planners.progress import Progress
@@ -182,8 +182,15 @@ class PlateLiftPlanner:
         assert isinstance(pusher, Pusher)
         jaw = Jaw(gripper.width_max, (float(gripper.pad_size[0]), float(gripper.pad_size[2])))
         cup = CupFootprint((float(scene.cup.position[0]), float(scene.cup.position[1])), scene.cup.radius)
-        grips = generate_grips(self.prism, jaw, cup=cup, sampling=self.settings.grips)
-        return grips, generate_pushes(self.prism, pusher.tip_radius, self.settings.pushes)
+        if scene.given_grips is None:
+            grips = generate_grips(self.prism, jaw, cup=cup, sampling=self.settings.grips)
+        else:
+            grips = given_grips(scene.given_grips, self.prism)
+        if scene.given_pushes is None:
+            pushes = generate_pushes(self.prism, pusher.tip_radius, self.settings.pushes)
+        else:
+            pushes = given_pushes(scene.given_pushes, pusher.tip_radius, self.settings.pushes.rolls)
+        return grips, pushes
 
     def _reach(self) -> PairReach:
         cell = self.workcell

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from planners.errors import LiftwrightError, SceneError
+from planners.errors import LiftwrightError
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array, frame_from_z, rotation_z, transform
 from planners.manipulation.rim import RimPatch, RimStation, rim_stations
+from planners.scene.given_holds import PUSH_CONE, GivenPush
 
-_ON_SURFACE = 1e-4
-"""How far from the surface a given point may be [m]."""
 _UP = np.array([0.0, 0.0, 1.0])
 LARGEST_ROLLS = 8
 """Rolls times branches of the inverse kinematics must fit into a set of 64 bits (`planners.manipulation.reach`)."""
@@ -41,8 +39,8 @@ class PushSampling:
     """Of the stick below the plate's plane, at bottom contacts [rad]; found by trying."""
     bottom_azimuths: tuple[float, ...] = (-math.radians(30.0), math.radians(30.0))
     """Of the stick from square to the rim, at bottom contacts [rad]; our choice."""
-    axis_angle_max: float = math.radians(70.0)
-    """Largest angle between the stick and the contact normal [rad]: the push cone; our choice."""
+    axis_angle_max: float = PUSH_CONE
+    """Largest angle between the stick and the contact normal [rad]."""
     rolls: int = 8
     """Turns of the hand about the stick, evenly around; the stick does not care, the arm does."""
 
@@ -99,17 +97,10 @@ def generate_pushes(plate: Prism, tip_radius: float, sampling: PushSampling | No
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
 
 
-def pushes_from_data(
-    data: Sequence[Mapping[str, Any]], plate: Prism, tip_radius: float, sampling: PushSampling, pointer: str
-) -> tuple[Push, ...]:
-    """Read a list of pushes from plain data: `{"point": [x, y, z], "axis": [x, y, z]}` in the plate's frame.
-
-    Raises:
-        SceneError: naming the first push whose point is not on one face of the plate, or whose axis is outside the
-            push cone; `pointer` is the RFC 6901 path of the list.
-    """
-    contacts = [_given_contact(entry, plate, sampling, f"{pointer}/{index}") for index, entry in enumerate(data)]
-    return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
+def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[Push, ...]:
+    """Make pushes of those that a task gives, at `rolls` turns of the hand about the stick."""
+    contacts = ((push.point, push.normal, push.axis) for push in given)
+    return tuple(_push(index, contact, tip_radius, rolls) for index, contact in enumerate(contacts))
 
 
 _Contact = tuple[Array, Array, Array]
@@ -149,32 +140,6 @@ def _push(index: int, contact: _Contact, tip_radius: float, rolls: int) -> Push:
 def _square_hint(axis: Array) -> Array:
     """Return the plate's z, or its x for a stick along z."""
     return _UP if abs(axis[2]) < 0.99 else np.array([1.0, 0.0, 0.0])
-
-
-def _given_contact(entry: Mapping[str, Any], plate: Prism, sampling: PushSampling, pointer: str) -> _Contact:
-    point, axis = (_vector(entry, member, pointer) for member in ("point", "axis"))
-    length = float(np.linalg.norm(axis))
-    if length < 1e-6:
-        raise SceneError(f"{pointer}/axis", "a direction is not zero")
-    body = plate.polyhedron
-    outside = np.array([body.face_normal(k) @ (point - body.vertices[face[0]]) for k, face in enumerate(body.faces)])
-    touching = np.flatnonzero(np.abs(outside) <= _ON_SURFACE)
-    if np.any(outside > _ON_SURFACE) or len(touching) != 1:
-        raise SceneError(f"{pointer}/point", "the point is not on exactly one face of the plate, to 0.1 mm")
-    normal = -body.face_normal(int(touching[0]))
-    if _angle(axis / length, normal) > sampling.axis_angle_max + 1e-9:
-        limit = math.degrees(sampling.axis_angle_max)
-        raise SceneError(f"{pointer}/axis", f"the stick is more than {limit:.0f}° off the contact normal")
-    return point + outside[touching[0]] * normal, normal, axis / length
-
-
-def _vector(entry: Mapping[str, Any], member: str, pointer: str) -> Array:
-    if member not in entry:
-        raise SceneError(f"{pointer}/{member}", "missing")
-    values = np.asarray(entry[member], dtype=float)
-    if values.shape != (3,) or not np.all(np.isfinite(values)):
-        raise SceneError(f"{pointer}/{member}", "a list of 3 finite numbers")
-    return values
 
 
 def _angle(a: Array, b: Array) -> float:

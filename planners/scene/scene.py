@@ -12,7 +12,6 @@ from planners.contract.task_spec import (
     HandForceLimit,
     Obstacle,
     PlateLiftFriction,
-    PlateLiftOptions,
     PlateLiftTask,
     SuctionToolTask,
 )
@@ -22,7 +21,7 @@ from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body, Plate
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
-from planners.scene.given_holds import check_given_holds
+from planners.scene.given_holds import GivenGrip, GivenPush, settle_grips, settle_pushes
 from planners.scene.hand import Gripper
 from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
 from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
@@ -58,7 +57,10 @@ class PlateLiftScene:
     start_widths: dict[str, float]
     """Opening of each gripper at the start [m]: fully open."""
     seed: int
-    options: PlateLiftOptions
+    given_grips: tuple[GivenGrip, ...] | None
+    """Grips to use; None: generated ones."""
+    given_pushes: tuple[GivenPush, ...] | None
+    """Pushes to use; None: generated ones."""
 
     @property
     def T_world_plate(self) -> Transform:
@@ -97,7 +99,6 @@ def build_scene(
     support = None if task.support is None else place_support(task.support, table)
     plate, surface = place_plate(task, support, table)
     _check_pad(task, plate)
-    check_given_holds(task.options, plate)
     scene = PlateLiftScene(
         cell=cell,
         plate=plate,
@@ -113,7 +114,8 @@ def build_scene(
         start_positions=_start_positions(task, cell),
         start_widths={name: arm.hand.width_max for name, arm in cell.arms.items() if isinstance(arm.hand, Gripper)},
         seed=task.seed,
-        options=task.options,
+        given_grips=settle_grips(task.options, plate, _gripper(cell)),
+        given_pushes=settle_pushes(task.options, plate),
     )
     _refuse_overlaps_at_start(scene)
     return scene
@@ -133,6 +135,12 @@ def _cell(name: str, cells: Mapping[str, Cell] | None) -> Cell:
 
 def _lifts_plates(cell: Cell) -> bool:
     return len(cell.gripper_arms) == 1 and len(cell.pusher_arms) == 1
+
+
+def _gripper(cell: Cell) -> Gripper:
+    hand = cell.arms[cell.gripper_arms[0]].hand
+    assert isinstance(hand, Gripper)
+    return hand
 
 
 def _check_names(obstacles: Iterable[Obstacle], cell: Cell) -> None:

@@ -52,28 +52,6 @@ def test_a_box_has_its_frame_at_its_centre():
     assert vertices.max(axis=0) == pytest.approx([0.15, 0.2, 0.02])
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_chord_runs_from_face_to_face_through_the_inside(seed):
-    rng = np.random.default_rng(seed)
-    body = PRISMS[seed % 2].polyhedron
-    point = rng.dirichlet(np.ones(len(body.vertices))) @ body.vertices
-    direction = rng.normal(size=3)
-    direction /= np.linalg.norm(direction)
-    chord = body.chord(point, direction)
-    assert chord is not None
-    for way, face in ((chord.enters, chord.enters_at), (chord.leaves, chord.leaves_at)):
-        end = point + way * direction
-        outside = [body.face_normal(k) @ (end - body.vertices[f[0]]) for k, f in enumerate(body.faces)]
-        assert max(outside) == pytest.approx(0.0, abs=1e-12)
-        assert outside[face] == pytest.approx(0.0, abs=1e-12)
-    assert chord.enters < 0.0 < chord.leaves
-
-
-def test_a_line_beside_the_body_has_no_chord():
-    assert PRISMS[0].polyhedron.chord(np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])) is None
-    assert PRISMS[0].polyhedron.chord(np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.6, 0.8])) is None
-
-
 def test_an_open_surface_is_refused():
     body = PRISMS[0].polyhedron
     with pytest.raises(ShapeError):

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from planners.errors import LiftwrightError, SceneError
+from planners.errors import LiftwrightError
 from planners.geometry.polygon import depth_inside
 from planners.geometry.polyhedron import Prism
-from planners.geometry.pose import rotation_y, rotation_z, to_pose7, transform
-from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, grips_from_data
+from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, given_grips
+from planners.scene.given_holds import GivenGrip
 
 JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))
 ACRYLIC = Prism.from_box([0.3, 0.3, 0.04])
@@ -137,53 +137,14 @@ def test_grips_whose_pad_meets_the_cup_are_left_out_and_no_others(centre):
         assert (tuple(T.ravel()) in kept) == (distance > limit)
 
 
-def test_a_generated_grip_read_back_as_data_is_the_same_grip(plate):
+def test_generated_grips_that_a_task_gives_itself_are_the_same_grips(plate):
     grips = generate_grips(plate, JAW)
-    data = [{"pose": to_pose7(grip.T_plate_tcp[0])} for grip in grips]
-    for given, made in zip(grips_from_data(data, plate, JAW, friction=0.5, pointer="/g"), grips, strict=True):
-        assert given.index == made.index
-        assert given.width == pytest.approx(made.width)
+    given = [GivenGrip(grip.T_plate_tcp[0, :3, 3], grip.approach) for grip in grips]
+    for again, made in zip(given_grips(given, plate), grips, strict=True):
+        assert again.index == made.index
+        assert again.width == made.width
         for name in ("T_plate_tcp", "points", "normals"):
-            assert getattr(given, name) == pytest.approx(getattr(made, name), abs=1e-9)
-
-
-@pytest.mark.parametrize(("friction", "accepted"), [(0.30, True), (0.26, False)])
-def test_a_given_grip_is_antipodal_when_its_axis_is_within_the_friction_cones(friction, accepted):
-    plate = Prism.from_box([0.3, 0.3, 0.04])
-    # Fingers open along y of the TCP; z of the plate, leaned by 15 degrees (tangent 0.268).
-    rotation = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    pose = to_pose7(transform(rotation_y(math.radians(15)) @ rotation, [-0.1, 0.0, 0.0]))
-    if accepted:
-        (grip,) = grips_from_data([{"pose": pose}], plate, JAW, friction=friction, pointer="/grips")
-        assert grip.width == pytest.approx(0.04 / math.cos(math.radians(15)))
-    else:
-        with pytest.raises(SceneError, match="antipodal") as caught:
-            grips_from_data([{"pose": pose}], plate, JAW, friction=friction, pointer="/grips")
-        assert caught.value.pointer == "/grips/0/pose"
-
-
-UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-
-
-@pytest.mark.parametrize(
-    ("rotation", "position", "says"),
-    [
-        (UPRIGHT, [-0.2, 0, 0], "misses"),
-        (UPRIGHT, [-0.13, 0, 0.005], "midway"),
-        (rotation_z(0.0), [0, 0, 0], "wide"),
-    ],
-)
-def test_given_grips_that_cannot_close_on_the_plate_are_refused(rotation, position, says):
-    data = [{"pose": to_pose7(transform(rotation, position))}]
-    with pytest.raises(SceneError, match=says):
-        grips_from_data(data, ACRYLIC, JAW, friction=0.5, pointer="/g")
-
-
-@pytest.mark.parametrize("entry", [{}, {"pose": [0, 0, 0]}, {"pose": [0, 0, float("inf"), 1, 0, 0, 0]}])
-def test_given_grips_that_are_no_pose_are_refused(entry):
-    with pytest.raises(SceneError) as caught:
-        grips_from_data([entry], ACRYLIC, JAW, friction=0.5, pointer="/g")
-    assert caught.value.pointer == "/g/0/pose"
+            assert getattr(again, name) == pytest.approx(getattr(made, name), abs=1e-12)
 
 
 def test_a_sampling_that_means_nothing_is_refused():
