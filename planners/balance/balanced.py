@@ -42,8 +42,8 @@ class Balanced:
     """The names of the contacts, in the order of the arrays below; see `ContactWrench.name`."""
     frames: Callable[[], tuple[Array, Array]]
     """Gives `points` and `rotations`; a search asks for them at few of its many answers."""
-    wrenches_contact: Array
-    """(m, 6), in the contact frames."""
+    exerted: Callable[[], Array]
+    """Gives `wrenches_contact`, likewise."""
     hand_wrenches: Array
     """(2, 6), total of the gripper's and of the stick's contacts, plate axes, about the centre of mass."""
     rotation_world_plate: Array
@@ -72,6 +72,11 @@ class Balanced:
     def rotations(self) -> Array:
         """(m, 3, 3), axes of the contact frames in the plate frame; z is the normal into the plate."""
         return self.frames()[1]
+
+    @cached_property
+    def wrenches_contact(self) -> Array:
+        """(m, 6), in the contact frames."""
+        return self.exerted()
 
     @property
     def largest_hand_normal(self) -> float:

@@ -12,7 +12,6 @@ from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.solver import PROOF_MARGIN, Balance
 from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.geometry.pose import Array
-from planners.geometry.wrench import rotated
 
 
 class TwistTable:
@@ -52,6 +51,8 @@ class TwistTable:
     def infeasible(self, proof: UnbalanceProof | Array) -> NDArray[np.bool_]:
         """Test one twist, fixed in the plate, at every node.
 
+        A motion fixed in the world instead was tried: it rules out hardly any node more.
+
         Args:
             proof: A proof found anywhere, or a bare twist (6,) in plate axes about the centre of mass.
 
@@ -59,30 +60,14 @@ class TwistTable:
             Booleans (pose, 1 + grip, 1 + push), index 0 for the hand that is absent: true where there is no balance.
         """
         proof = _as_proof(proof)
-        return self._test(proof.twist[None], proof.net_multiplier[None])
-
-    def infeasible_in_world(self, proof: UnbalanceProof | Array, pose: int) -> NDArray[np.bool_]:
-        """Test a proof found at `pose` as a motion fixed in the world: rewritten for each pose; see `infeasible`."""
-        proof = _as_proof(proof)
-        R_poses_source = np.swapaxes(self._rotations, 1, 2) @ self._rotations[pose]
-        twists = np.stack([rotated(R, proof.twist) for R in R_poses_source])
-        return self._test(twists, R_poses_source @ proof.net_multiplier)
-
-    def _test(self, twists: Array, net_multipliers: Array) -> NDArray[np.bool_]:
-        """Test `twists` (n or 1, 6), one a pose or one for all."""
-        balance = self._balance
+        balance, twist = self._balance, proof.twist
         friction, limits = balance.friction, balance.limits
-        poses = self._pose_power(np.broadcast_to(twists, (len(self._rotations), 6)))
-        each = twists[:, None, :]
-        multipliers = net_multipliers[:, None, :]
-        grips = grip_power(each, self._grip_levers, self._grip_normals, friction, limits, multipliers)
-        pushes = push_power(each, self._push_levers, self._push_normals, friction, limits)
-        absent = np.zeros((len(twists), 1))
-        grips = np.concatenate([absent, grips], axis=1)[:, :, None]
-        pushes = np.concatenate([absent, pushes], axis=1)[:, None, :]
-        sizes = np.linalg.norm(twists[:, :3], axis=1) + 1e-12
-        threshold = -PROOF_MARGIN * balance.weight * np.maximum(sizes, 1.0)
-        return poses[:, None, None] + grips + pushes < threshold[:, None, None]
+        poses = self._pose_power(np.broadcast_to(twist, (len(self._rotations), 6)))
+        grips = grip_power(twist, self._grip_levers, self._grip_normals, friction, limits, proof.net_multiplier)
+        pushes = push_power(twist, self._push_levers, self._push_normals, friction, limits)
+        grips, pushes = np.append(0.0, grips), np.append(0.0, pushes)
+        threshold = -PROOF_MARGIN * balance.weight * max(float(np.linalg.norm(twist[:3])), 1.0)
+        return poses[:, None, None] + grips[:, None] + pushes < threshold
 
     def _pose_power(self, twists: Array) -> Array:
         balance = self._balance

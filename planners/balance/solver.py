@@ -7,6 +7,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numba import njit
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
@@ -67,6 +68,7 @@ class Balance:
         self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
         self._templates: dict[Structure, Template] = {}
         self._hand_maps: WeakKeyDictionary[GripContacts | PushContact, Array] = WeakKeyDictionary()
+        self._last_rest: tuple[tuple[bytes, bytes], Array] = ((b"", b""), np.empty((6, 0)))
         self._cup_map = grasp_map(transform(cup.T_plate_cup[:3, :3], cup.T_plate_cup[:3, 3] - self.com))
 
     def solve(
@@ -88,7 +90,8 @@ class Balance:
         contacts = _Contacts(np.asarray(rotation_world_plate, dtype=float), points, grip, push)
         template = self._template(Structure(len(points), grip is not None, push is not None))
         contact_map = self._contact_map(contacts)
-        gravity = np.concatenate([-self.weight * contacts.up, np.zeros(3)])
+        gravity = np.zeros(6)
+        gravity[:3] = -self.weight * contacts.up
         infeasible, x, z = template.solve(contact_map, gravity)
         # The solver's verdict only says what to check first; the checks decide.
         proofs = []
@@ -139,10 +142,18 @@ class Balance:
             blocks.append(self._hand_map(contacts.grip))
         if contacts.push is not None:
             blocks.append(self._hand_map(contacts.push))
-        if len(contacts.points):
-            blocks.append(_force_maps(contact_axes(contacts.up), contacts.points - self.com))
-        blocks.append(self._cup_map @ self.lifter.contact_map(contacts.up))
+        blocks.append(self._rest_map(contacts))
         return np.concatenate(blocks, axis=1)
+
+    def _rest_map(self, contacts: _Contacts) -> Array:
+        """Return the part of G that does not depend on the hands; the last pose's is kept, as holds are many."""
+        key = (contacts.up.tobytes(), contacts.points.tobytes())
+        if self._last_rest[0] != key:
+            blocks = [self._cup_map @ self.lifter.contact_map(contacts.up)]
+            if len(contacts.points):
+                blocks.insert(0, _force_maps(contact_axes(contacts.up), contacts.points - self.com))
+            self._last_rest = (key, np.concatenate(blocks, axis=1))
+        return self._last_rest[1]
 
     def _hand_map(self, hand: GripContacts | PushContact) -> Array:
         known = self._hand_maps.get(hand)
@@ -161,17 +172,11 @@ class Balance:
         self, template: Template, contacts: _Contacts, x: Array, residual: Array, least_slack: float
     ) -> Balanced:
         columns = template.columns
-        wrenches = [
-            *((x[s][0], x[s][1], x[s][2], 0.0, 0.0, x[s][3] * self.friction.eps) for s in columns.fingers),
-            *((*x[s], 0.0, 0.0, 0.0) for s in ([columns.push] if columns.push else [])),
-            *((*x[s], 0.0, 0.0, 0.0) for s in columns.environment),
-            self.lifter.contact_map(contacts.up) @ x[columns.lifter],
-        ]
         pull = float(x[columns.pull])
         return Balanced(
             contacts=contacts.names,
             frames=partial(contacts.frames, self.cup),
-            wrenches_contact=np.array(wrenches),
+            exerted=partial(self._wrenches, columns, contacts, x),
             hand_wrenches=self._hand_wrenches(columns, contacts, x),
             rotation_world_plate=contacts.rotation_world_plate,
             objective=float(template.cost @ x),
@@ -182,6 +187,17 @@ class Balance:
             residual_moment=float(np.linalg.norm(residual[3:])) * TORQUE_LENGTH,
             least_slack=least_slack,
         )
+
+    def _wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
+        """Return the wrench of each contact in its own frame, (m, 6)."""
+        wrenches = np.zeros((len(contacts.names), 6))
+        points = [*([columns.push] if columns.push else []), *columns.environment]
+        for row, finger in enumerate(columns.fingers):
+            wrenches[row, [0, 1, 2, 5]] = x[finger] * [1.0, 1.0, 1.0, self.friction.eps]
+        for row, point in enumerate(points, start=len(columns.fingers)):
+            wrenches[row, :3] = x[point]
+        wrenches[-1] = self.lifter.contact_map(contacts.up) @ x[columns.lifter]
+        return wrenches
 
     def _hand_wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
         """Sum up what each hand exerts, about the centre of mass."""
@@ -261,20 +277,23 @@ def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:
     return UnbalanceProof(twist / size, -net_dual / largest / size)
 
 
+@njit(cache=True, nogil=True)
 def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
     """Move x by the least it takes to meet (5b) to rounding, in place; return what is left, moments at 0.1 m."""
-    scale = np.array([1.0, 1.0, 1.0, *[1.0 / TORQUE_LENGTH] * 3])
     if not np.all(np.isfinite(x)):
         x[:] = 0.0
-    scaled_map, scaled_gravity = contact_map * scale[:, None], gravity * scale
-    wrenches = x[: contact_map.shape[1]]
-    residual = scaled_map @ wrenches + scaled_gravity
+    count = contact_map.shape[1]
+    scaled_map, residual = contact_map.copy(), gravity.copy()
+    scaled_map[3:] /= TORQUE_LENGTH
+    residual[3:] /= TORQUE_LENGTH
+    residual += scaled_map @ x[:count]
     # Normal equations, with a grain of damping for contacts that cannot exert every wrench; twice for the last digits.
     normal = scaled_map @ scaled_map.T
     solve = np.linalg.inv(normal + _DAMPING * np.trace(normal) * np.eye(6))
     for _ in range(2):
-        wrenches -= scaled_map.T @ (solve @ residual)
-        residual = scaled_map @ wrenches + scaled_gravity
+        correction = scaled_map.T @ (solve @ residual)
+        x[:count] -= correction
+        residual -= scaled_map @ correction
     return residual
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
 from planners.collision.model import CollisionQuery
-from planners.geometry.pose import Array, Transform
+from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import jacobian
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics
 from planners.kinematics.windings import wrap
@@ -64,6 +65,11 @@ class HandReach:
     start_positions: Array
     """(12,) where idle arms stand [rad]."""
 
+    @cached_property
+    def T_base_world(self) -> Transform:
+        """The world in the frame of the arm's base."""
+        return inverse(self.arm.T_world_base)
+
     @property
     def hold_count(self) -> int:
         """Number of holds."""
@@ -81,7 +87,7 @@ class HandReach:
         for first in range(0, len(T_world_plates), 16):
             block = slice(first, first + 16)
             _reach(
-                self.arm.dh, _inverse(self.arm.T_world_base), self.arm.position_min, self.arm.position_max,
+                self.arm.dh, self.T_base_world, self.arm.position_min, self.arm.position_max,
                 T_world_plates[block], self.T_plate_flange, self.start_positions.copy(), self.first_joint,
                 kernel, self.alone.plate_frame, hand, self.hand_only.plate_frame, result[block],
             )  # fmt: skip
@@ -108,7 +114,7 @@ class HandReach:
         """
         carriers = T_world_plates if T_world_carriers is None else T_world_carriers
         left = _track(
-            self.arm.dh, _inverse(self.arm.T_world_base), self.arm.position_min, self.arm.position_max,
+            self.arm.dh, self.T_base_world, self.arm.position_min, self.arm.position_max,
             T_world_plates, carriers, self.T_plate_flange[hold], np.uint64(postures), self.start_positions.copy(),
             self.first_joint, query.kernel(), query.plate_frame,
         )  # fmt: skip
@@ -127,7 +133,7 @@ class HandReach:
         near = np.empty((0, 6)) if reference is None else np.ascontiguousarray(reference)
         return _follow(
             self.arm.dh,
-            _inverse(self.arm.T_world_base),
+            self.T_base_world,
             np.ascontiguousarray(T_world_flanges),
             posture % BRANCHES,
             near,
@@ -144,7 +150,7 @@ class HandReach:
             point: (3,) in the world.
         """
         return _loads(
-            self.arm.dh, self.arm.T_world_base, _inverse(self.arm.T_world_base), T_world_plate,
+            self.arm.dh, self.arm.T_world_base, self.T_base_world, T_world_plate,
             self.T_plate_flange[hold], np.uint64(postures), wrench, point,
         )  # fmt: skip
 
@@ -170,8 +176,8 @@ class PairReach:
         """
         one, two = self.first, self.second
         found = _compatible(
-            one.arm.dh, _inverse(one.arm.T_world_base), one.T_plate_flange[holds[0]], np.uint64(postures[0]),
-            one.first_joint, two.arm.dh, _inverse(two.arm.T_world_base), two.T_plate_flange[holds[1]],
+            one.arm.dh, one.T_base_world, one.T_plate_flange[holds[0]], np.uint64(postures[0]),
+            one.first_joint, two.arm.dh, two.T_base_world, two.T_plate_flange[holds[1]],
             np.uint64(postures[1]), two.first_joint, T_world_plates, self.between.kernel(), self.between.plate_frame,
         )  # fmt: skip
         return None if found < 0 else (int(found) // 64, int(found) % 64)
@@ -180,13 +186,6 @@ class PairReach:
 def bits(postures: int) -> list[int]:
     """List the members of a bit set."""
     return [bit for bit in range(64) if postures >> bit & 1]
-
-
-def _inverse(T: Transform) -> Transform:
-    result = np.eye(4)
-    result[:3, :3] = T[:3, :3].T
-    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
-    return result
 
 
 @njit(cache=True, nogil=True)

@@ -54,14 +54,12 @@ def test_no_proof_declares_a_node_that_can_be_held(nodes):
     for index, answer in nodes.answers.items():
         if isinstance(answer, Unbalanced):
             assert not np.any(nodes.table.infeasible(answer.proof) & ~nodes.refused)
-            assert not np.any(nodes.table.infeasible_in_world(answer.proof, index[0]) & ~nodes.refused)
 
 
 def test_a_proof_declares_the_node_it_came_from(nodes):
     for index, answer in nodes.answers.items():
         if isinstance(answer, Unbalanced):
             assert nodes.table.infeasible(answer.proof)[index]
-            assert nodes.table.infeasible_in_world(answer.proof, index[0])[index]
 
 
 def test_few_proofs_refuse_all_that_can_be_refused(nodes):
@@ -70,7 +68,7 @@ def test_few_proofs_refuse_all_that_can_be_refused(nodes):
     for index in nodes.indices:
         if nodes.refused[index] and not known[index]:
             proof = nodes.answers[index].proof
-            known |= nodes.table.infeasible(proof) | nodes.table.infeasible_in_world(proof, index[0])
+            known |= nodes.table.infeasible(proof)
             solved += 1
     assert np.array_equal(known, nodes.refused)
     assert solved < 0.3 * nodes.refused.sum()

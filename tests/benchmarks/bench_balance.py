@@ -42,7 +42,6 @@ def measure() -> dict[str, float]:
     table = TwistTable(balance, rotations, points, grips, pushes)
     proofs = [answer.proof for answer in answers if isinstance(answer, Unbalanced) and answer.proof is not None]
     fixed = _microseconds(table.infeasible, proofs[:20])
-    moving = _microseconds(lambda proof: table.infeasible_in_world(proof, 0), proofs[:20])
     return {
         "template_us": template,
         "new_solver_us": rebuilt,
@@ -52,7 +51,6 @@ def measure() -> dict[str, float]:
         "feasible_share": 1.0 - len(proofs) / PROBLEMS,
         "twist_table_nodes": float(POSES * (1 + GRIPS) * (1 + PUSHES)),
         "twist_table_us": fixed,
-        "twist_table_in_world_us": moving,
     }
 
 
