@@ -430,11 +430,19 @@ class PlateLiftPlanner:
             )
         elif not starts:
             summary = "No hand can come to the plate where it rests."
+            self._explain_starts()
         elif not (self.graph.goal & alive).any():
             summary = "No grip and push together can hold the plate off its support."
         else:
             summary = "No sequence of holds leads from the support into the air."
         return self._failed(LiftOutcome.NOT_FOUND, summary)
+
+    def _explain_starts(self) -> None:
+        """Count what keeps each hand off the plate at rest."""
+        T_world_plate = self.poses.poses[self.poses.flat].T_world_plate
+        for hand in (self.pair.first, self.pair.second):
+            for reason, count in hand.hindrances(T_world_plate).items():
+                self.rejections.add(Rejection("reach", reason, where="the plate at rest"), count)
 
     def _failed(self, outcome: LiftOutcome, summary: str) -> LiftPlan:
         causes = tuple(

@@ -31,6 +31,10 @@ class PushSampling:
     """Stations on a rim of 1.2 m; times four pushes the 64 of paper B, Table III; other rims: `rim.station_count`."""
     corner_margin: float = 0.015
     """Least distance of a contact from the neighbouring sides [m]: a tip and a half; our choice."""
+    tip_clearance: float = 0.005
+    """Least distance of the tip at a side from what the plate lies on [m]: thin plates are pushed above the middle."""
+    top_margin: float = 0.003
+    """Least distance of a side contact from the top face [m]; our choice."""
     bottom_depth: float = 0.02
     """From the side face to the contacts under the plate [m]; our choice."""
     side_elevations: tuple[float, ...] = (math.radians(20.0), math.radians(50.0))
@@ -76,7 +80,9 @@ class Push:
 
 
 def generate_pushes(plate: Prism, tip_radius: float, sampling: PushSampling | None = None) -> tuple[Push, ...]:
-    """Spread pushes evenly along the rim: on the side faces at mid-thickness, and under the plate near the rim.
+    """Spread pushes evenly along the rim: on the side faces, and under the plate near the rim.
+
+    Contacts on the sides are at mid-thickness, or higher where the tip would be too close to the support.
 
     Directions outside the push cone are left out.
 
@@ -88,10 +94,13 @@ def generate_pushes(plate: Prism, tip_radius: float, sampling: PushSampling | No
     sampling = sampling or PushSampling()
     # The patch starts a little inside, so that the nearly straight corners of a round outline do not count.
     patch = RimPatch(sampling.corner_margin, 0.1 * sampling.corner_margin, sampling.bottom_depth)
+    height = max(
+        0.0, min(tip_radius + sampling.tip_clearance - 0.5 * plate.height, 0.5 * plate.height - sampling.top_margin)
+    )
     contacts = [
         contact
         for station in rim_stations(plate.outline, sampling.count, patch)
-        for contact in (*_side_contacts(station, sampling), *_bottom_contacts(station, plate, sampling))
+        for contact in (*_side_contacts(station, height, sampling), *_bottom_contacts(station, plate, sampling))
         if _angle(contact[2], contact[1]) <= sampling.axis_angle_max + 1e-9
     ]
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
@@ -107,10 +116,10 @@ _Contact = tuple[Array, Array, Array]
 """Point, normal into the plate, and stick axis, (3,) each."""
 
 
-def _side_contacts(station: RimStation, sampling: PushSampling) -> list[_Contact]:
-    """Mid-thickness of the side face, the stick coming from outside and above."""
+def _side_contacts(station: RimStation, height: float, sampling: PushSampling) -> list[_Contact]:
+    """On the side face at a height from mid-thickness, the stick coming from outside and above."""
     inward = np.array([*station.inward, 0.0])
-    point = np.array([*station.point, 0.0])
+    point = np.array([*station.point, height])
     return [
         (point, inward, math.cos(elevation) * inward - math.sin(elevation) * _UP)
         for elevation in sampling.side_elevations

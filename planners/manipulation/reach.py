@@ -7,7 +7,9 @@ posture is kept, so joints move continuously if and only if the branch does.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -93,6 +95,22 @@ class HandReach:
             )  # fmt: skip
             done(min(first + 16, len(T_world_plates)))
         return result
+
+    def hindrances(self, T_world_plate: Transform) -> Counter[str]:
+        """Say why postures do not reach a plate pose, each with how many it concerns. Slow: for explanations."""
+        found: Counter[str] = Counter()
+        joints = slice(self.first_joint, self.first_joint + 6)
+        arm = self.arm
+        for hold, posture in itertools.product(range(self.hold_count), range(BRANCHES * self.T_plate_flange.shape[1])):
+            q = self.start_positions.copy()
+            q[joints] = self.follow(T_world_plate[None], hold, posture)[0]
+            if not np.isfinite(q).all():
+                found[f"the {arm.name} arm does not reach so far"] += 1
+            elif not _within(q[joints], arm.position_min, arm.position_max):
+                found[f"a joint of the {arm.name} arm would be beyond its limits"] += 1
+            elif (pair := int(self.alone.query.first_collision(q[None])[0])) >= 0:
+                found["{} would touch {}".format(*self.alone.query.pair_names(pair))] += 1
+        return found
 
     def track(
         self,

@@ -95,11 +95,21 @@ def test_the_stick_touches_the_plate_at_its_tip_only(plate):
 def test_at_the_sides_the_stick_comes_from_above_and_under_the_plate_from_below(plate):
     for push in generate_pushes(plate, TIP):
         if push.normal[2] == 0.0:
-            assert push.point[2] == 0.0
+            assert 0.0 <= push.point[2] < 0.5 * plate.height
             assert push.axis[2] < 0.0
         else:
             assert push.point[2] == -0.5 * plate.height
             assert push.axis[2] > 0.0
+
+
+@pytest.mark.parametrize("height", [0.014, 0.018, 0.02, 0.03, 0.04, 0.08])
+def test_at_the_sides_the_tip_keeps_off_the_support_where_the_plate_is_thick_enough(height):
+    sides = [push for push in generate_pushes(Prism.from_box([0.3, 0.3, height]), TIP) if push.normal[2] == 0.0]
+    assert sides
+    for push in sides:
+        above_support = push.point[2] + 0.5 * height
+        assert above_support >= min(TIP + SAMPLING.tip_clearance, height - SAMPLING.top_margin) - 1e-12
+        assert push.point[2] == 0.0 or above_support <= TIP + SAMPLING.tip_clearance + 1e-12
 
 
 def test_the_retreat_leaves_the_plate_and_moves_the_stick_back(plate):
