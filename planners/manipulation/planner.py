@@ -8,6 +8,7 @@ over poses at which the plate could not be held.
 from __future__ import annotations
 
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -143,9 +144,12 @@ class PlateLiftPlanner:
         """Find out which hand reaches which pose in which postures, and merge the graph."""
         self.pair = self._reach()
         plates = np.array([pose.T_world_plate for pose in self.poses.poses])
-        total = 2 * len(plates)
-        self.grip_postures = self.pair.first.postures(plates, lambda n: self.progress("reach", n, total))
-        self.push_postures = self.pair.second.postures(plates, lambda n: self.progress("reach", len(plates) + n, total))
+        # The compiled part lets go of the interpreter, so that two threads use two cores.
+        with ThreadPoolExecutor(1) as beside:
+            pushes = beside.submit(self.pair.second.postures, plates, lambda done: None)
+            self.grip_postures = self.pair.first.postures(plates, lambda n: self.progress("reach", n, 2 * len(plates)))
+            self.push_postures = pushes.result()
+        self.progress("reach", 2 * len(plates), 2 * len(plates))
         self.lifted = self.workcell.plate_query(self.workcell.holding, self.workcell.lifted, hands=[])
         self._forbid_blocked_poses(plates)
         self.follower = self._follower()
