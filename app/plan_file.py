@@ -50,6 +50,7 @@ def plan_file(path: Path, out: Path | None) -> int:
 
 def _refuse(problems: list[Problem]) -> int:
     for problem in problems:
-        allowed = f" (one of: {', '.join(problem['allowed'])})" if problem.get("allowed") else ""
+        choices = problem.get("allowed")
+        allowed = f" (one of: {', '.join(choices)})" if choices else ""
         sys.stderr.write(f"{problem['pointer'] or '/'}: {problem['detail']}{allowed}\n")
     return BAD_INPUT

@@ -19,6 +19,7 @@ from workers.database import open_database
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
+from workers.solver_process import COMPILE
 from workers.worker import Worker
 
 LONGEST_GOODBYE_SECONDS = 3
@@ -78,7 +79,8 @@ def warm_up(settings: WorkerSettings) -> None:
         WarmUpFailed: The solver does not work.
     """
     print("liftwright: loading the compiled kernels (they are compiled at the first start: minutes)", file=sys.stderr)  # noqa: T201
-    done = subprocess.run(settings.solver_command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=False)
+    command = (*settings.solver_command, COMPILE)
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=False)
     if done.returncode != 0:
         raise WarmUpFailed(done.returncode)
 

@@ -12,11 +12,11 @@ class ServiceSettings(WorkerSettings):
 
     host: str = "127.0.0.1"
     """There is no authentication: whoever reaches this address can post and read everything."""
-    port: int = Field(8040, ge=0, le=65535)
+    port: int = Field(default=8040, ge=0, le=65535)
     """0: any free one."""
-    max_body_bytes: int = Field(2_000_000, ge=1000)
+    max_body_bytes: int = Field(default=2_000_000, ge=1000)
     """A larger body is refused [bytes]."""
-    max_queued: int = Field(1000, ge=1)
+    max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished, a new one is refused [1]."""
-    max_wait_seconds: float = Field(60.0, ge=0.0)
+    max_wait_seconds: float = Field(default=60.0, ge=0.0)
     """Longest time that `Prefer: wait` is followed [s]."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.exc import IntegrityError
 
 from workers.database import Database
 from workers.job_queue import JobQueue
@@ -91,7 +92,7 @@ class PlanStore:
             with self._engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"])
-        except sa.exc.IntegrityError:
+        except IntegrityError:
             known = self._by_key(idempotency_key)
             if known is None:
                 raise

@@ -33,13 +33,13 @@ class WorkerSettings(BaseSettings):
     """Jobs at the same time [1]."""
     solver_command: tuple[str, ...] = SOLVER_COMMAND
     """Starts one solver process; see `workers.solver_process` for what it must speak."""
-    poll_seconds: float = Field(0.1, gt=0.0, le=10.0)
+    poll_seconds: float = Field(default=0.1, gt=0.0, le=10.0)
     """How often the queue is looked at [s]. Each look costs about 2 ms."""
-    cancel_poll_seconds: float = Field(0.2, gt=0.0, le=1.0)
+    cancel_poll_seconds: float = Field(default=0.2, gt=0.0, le=1.0)
     """How often running jobs are checked for having been cancelled [s]."""
-    crash_limit: int = Field(3, ge=1, le=10)
+    crash_limit: int = Field(default=3, ge=1, le=10)
     """A job whose solver process died this often has failed [1]."""
-    interruption_limit: int = Field(10, ge=1, le=1000)
+    interruption_limit: int = Field(default=10, ge=1, le=1000)
     """A job that was begun anew this often because the whole worker died has failed [1]."""
 
     @property

@@ -19,14 +19,17 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 from planners.errors import LiftwrightError
+from planners.progress import Progress
 from workers.solver_protocol import Message, Request
 
 REPORT_SECONDS = 0.05
 """Least time between two reports of one stage [s]: reports must not slow the work down."""
+COMPILE = "--compile"
+"""Argument with which the process only compiles what is not compiled yet."""
 GZIP_LEVEL = 3
 """Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
 
-Solve = Callable[[Request, Callable[[str, int, int], None]], dict[str, Any]]
+Solve = Callable[[Request, Progress], dict[str, Any]]
 """Takes a request and a progress callback to a plan document."""
 
 
@@ -101,8 +104,8 @@ def main(prepare: Callable[[], Solve]) -> None:
 
 
 def _die_with_the_worker() -> None:
-    while sys.stdin.buffer.read1():
-        pass
+    while os.read(sys.stdin.fileno(), 4096):
+        pass  # Nobody has anything more to say.
     os.killpg(os.getpgid(0), signal.SIGKILL)
 
 
@@ -110,4 +113,7 @@ if __name__ == "__main__":
     # A solver of another make, as tests use it, needs the rest of this file without the planners.
     from workers.pipeline import Pipeline
 
-    main(lambda: Pipeline.warm().solve)
+    if COMPILE in sys.argv:
+        Pipeline.load().compile()
+    else:
+        main(lambda: Pipeline.load().warm_up().solve)

@@ -47,9 +47,8 @@ def test_every_path_that_tool_settings_name_exists() -> None:
 
 
 def test_every_dependency_is_locked_within_its_range() -> None:
-    locked = dict(
-        line.lower().replace("_", "-").split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line
-    )
+    lines = (ROOT / "constraints.txt").read_text().lower().replace("_", "-").splitlines()
+    locked = dict(line.split("==") for line in lines if "==" in line)
     wanted = [*PROJECT["project"]["dependencies"], *PROJECT["project"]["optional-dependencies"]["dev"]]
     names = [re.split(r"[\[<>=~!]", requirement)[0].lower() for requirement in wanted]
     assert [name for name in names if name not in locked] == []
