@@ -1,0 +1,145 @@
+"""The merged graph against its definitions, written out over sets."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from planners.geometry.polyhedron import Prism
+from planners.geometry.pose import transform
+from planners.graph.search import RESOLUTION
+from planners.manipulation.contacts import NO_CONTACT
+from planners.manipulation.costs import TransitionCost
+from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
+from planners.manipulation.graph import EdgeKind, HandHold, build_graph
+
+SAMPLING = ContactSampling(
+    edge_tilts=(math.radians(6), math.radians(18), 2),
+    vertex_tilts=(math.radians(6), math.radians(18), 2),
+    vertex_azimuths=1,
+    lifted_tilts=(math.radians(10), math.radians(20), 2),
+    lifted_azimuths=2,
+)
+POSES = DenseContactStateGraph.build(
+    Prism.from_outline([[-0.1, -0.1], [0.15, -0.05], [0.0, 0.12]], 0.03),
+    [0.0, 0.0, 0.0],
+    transform(None, [0.3, 0.0, 1.1]),
+    SAMPLING,
+)
+COSTS = TransitionCost(k=1.3, omega=0.8)
+NO_HAND = None
+
+
+class SetGraph:
+    """Nodes as (pose, grip, push), edges as pairs of nodes; by the definitions of paper B, V-A."""
+
+    def __init__(self, grips, pushes, grip_postures, push_postures) -> None:
+        def there(hold, table, pose):
+            return hold is NO_HAND or bool(int(table[pose, hold.index]) & hold.postures)
+
+        holds = [(g, p) for g in (NO_HAND, *grips) for p in (NO_HAND, *pushes) if g or p]
+        self.nodes = {
+            (pose, g, p)
+            for pose in range(len(POSES.poses))
+            for g, p in holds
+            if there(g, grip_postures, pose) and there(p, push_postures, pose)
+        }
+        joined = {(int(i), int(j)) for i, j in POSES.edges}
+        self.transfers = {
+            frozenset((a, b)) for a, b in itertools.combinations(self.nodes, 2)
+            if a[1:] == b[1:] and ((a[0], b[0]) in joined or (b[0], a[0]) in joined)
+        }  # fmt: skip
+        self.transits = {
+            frozenset((a, b)) for a, b in itertools.combinations(self.nodes, 2)
+            if a[0] == b[0] and (subset(a, b) or subset(b, a))
+        }  # fmt: skip
+
+
+def subset(a, b) -> bool:
+    return a != b and a[1] in (NO_HAND, b[1]) and a[2] in (NO_HAND, b[2])
+
+
+@pytest.fixture(params=range(6), scope="module")
+def case(request):
+    rng = np.random.default_rng(request.param)
+    shape = (len(POSES.poses), 3)
+    tables = [rng.integers(0, 8, shape).astype(np.uint64) * (rng.random(shape) < 0.5) for _ in range(2)]
+    # Holds of which some were split into postures.
+    grips = (HandHold(0, 7), HandHold(2, 1), HandHold(2, 4))
+    pushes = (HandHold(1, 7), HandHold(0, 2), HandHold(0, 1))
+    built = build_graph(POSES, grips, pushes, tables[0], tables[1], COSTS)
+    return built, SetGraph(grips, pushes, *tables)
+
+
+def meaning(built, node):
+    return (int(built.node_pose[node]), *built.hold_of(int(node)))
+
+
+def test_a_node_is_a_pose_with_a_hold_whose_hands_both_reach_it(case):
+    built, expected = case
+    nodes = [meaning(built, n) for n in range(built.graph.node_count)]
+    assert len(set(nodes)) == len(nodes)
+    assert set(nodes) == expected.nodes
+
+
+@pytest.mark.parametrize("kind", EdgeKind)
+def test_edges_are_those_of_the_definitions(case, kind):
+    built, expected = case
+    edges = [
+        frozenset(meaning(built, n) for n in built.edge_nodes[e])
+        for e in range(len(built.edge_nodes))
+        if built.kind(e) is kind
+    ]
+    assert len(set(edges)) == len(edges)
+    assert set(edges) == (expected.transits if kind is EdgeKind.TRANSIT else expected.transfers)
+
+
+def test_arcs_cost_by_the_kind_of_their_edge(case):
+    built, _ = case
+    graph = built.graph
+    for tail in range(graph.node_count):
+        for arc in range(graph.row_start[tail], graph.row_start[tail + 1]):
+            edge, head = graph.edge[arc], int(graph.head[arc])
+            assert {tail, head} == set(built.edge_nodes[edge])
+            assert graph.loaded[arc] == (built.kind(edge) is EdgeKind.TRANSIT)
+            a, b = (POSES.poses[built.node_pose[n]] for n in (tail, head))
+            if built.kind(edge) is EdgeKind.TRANSIT:
+                expected = 0.0
+            elif a.contact == b.contact:
+                expected = 1.3
+            else:
+                expected = 0.8 * math.exp(b.restraint - a.restraint)
+            assert graph.cost[arc] * RESOLUTION == pytest.approx(expected, abs=RESOLUTION)
+
+
+def test_a_transfer_knows_its_motion(case):
+    built, _ = case
+    for edge, motion in enumerate(built.edge_motion):
+        if built.kind(edge) is EdgeKind.TRANSIT:
+            assert motion == -1
+        else:
+            ends = {int(built.node_pose[n]) for n in built.edge_nodes[edge]}
+            assert ends == {int(i) for i in POSES.edges[motion]}
+
+
+def test_plans_start_flat_with_one_hand_and_end_in_the_air_with_both(case):
+    built, expected = case
+    flat = {node for node in expected.nodes if node[0] == POSES.flat and (node[1] is None or node[2] is None)}
+    assert {meaning(built, n) for n in built.starts} == flat
+    lifted = {
+        node for node in expected.nodes
+        if POSES.poses[node[0]].contact == NO_CONTACT and node[1] is not None and node[2] is not None
+    }  # fmt: skip
+    assert {meaning(built, n) for n in np.flatnonzero(built.goal)} == lifted
+
+
+def test_the_heuristic_never_exceeds_what_an_arc_costs_plus_the_heuristic_behind_it(case):
+    """Consistency, with loads at their least: zero."""
+    built, _ = case
+    graph = built.graph
+    tails = np.repeat(np.arange(graph.node_count), np.diff(graph.row_start))
+    assert np.all(built.heuristic[tails] <= graph.cost + built.heuristic[graph.head] + 1)
+    assert np.all(built.heuristic[built.goal] == 0)
