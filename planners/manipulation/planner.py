@@ -22,7 +22,7 @@ from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath, cheapest_path
-from planners.manipulation.assignment import NoAssignment, PostureAssigner
+from planners.manipulation.assignment import HoldSplit, NoAssignment, PostureAssigner
 from planners.manipulation.choreography import Choreographer, Stuck
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
@@ -67,7 +67,7 @@ class LiftSettings:
     sequences: int = 400
     """Sequences that are checked before the planner gives up."""
     largest_graph: int = 400_000
-    """Nodes above which no hold is split into its postures."""
+    """Nodes above which no hold is split by its postures: then an edge of the sequence is given up instead."""
 
 
 class LiftOutcome(Enum):
@@ -303,7 +303,7 @@ class PlateLiftPlanner:
         assigner = PostureAssigner(self.follower, itinerary, self.scene.start_positions)
         problem = assigner.problem()
         if problem is not None:
-            self._forbid(problem)
+            self._forbid(problem, itinerary)
             return None
         stuck: list[tuple[Stuck, dict[Engagement, int]]] = []
         for assignment in assigner.assignments():
@@ -315,7 +315,7 @@ class PlateLiftPlanner:
                 return result
             stuck.append((result, assignment))
         if not stuck:
-            self._forbid(assigner.pair_problem())
+            self._forbid(assigner.pair_problem(), itinerary)
         else:
             self._forbid_stuck(itinerary, [each for each, _ in stuck])
         return None
@@ -343,20 +343,22 @@ class PlateLiftPlanner:
                 self.rejections.add(rejection, self.failures.add_unbalanced(step[0], self.graph))
         return fell
 
-    def _forbid(self, problem: NoAssignment) -> None:
-        """Apply the failures found; where there are none, tell holds apart by posture and merge anew."""
+    def _forbid(self, problem: NoAssignment, itinerary: Itinerary) -> None:
+        """Apply the failures found; where that takes it, tell holds apart by posture and merge anew."""
         killed = sum(self.failures.add(failure, self.graph) for failure in problem.failures)
-        if problem.edge is not None:
-            killed += self.failures.add(EdgeFailure.of(self.graph, problem.edge), self.graph)
+        splits = problem.split if self.graph.graph.node_count <= self.settings.largest_graph else ()
+        edge = itinerary.path.edges[-1] if problem.split and not splits else problem.edge
+        if edge is not None:
+            killed += self.failures.add(EdgeFailure.of(self.graph, edge), self.graph)
         self.rejections.add(problem.rejection, max(1, killed))
-        if not problem.split:
+        if not splits:
             return
         grips, pushes = self.graph.grips, self.graph.pushes
-        for hand, hold in problem.split:
-            if hand == "grip":
-                grips = _split(grips, hold, self.grip_postures)
+        for split in splits:
+            if split.hand == "grip":
+                grips = _told_apart(grips, split, self.grip_postures)
             else:
-                pushes = _split(pushes, hold, self.push_postures)
+                pushes = _told_apart(pushes, split, self.push_postures)
         self.counts["splits"] += 1
         self._merge(grips, pushes)
 
@@ -493,11 +495,12 @@ class PlateLiftPlanner:
         }
 
 
-def _split(holds: tuple[HandHold, ...], hold: HandHold, reach: NDArray[np.uint64]) -> tuple[HandHold, ...]:
-    """Replace a hold by one for each of its postures that reaches any pose."""
-    anywhere = int(np.bitwise_or.reduce(reach[:, hold.index])) & hold.postures
-    single = tuple(HandHold(hold.index, 1 << bit) for bit in range(64) if anywhere >> bit & 1)
-    return tuple(other for other in holds if other != hold) + single
+def _told_apart(holds: tuple[HandHold, ...], split: HoldSplit, reach: NDArray[np.uint64]) -> tuple[HandHold, ...]:
+    """Replace a hold by its parts, as far as they reach any pose."""
+    index = split.hold.index
+    anywhere = int(np.bitwise_or.reduce(reach[:, index]))
+    parts = tuple(HandHold(index, part & anywhere) for part in split.parts if part & anywhere)
+    return tuple(other for other in holds if other != split.hold) + parts
 
 
 def _meeting(one: str, other: str) -> Rejection:
