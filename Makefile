@@ -35,7 +35,7 @@ format: setup ## put code into its format
 	@$(BIN)/ruff check --fix .
 
 bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md
-	@$(BIN)/python tests/benchmarks/run.py
+	@$(BIN)/python -m tests.benchmarks
 
 clean: ## forget the environment and all plans
 	@rm -rf $(VENV) data build *.egg-info
