@@ -1,0 +1,133 @@
+"""Examined on demand or beforehand, the sequence is the same; and it is the one the objective asks for."""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
+from planners.manipulation.examiner import hands_of
+from planners.manipulation.planner import LiftOutcome, PlateLiftPlanner
+from tests.manipulation.lift_probe import planner_of, task_body
+
+
+@pytest.fixture(scope="module")
+def full():
+    planner = planner_of(task_body("ab3", search="full"))
+    return planner, planner.plan()
+
+
+@pytest.fixture(scope="module")
+def gentle():
+    planner = planner_of(task_body("ab3", minimise="force"))
+    return planner, planner.plan()
+
+
+def test_a_full_search_examines_every_node_and_a_lazy_one_leaves_some(full, planner):
+    assert not (full[0].graph.knowledge.status == UNKNOWN).any()
+    assert (planner.graph.knowledge.status == UNKNOWN).any()
+
+
+def test_lazy_and_full_give_the_same_sequence_and_the_same_motion(full, solved):
+    plan = full[1]
+    assert [(s.pose, s.hands) for s in plan.steps] == [(s.pose, s.hands) for s in solved.steps]
+    assert plan.search["cost"] == solved.search["cost"]
+    assert len(plan.segments) == len(solved.segments)
+    for ours, theirs in zip(plan.segments, solved.segments, strict=True):
+        assert ours.kind is theirs.kind
+        assert np.array_equal(ours.trajectory.positions, theirs.trajectory.positions)
+        assert np.array_equal(ours.trajectory.time, theirs.trajectory.time)
+
+
+def test_a_lazy_search_knows_of_every_node_what_a_full_one_knows(full, planner):
+    """Nodes mean the same in both graphs as no hold was split."""
+    lazy, whole = planner.graph.knowledge, full[0].graph.knowledge
+    assert planner.counts["splits"] == full[0].counts["splits"] == 0
+    known = lazy.status != UNKNOWN
+    assert known.sum() > 1000
+    assert np.array_equal(lazy.status[known], whole.status[known])
+    alive = lazy.status == ALIVE
+    assert np.abs(lazy.load[alive] - whole.load[alive]).max() * RESOLUTION <= 2e-6
+
+
+def reference(planner: PlateLiftPlanner) -> nx.DiGraph:
+    """What is left of a fully examined graph, every arc with its full cost."""
+    graph, knowledge = planner.graph.graph, planner.graph.knowledge
+    tails = np.repeat(np.arange(graph.node_count), np.diff(graph.row_start))
+    cost = graph.cost + np.where(graph.loaded, knowledge.load[tails] + knowledge.load[graph.head], 0)
+    alive = (knowledge.status[tails] == ALIVE) & (knowledge.status[graph.head] == ALIVE)
+    alive &= ~knowledge.edge_dead[graph.edge]
+    result = nx.DiGraph()
+    result.add_nodes_from(n for n in planner.graph.starts if knowledge.status[n] == ALIVE)
+    result.add_weighted_edges_from(
+        zip(tails[alive].tolist(), graph.head[alive].tolist(), cost[alive].tolist(), strict=True)
+    )
+    return result
+
+
+def open_starts(planner: PlateLiftPlanner) -> list[int]:
+    status = planner.graph.knowledge.status
+    return [n for n in planner.graph.starts if n not in planner.graph.lost_starts and status[n] == ALIVE]
+
+
+def test_the_sequence_is_the_least_forceful_of_the_starts_cheapest_ones(full):
+    """Oracle: Dijkstra of networkx from every start."""
+    planner, plan = full
+    arcs, cheapest = reference(planner), {}
+    for start in open_starts(planner):
+        distances, paths = nx.single_source_dijkstra(arcs, start)
+        goals = [n for n in distances if planner.graph.goal[n]]
+        if goals:
+            best = min(goals, key=distances.__getitem__)
+            force = max(planner.examiner.largest_force(n) for n in paths[best])
+            cheapest[hands_of(*planner.graph.hold_of(start))] = distances[best] * RESOLUTION, force
+    assert len(cheapest) > 1
+    assert plan.search["cost"] == pytest.approx(cheapest[plan.steps[0].hands][0])
+    assert plan.search["max_force"] == pytest.approx(min(force for _, force in cheapest.values()), abs=1e-3)
+
+
+def test_minimised_force_is_no_larger_than_that_of_the_cheapest_sequence(gentle, solved):
+    assert gentle[1].outcome is LiftOutcome.SOLVED
+    assert gentle[1].search["max_force"] <= solved.search["max_force"] + 1e-6
+
+
+def test_minimised_force_is_the_smallest_that_any_sequence_left_over_needs(gentle):
+    """Oracle: the smallest threshold at which networkx still connects a start with a goal."""
+    planner, plan = gentle
+    planner.examiner.examine_all(lambda *_: None)
+    arcs, goal = reference(planner), planner.graph.goal
+    forces = {n: planner.examiner.largest_force(n) for n in arcs}
+    starts = open_starts(planner)
+    for limit in sorted(set(forces.values())):
+        part = arcs.subgraph([n for n in arcs if forces[n] <= limit])
+        if any(goal[m] for n in starts if n in part for m in nx.descendants(part, n)):
+            assert plan.search["max_force"] == pytest.approx(limit, abs=2e-6)
+            return
+    raise AssertionError("no threshold connects start and goal")
+
+
+def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
+    """Oracle: both hands' wrenches from the balance, put through every posture one by one."""
+    graph = planner.graph
+    rng = np.random.default_rng(10)
+    for node in rng.permutation(np.flatnonzero(graph.knowledge.status == ALIVE))[:30]:
+        pose, (grip, push) = int(graph.node_pose[node]), graph.hold_of(int(node))
+        hands = (grip and grip.index, push and push.index)
+        answer, T = planner.balance.at(pose, hands), planner.poses.poses[pose].T_world_plate
+        total = 0.0
+        for hold, reach, table, names in (
+            (grip, planner.pair.first, planner.grip_postures, ("grip_0", "grip_1")),
+            (push, planner.pair.second, planner.push_postures, ("push",)),
+        ):
+            if hold is None:
+                continue
+            origin = T[:3, 3]
+            wrench = np.zeros(6)
+            for contact in (answer.wrench(name) for name in names):
+                point = T[:3, :3] @ contact.T_plate_contact[:3, 3] + T[:3, 3]
+                wrench[:3] += contact.wrench_world[:3]
+                wrench[3:] += contact.wrench_world[3:] + np.cross(point - origin, contact.wrench_world[:3])
+            loads = reach.loads(T, hold.index, int(table[pose, hold.index]) & hold.postures, wrench, origin)
+            total += np.nanmin(loads)
+        assert graph.knowledge.load[node] * RESOLUTION == pytest.approx(total, abs=2e-6)
