@@ -43,8 +43,11 @@ class Channel:
 
     def send(self, message: Message, block: bytes = b"") -> None:
         """Send one line and the bytes that follow it."""
-        self._stream.write(json.dumps(message).encode() + b"\n" + block)
-        self._stream.flush()
+        try:
+            self._stream.write(json.dumps(message).encode() + b"\n" + block)
+            self._stream.flush()
+        except BrokenPipeError:
+            _die_with_the_worker()
 
 
 class ThrottledReports:
@@ -102,12 +105,16 @@ def main(prepare: Callable[[], Solve]) -> None:
 
 
 def _listen_to_the_worker(requests: SimpleQueue[bytes]) -> None:
-    """Pass the one request on; when the worker is gone, die with everything this process has started."""
+    """Pass the one request on, and notice when the worker is gone."""
     line = bytearray()
     while chunk := os.read(sys.stdin.fileno(), 65536):
         line += chunk
         if line.endswith(b"\n"):
             requests.put(bytes(line))
+    _die_with_the_worker()
+
+
+def _die_with_the_worker() -> None:
     leads_its_group = os.getpgrp() == os.getpid()
     os.kill(-os.getpid() if leads_its_group else os.getpid(), signal.SIGKILL)
 
