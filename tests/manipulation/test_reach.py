@@ -80,7 +80,7 @@ def test_a_posture_puts_the_hand_where_its_hold_says_in_one_branch_all_along(pla
 
 
 def motions_with_postures(planner, hand, count: int, seed: int):
-    reach, reached, _ = hand
+    _, reached, _ = hand
     rng = np.random.default_rng(seed)
     for number in rng.permutation(len(planner.poses.edges)):
         i, j = planner.poses.edges[number]
