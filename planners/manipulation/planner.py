@@ -164,8 +164,7 @@ class PlateLiftPlanner:
 
     def search(self) -> LiftPlan:
         """Search the graph until a sequence can be moved along, or nothing is left."""
-        for tried in range(self.settings.sequences):
-            self.progress("search", tried, 0)
+        for _ in range(self.settings.sequences):
             path = self._best_path()
             if path is None:
                 return self._no_path()
@@ -284,10 +283,17 @@ class PlateLiftPlanner:
         self.counts["searches"] += 1
         heuristic = self.graph.heuristic if self.settings.minimise == "cost" else np.zeros_like(self.graph.heuristic)
         self.paths[start] = cheapest_path(
-            self.graph.graph, self.graph.knowledge, start, self.graph.goal, heuristic, self.examiner,
+            self.graph.graph, self.graph.knowledge, start, self.graph.goal, heuristic, self._examine,
             bottleneck=self.settings.minimise == "force",
         )  # fmt: skip
         return self.paths[start]
+
+    def _examine(self, node: int) -> None:
+        """Examine a node, and tell now and then how many are settled, by examination or by another's proof."""
+        self.examiner(node)
+        if self.examiner.examined % 64 == 0:
+            status = self.graph.knowledge.status
+            self.progress("search", int(np.count_nonzero(status)), len(status))
 
     def _fell(self, path: GraphPath) -> bool:
         knowledge = self.graph.knowledge
@@ -309,6 +315,7 @@ class PlateLiftPlanner:
         for assignment in assigner.assignments():
             if len(stuck) >= self.settings.assignments:
                 break
+            self.progress("motion", self.counts["assignments"], 0)
             self.counts["assignments"] += 1
             result = self.choreographer.realise(itinerary, assignment)
             if not isinstance(result, Stuck):
