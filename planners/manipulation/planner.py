@@ -7,6 +7,7 @@ over poses at which the plate could not be held.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -133,6 +134,8 @@ class PlateLiftPlanner:
         capacity = self.capacity()
         if not capacity.suffices:
             return self._too_heavy(capacity)
+        if self.jaw.width_max < self.prism.height:
+            return self._too_thick()
         self.build()
         return self.search()
 
@@ -183,10 +186,10 @@ class PlateLiftPlanner:
         gripper, pusher = (scene.cell.arms[name].hand for name in (self.workcell.gripper, self.workcell.pusher))
         assert isinstance(gripper, Gripper)
         assert isinstance(pusher, Pusher)
-        jaw = Jaw(gripper.width_max, (float(gripper.pad_size[0]), float(gripper.pad_size[2])))
+        self.jaw = Jaw(gripper.width_max, (float(gripper.pad_size[0]), float(gripper.pad_size[2])))
         cup = CupFootprint((float(scene.cup.position[0]), float(scene.cup.position[1])), scene.cup.radius)
         if scene.given_grips is None:
-            grips = generate_grips(self.prism, jaw, cup=cup, sampling=self.settings.grips)
+            grips = generate_grips(self.prism, self.jaw, cup=cup, sampling=self.settings.grips)
         else:
             grips = given_grips(scene.given_grips, self.prism)
         if scene.given_pushes is None:
@@ -433,22 +436,39 @@ class PlateLiftPlanner:
             LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self.rejections, self._sampling_figures(), {}
         )
 
+    def _too_thick(self) -> LiftPlan:
+        reason = "The gripper does not open wide enough for the plate"
+        cause = Rejection("capacity", reason, needed=self.prism.height, available=self.jaw.width_max, unit="m")
+        self.rejections.add(cause)
+        summary = (
+            f"The plate is {1e3 * self.prism.height:.1f} mm thick; the gripper opens {1e3 * self.jaw.width_max:.1f} mm."
+        )
+        return LiftPlan(
+            LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self.rejections, self._sampling_figures(), {}
+        )
+
     def _no_path(self) -> LiftPlan:
         """Say why nothing was found: which layer of the graph is empty, or what fell most."""
         alive = self.graph.knowledge.status != DEAD
         starts = [n for n in self.graph.starts if alive[n] and n not in self.graph.lost_starts]
         if not self.grips:
-            summary = (
-                "The gripper finds no place to hold the plate: it is too thick, too small, or the cup is in the way."
-            )
+            summary = "The gripper finds no place to hold the plate: it is too small, or the cup is in the way."
         elif not starts:
             summary = "No hand can come to the plate where it rests."
             self._explain_starts()
         elif not (self.graph.goal & alive).any():
             summary = "No grip and push together can hold the plate off its support."
         else:
-            summary = "No sequence of holds leads from the support into the air."
+            summary = f"No sequence of holds leads from the support into the air: {self._farthest()}."
         return self._failed(LiftOutcome.NOT_FOUND, summary)
+
+    def _farthest(self) -> str:
+        """Say how far the plate can be raised from rest, by the edges that are left."""
+        reached = self.graph.reachable()
+        tilts = np.array([float(np.linalg.norm(pose.tilt)) for pose in self.poses.poses])
+        pose = self.poses.poses[max(self.graph.node_pose[reached], key=tilts.__getitem__)]
+        tilt = math.degrees(float(np.linalg.norm(pose.tilt)))
+        return f"it gets no farther than a tilt of {tilt:.0f}° on its {pose.contact.element} {pose.contact.index}"
 
     def _explain_starts(self) -> None:
         """Count what keeps each hand off the plate at rest."""

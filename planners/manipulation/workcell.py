@@ -59,8 +59,8 @@ class LiftWorkcell:
 
     @property
     def grip_width(self) -> float:
-        """Opening of the gripper while it holds the plate [m]."""
-        return self.scene.plate.height
+        """Opening of the gripper while it holds the plate, at most fully open [m]."""
+        return min(self.scene.plate.height, self.arm(self.gripper).hand.width_max)
 
     @property
     def open_width(self) -> float:
