@@ -22,13 +22,13 @@ from planners.manipulation.hold_balance import HandPair
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.reach import HandReach, PlateQuery
 from tests.benchmarks.iterative_ik import iterate
-from tests.benchmarks.tasks import SOLVABLE, Note, planner_of, timed
+from tests.benchmarks.tasks import SOLVABLE, Note, cpu_seconds, planner_of
 from tests.kinematics.arm_oracle import PinocchioArm
 
 
 @dataclass(frozen=True)
 class PaperMethodFigures:
-    """One task; seconds."""
+    """One task; CPU seconds."""
 
     name: str
     nodes: int
@@ -67,11 +67,11 @@ def _task(name: str, note: Note, sample: int, programs: int) -> PaperMethodFigur
     examination, rng = NodeExamination(planner), np.random.default_rng(0)
     holds = all_holds(len(planner.grips), len(planner.pushes))
     nodes = [(int(rng.integers(len(planner.poses.poses))), holds[rng.integers(len(holds))]) for _ in range(sample)]
-    reach = np.array([timed(lambda node=node: examination.reachable(*node))[1] for node in nodes])
+    reach = np.array([cpu_seconds(lambda node=node: examination.reachable(*node)) for node in nodes])
     candidates = planner.graph.graph.node_count
     drawn = [_node(planner, int(number)) for number in rng.choice(candidates, programs, replace=False)]
     apart = [node for node in drawn if _arms_apart(planner, *node)]
-    cones = np.array([timed(lambda node=node: examination.balanced(*node))[1] for node in apart])
+    cones = np.array([cpu_seconds(lambda node=node: examination.balanced(*node)) for node in apart])
     total, reached = len(planner.poses.poses) * len(holds), round(candidates * len(apart) / len(drawn))
     return PaperMethodFigures(
         name=name,

@@ -23,6 +23,6 @@ def cell(value: Cell) -> str:
         return value
     if isinstance(value, int):
         return f"{value:,}"
-    if abs(value) >= 1000.0:
+    if abs(value) >= 1000.0 or value.is_integer():
         return f"{value:,.0f}"
-    return f"{value:.3g}" if value and abs(value) < 100.0 else f"{value:.0f}"
+    return f"{value:#.3g}".removesuffix(".")

@@ -45,6 +45,8 @@ def _stages(results: Results, axes: Axes) -> None:
     left = [0.0] * len(tasks)
     for stage, colour in STAGE_COLOURS.items():
         seconds = [task.certificate if stage == "certify" else task.stages.get(stage, 0.0) for task in tasks]
+        if not any(seconds):
+            continue
         axes.barh(names, seconds, left=left, color=colour, label=stage)
         left = [a + b for a, b in zip(left, seconds, strict=True)]
     axes.invert_yaxis()
@@ -55,7 +57,7 @@ def _stages(results: Results, axes: Axes) -> None:
 
 def _comparison(results: Results, axes: Axes) -> None:
     names = [figures.name for figures in results.paper_method]
-    ours = {task.name: task.planning for task in results.tasks}
+    ours = {task.name: task.planning_cpu for task in results.tasks}
     series = (
         ("paper, its own machine", PAPER_COLOUR, [PAPER[name].total_seconds for name in names]),
         ("paper's method here, extrapolated", EXTRAPOLATED_COLOUR, [each.total for each in results.paper_method]),
@@ -65,7 +67,7 @@ def _comparison(results: Results, axes: Axes) -> None:
         axes.bar([k + 0.27 * (place - 1) for k in range(len(names))], seconds, 0.25, color=colour, label=label)
     axes.set_yscale("log")
     axes.set_xticks(range(len(names)), names)
-    axes.set_ylabel("seconds")
+    axes.set_ylabel("seconds (here: CPU)")
     axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     _tidy(axes)
 
@@ -75,9 +77,9 @@ def _scaling(results: Results, axes: Axes) -> None:
         rows = sorted((each for each in results.scaling if each.name == name), key=lambda each: each.nodes)
         axes.plot([row.nodes for row in rows], [row.planning for row in rows], "o-", label=name)
         for row in rows:
-            label = f"contacts ×{row.contact_density:g}, holds ×{row.hold_density:g}"
-            axes.annotate(label, (row.nodes, row.planning), xytext=(4, -10), textcoords="offset points", fontsize=7)
-    axes.set_xlabel("nodes of the graph that each hand reaches")
+            label = f"{row.contact_density:g}·{row.hold_density:g}"
+            axes.annotate(label, (row.nodes, row.planning), xytext=(5, -9), textcoords="offset points", fontsize=7)
+    axes.set_xlabel("nodes that each hand reaches; labels: density of contacts · of holds")
     axes.set_ylabel("planning [s]")
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.15)

@@ -22,6 +22,19 @@ MEMORY_LIMIT = 1024.0
 RATE_LIMIT = 100_000.0
 """Free configurations of the full cell on one core [1/s]."""
 
+COMPARISONS = (
+    ("a free configuration of the full cell", "collision", 1.0, "free_us",
+     (("coal, broad phase", "coal_broadphase_free_us"), ("coal, all pairs", "coal_pairs_free_us"),
+      ("python-fcl, all pairs", "fcl_pairs_free_us"))),
+    ("inverse kinematics, all branches", "kinematics", 1.0, "closed_form_us",
+     (("pinocchio, iterated, one solution", "iteration_us"),)),
+    ("a cone program", "balance", 1.0, "template_us",
+     (("Clarabel, new solver", "new_solver_us"), ("cvxpy, stated anew", "cvxpy_us"))),
+    ("cheapest paths from one start, 300,000 edges", "search", 1e3, "ours_ms",
+     (("scipy dijkstra", "scipy_ms"), ("networkx dijkstra", "networkx_ms"))),
+)  # fmt: skip
+"""What, its kernel, microseconds in the unit of its figures, our figure, and others with theirs."""
+
 
 def report(results: Results, pictures: dict[str, str], *, quick: bool, seconds: float) -> str:
     """Return the text of RESULTS.md."""
@@ -238,17 +251,18 @@ def _path(path: PathFigures | None) -> tuple[Cell, Cell, Cell]:
 
 
 def _paper_method(results: Results, picture: str) -> str:
-    ours = {task.name: task.planning for task in results.tasks}
+    ours = {task.name: task.planning_cpu for task in results.tasks}
     return "\n\n".join(
         [
             "## The paper's own method on this machine (extrapolated)",
             "Each pose with each hold examined by itself. RV1: inverse kinematics by iteration (pinocchio, damped "
             "least squares, from the start positions) for the poses of each hand, collisions of every solution and "
             "pair of solutions. RV2: the cone program stated anew in cvxpy and solved, where RV1 leaves a node. "
-            "**Timed on a seeded random sample and extrapolated** to all poses × holds; ± is the standard error. "
+            "**Timed on a seeded random sample and extrapolated** to all poses × holds, in CPU seconds; ± is the "
+            "standard error. "
             "Collisions are asked of our compiled kernel, the first hand that cannot reach ends a node, and merging, "
             "searching and motion are left out, all in favour of the paper's method. Ours is planning as above, "
-            "motion included; the ratios are of this run: first with RV2 alone, then with both.",
+            "motion included, in CPU seconds too; the ratios are of this run: first with RV2 alone, then with both.",
             table(
                 ("task", "poses × holds", "RV1 sampled", "RV1 [s]", "left by RV1", "RV2 sampled", "RV2 [s]",
                  "both [s]", "paper printed, all [s]", "ours [s]", "RV2 ÷ ours", "both ÷ ours"),
@@ -300,8 +314,25 @@ def _scaled(figures: ProcessFigures) -> list[Cell]:
 
 
 def _kernels(results: Results) -> str:
-    parts = ["## Kernels", "CPU time on one core; the others' figures come from the same run."]
+    beside = [
+        (what, ours * scale, other, theirs * scale, theirs / ours)
+        for what, kernel, scale, own_member, others in COMPARISONS
+        for other, member in others
+        if (figures := results.kernels.get(kernel)) and (ours := figures[own_member]) and (theirs := figures[member])
+    ]
+    parts = [
+        "## Kernels",
+        "CPU time on one core; the others' figures come from the same run.",
+        table(("", "ours [µs]", "beside", "its [µs]", "its ÷ ours"), beside),
+    ]
     for name, figures in results.kernels.items():
-        rows = [(member.replace("_", " "), value) for member, value in figures.items()]
+        rows = [(_spelt(member), value) for member, value in figures.items()]
         parts += [f"### {name.capitalize()}", table(("", ""), rows)]
     return "\n\n".join(parts)
+
+
+def _spelt(member: str) -> str:
+    """Write the name of a figure out, with its unit in brackets."""
+    words = member.split("_")
+    units = {"us": "[µs]", "ms": "[ms]"}
+    return " ".join([*(word for word in words if word not in units), *(units[word] for word in words if word in units)])
