@@ -83,7 +83,8 @@ def _scaling(results: Results, axes: Axes) -> None:
     axes.set_ylabel("planning [s]")
     axes.set_ylim(bottom=0.0)
     axes.margins(x=0.15)
-    axes.legend(frameon=False)
+    if results.scaling:
+        axes.legend(frameon=False)
     _tidy(axes)
 
 
