@@ -6,8 +6,13 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from planners.balance.balanced import Balanced
+from planners.graph.rejections import Rejections
 from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
+from planners.manipulation.examiner import NodeExaminer
+from planners.manipulation.graph import HandHold, build_graph
 from planners.manipulation.planner import LiftOutcome, PlateLiftPlanner
+from planners.manipulation.reach import bits
 from tests.manipulation.lift_probe import planner_of, task_body
 
 
@@ -132,3 +137,27 @@ def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
             loads = reach.loads(T, hold.index, int(table[pose, hold.index]) & hold.postures, wrench, origin)
             total += np.nanmin(loads)
         assert graph.knowledge.load[node] * RESOLUTION == pytest.approx(total, abs=2e-6)
+
+
+def test_a_node_is_dead_when_the_arms_touch_in_every_pair_of_its_postures(planner):
+    """Holds of one posture each, of which the arms are known to touch, or not to."""
+    rng, found = np.random.default_rng(14), {True: 0, False: 0}
+    tables = planner.grip_postures, planner.push_postures
+    flat_starts = [n for n in range(planner.graph.graph.node_count) if planner.graph.goal[n]]
+    for node in rng.permutation(flat_starts)[:400]:
+        pose, holds = int(planner.graph.node_pose[node]), planner.graph.hold_of(int(node))
+        postures = [int(rng.choice(bits(int(t[pose, h.index])))) for t, h in zip(tables, holds, strict=True)]
+        where, numbers = planner.poses.poses[pose].T_world_plate[None], (holds[0].index, holds[1].index)
+        apart = planner.pair.compatible(where, numbers, (1 << postures[0], 1 << postures[1])) is not None
+        if found[apart] >= 5:
+            continue
+        single = [HandHold(number, 1 << posture) for number, posture in zip(numbers, postures, strict=True)]
+        graph = build_graph(planner.poses, (single[0],), (single[1],), *tables, planner.settings.costs)
+        examine = NodeExaminer(graph, planner.balance, planner.pair, *tables, Rejections(), "cost")
+        (tried,) = [n for n in np.flatnonzero(graph.goal) if graph.node_pose[n] == pose]
+        graph.knowledge.status[tried] = UNKNOWN
+        examine(int(tried))
+        found[apart] += 1
+        borne = isinstance(planner.balance.at(pose, numbers), Balanced)
+        assert (graph.knowledge.status[tried] == ALIVE) == (apart and borne)
+    assert found[False]

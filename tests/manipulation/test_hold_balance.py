@@ -59,6 +59,22 @@ def test_where_it_does_not_there_is_a_pose_on_the_way_that_cannot_be_held(planne
         assert not all(feasible(motion.pose(s), motion.contact_points, hands) for s in parameters)
 
 
+def test_a_hold_bears_the_plate_along_a_motion_exactly_when_it_does_at_every_sample(planner):
+    """Whatever was remembered or proven on the way: each sample solved anew decides."""
+    rng, verdicts = np.random.default_rng(13), []
+    programs = planner.balance
+    for number in rng.permutation(len(planner.poses.edges))[:60]:
+        motion = planner.follower.motion(int(number))
+        for hands in ((int(rng.integers(30)), int(rng.integers(64))), (None, int(rng.integers(64)))):
+            poses = motion.poses(programs.sampling.parameters(motion))
+            borne = all(isinstance(programs.solve(T, motion.contact_points, hands), Balanced) for T in poses)
+            verdicts.append(borne)
+            assert (programs.along(int(number), hands) is None) == borne
+            # Asked again, it is remembered.
+            assert (programs.along(int(number), hands) is None) == borne
+    assert 5 < sum(verdicts) < len(verdicts) - 5
+
+
 def test_samples_lie_strictly_inside_a_motion_and_closer_than_the_settings_say(planner):
     sampling = planner.balance.sampling
     for number in range(0, len(planner.poses.edges), 97):
