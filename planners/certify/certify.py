@@ -73,7 +73,7 @@ def _refuse_nonsense(plan: PlanView) -> None:
             raise MalformedDocument(f"/bodies/{name}", "is missing")
 
 
-def _checks(  # noqa: PLR0913 -- the arguments of `certify`, read
+def _checks(
     plan: PlanView,
     document: dict[str, Any],
     task: LiftTask,

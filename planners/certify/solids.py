@@ -162,7 +162,8 @@ def _way(a: fcl.CollisionObject, b: fcl.CollisionObject) -> Array | None:
     result = fcl.DistanceResult()
     if fcl.distance(a, b, fcl.DistanceRequest(True), result) <= 0.0:
         return None
-    way = result.nearest_points[1] - result.nearest_points[0]
+    on_a, on_b = (np.asarray(point, dtype=float) for point in result.nearest_points)
+    way = on_b - on_a
     return way if float(way @ way) > 0.0 else None
 
 

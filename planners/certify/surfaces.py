@@ -4,6 +4,9 @@ Read here a second time and in another way than the cell does, by pinocchio on t
 have put in the wrong place is found.
 """
 
+# pinocchio has no type stubs for what its compiled part exports.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import math

@@ -12,6 +12,7 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,12 +28,13 @@ from planners.manipulation.assignment import HoldSplit, NoAssignment, PostureAss
 from planners.manipulation.choreography import Choreographer, Stuck
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
-from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
+from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower, PostureQueries
 from planners.manipulation.examiner import NodeExaminer, Objective, hands_of
 from planners.manipulation.failures import (
     BlockedMotion,
     EdgeFailure,
     Failures,
+    Hand,
     LoneTransitFailure,
     PairFailure,
     TransitFailure,
@@ -41,7 +43,7 @@ from planners.manipulation.graph import HandHold, build_graph
 from planners.manipulation.grips import CupFootprint, Grip, GripSampling, Jaw, generate_grips, given_grips
 from planners.manipulation.hold_balance import HoldBalance
 from planners.manipulation.pushes import Push, PushSampling, generate_pushes, given_pushes
-from planners.manipulation.reach import HandReach, PairReach
+from planners.manipulation.reach import HandReach, PairReach, PlateQuery
 from planners.manipulation.workcell import LiftWorkcell
 from planners.progress import Progress
 from planners.scene.hand import Gripper, Pusher
@@ -238,16 +240,17 @@ class PlateLiftPlanner:
 
     def _follower(self) -> PostureFollower:
         cell = self.workcell
-        with_idle = {
+        with_idle: dict[Hand, PlateQuery] = {
             "grip": cell.plate_query(cell.holding, cell.with_idle(cell.gripper), hands=[cell.gripper]),
             "push": cell.plate_query(cell.open, cell.with_idle(cell.pusher), hands=[cell.pusher]),
         }
-        opened = {
+        opened: dict[Hand, PlateQuery] = {
             "grip": cell.plate_query(cell.open, cell.without_other(cell.gripper), hands=[cell.gripper]),
             "push": cell.plate_query(cell.open, cell.without_other(cell.pusher), hands=[cell.pusher]),
         }
-        reach = {"grip": self.grip_postures, "push": self.push_postures}
-        return PostureFollower(self.poses, self.pair, with_idle, opened, self.lifted, self.grips, self.pushes, reach)
+        reach: dict[Hand, NDArray[np.uint64]] = {"grip": self.grip_postures, "push": self.push_postures}
+        queries = PostureQueries(with_idle, opened, self.lifted)
+        return PostureFollower(self.poses, self.pair, queries, (self.grips, self.pushes), reach)
 
     def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> None:
         """Build the graph of these holds, and apply all that is known to fail."""
@@ -376,7 +379,8 @@ class PlateLiftPlanner:
         """Forbid the change of hold (or the motion) at which most tries got stuck."""
         for each in stuck:
             self.rejections.add(each.rejection)
-        (hand, place), _ = Counter((each.hand, each.place) for each in stuck).most_common(1)[0]
+        places: Counter[tuple[Hand | None, int]] = Counter((each.hand, each.place) for each in stuck)
+        (hand, place), _ = places.most_common(1)[0]
         grip, push = itinerary.active("grip", place), itinerary.active("push", place)
         moving = grip if hand == "grip" else push
         pose = itinerary.poses[place]
@@ -396,7 +400,7 @@ class PlateLiftPlanner:
     def _solved(self, path: GraphPath, segments: tuple[Segment, ...]) -> LiftPlan:
         steps = tuple(self._step(node) for node in path.nodes)
         contacts = [steps[0].contact]
-        contacts += [b.contact for a, b in zip(steps, steps[1:], strict=False) if a.contact != b.contact]
+        contacts += [b.contact for a, b in pairwise(steps) if a.contact != b.contact]
         force = max(step.force for step in steps)
         summary = f"The plate is lifted over {' - '.join(contacts)}; the hands bear at most {force:.2f} N on a contact."
         return LiftPlan(
