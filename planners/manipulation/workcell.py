@@ -12,7 +12,7 @@ from planners.geometry.pose import Transform
 from planners.geometry.shapes import placed
 from planners.manipulation.reach import PlateQuery
 from planners.scene.arm import Arm
-from planners.scene.hand import Gripper
+from planners.scene.hand import Gripper, Pusher
 from planners.scene.scene import PlateLiftScene
 
 PLATE_FRAME = "plate"
@@ -63,6 +63,13 @@ class LiftWorkcell:
         """The gripper."""
         hand = self.arm(self.gripper).hand
         assert isinstance(hand, Gripper)
+        return hand
+
+    @property
+    def pushing_hand(self) -> Pusher:
+        """The stick."""
+        hand = self.arm(self.pusher).hand
+        assert isinstance(hand, Pusher)
         return hand
 
     @property

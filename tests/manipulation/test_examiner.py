@@ -6,14 +6,14 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planners.balance.balanced import Balanced
 from planners.graph.rejections import Rejections
 from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
 from planners.manipulation.examiner import NodeExaminer
 from planners.manipulation.graph import HandHold, build_graph
-from planners.manipulation.planner import LiftOutcome, PlateLiftPlanner
-from planners.manipulation.reach import bits
+from planners.manipulation.lift_plan import LiftOutcome
+from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import planner_of, task_body
+from tests.manipulation.test_reach import pairs_of_postures
 
 
 @pytest.fixture(scope="module")
@@ -139,25 +139,26 @@ def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
         assert graph.knowledge.load[node] * RESOLUTION == pytest.approx(total, abs=2e-6)
 
 
-def test_a_node_is_dead_when_the_arms_touch_in_every_pair_of_its_postures(planner):
+class WillingBalance:
+    """Everything is borne, always by the same wrenches."""
+
+    def __init__(self, planner: PlateLiftPlanner, answer) -> None:
+        self.balance, self.answer = planner.balance_program, answer
+        self.ruled_out = np.zeros_like(planner.balance.ruled_out)
+
+    def at(self, pose, hands):
+        return self.answer
+
+
+def test_a_node_is_dead_when_the_arms_touch_in_every_pair_of_its_postures(planner, solved):
     """Holds of one posture each, of which the arms are known to touch, or not to."""
-    rng, found = np.random.default_rng(14), {True: 0, False: 0}
     tables = planner.grip_postures, planner.push_postures
-    flat_starts = [n for n in range(planner.graph.graph.node_count) if planner.graph.goal[n]]
-    for node in rng.permutation(flat_starts)[:400]:
-        pose, holds = int(planner.graph.node_pose[node]), planner.graph.hold_of(int(node))
-        postures = [int(rng.choice(bits(int(t[pose, h.index])))) for t, h in zip(tables, holds, strict=True)]
-        where, numbers = planner.poses.poses[pose].T_world_plate[None], (holds[0].index, holds[1].index)
-        apart = planner.pair.compatible(where, numbers, (1 << postures[0], 1 << postures[1])) is not None
-        if found[apart] >= 5:
-            continue
-        single = [HandHold(number, 1 << posture) for number, posture in zip(numbers, postures, strict=True)]
-        graph = build_graph(planner.poses, (single[0],), (single[1],), *tables, planner.settings.costs)
-        examine = NodeExaminer(graph, planner.balance, planner.pair, *tables, Rejections(), "cost")
-        (tried,) = [n for n in np.flatnonzero(graph.goal) if graph.node_pose[n] == pose]
-        graph.knowledge.status[tried] = UNKNOWN
-        examine(int(tried))
-        found[apart] += 1
-        borne = isinstance(planner.balance.at(pose, numbers), Balanced)
-        assert (graph.knowledge.status[tried] == ALIVE) == (apart and borne)
-    assert found[False]
+    answer = next(a for step in solved.steps if "grip_0" in (a := planner.balance.at(step.pose, step.hands)).contacts)
+    assert "push" in answer.contacts
+    for pose, numbers, postures, apart in pairs_of_postures(planner, 9):
+        grip, push = (HandHold(number, 1 << posture) for number, posture in zip(numbers, postures, strict=True))
+        graph = build_graph(planner.poses, (grip,), (push,), *tables, planner.settings.costs)
+        examine = NodeExaminer(graph, WillingBalance(planner, answer), planner.pair, *tables, Rejections(), "cost")
+        (node,) = np.flatnonzero((graph.node_pose == pose) & (graph.node_grip > 0) & (graph.node_push > 0))
+        examine(int(node))
+        assert (graph.knowledge.status[node] == ALIVE) == (apart is not None)

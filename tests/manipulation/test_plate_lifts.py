@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from planners.contract.task_spec import read_task
-from planners.manipulation.planner import LiftOutcome
+from planners.manipulation.lift_plan import LiftOutcome
 from planners.plan import plan
 from planners.scene.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.scene.scene import build_scene
