@@ -74,6 +74,12 @@ def area(outline: Array) -> float:
     return 0.5 * float(np.sum(_cross(outline, np.roll(outline, -1, axis=0))))
 
 
+def narrowest_width(outline: Array) -> float:
+    """Return the least distance between two parallel lines with a convex outline (n, 2) between them [m]."""
+    depths = np.einsum("kij,kj->ki", outline[None] - outline[:, None], inward_normals(outline))
+    return float(depths.max(axis=1).min())
+
+
 def centroid(outline: Array) -> Array:
     """Return the (2,) centroid of the enclosed area [m]."""
     following = np.roll(outline, -1, axis=0)

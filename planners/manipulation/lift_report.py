@@ -76,7 +76,8 @@ class LiftReport:
         cause = Rejection("capacity", reason, needed=thickness, available=width, unit="m")
         self._lift.rejections.add(cause)
         summary = (
-            f"The plate is {1e3 * thickness:.1f} mm thick and wider than that; the gripper opens {1e3 * width:.1f} mm."
+            f"The plate is {1e3 * thickness:.1f} mm thick; the gripper opens {1e3 * width:.1f} mm, "
+            "and the plate is no narrower from side to side."
         )
         return LiftPlan(
             LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}

@@ -13,6 +13,7 @@ from planners.geometry.polygon import (
     convex_outline,
     depth_inside,
     inward_normals,
+    narrowest_width,
     overlap,
     side_directions,
     side_lengths,
@@ -98,3 +99,15 @@ def test_overlap_with_a_polygon_around_it_is_the_polygon_itself():
 def test_outlines_that_are_not_convex_and_counter_clockwise_are_refused(corners):
     with pytest.raises(ShapeError):
         convex_outline(corners)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_narrowest_width_is_the_least_over_all_directions(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(12, 2)) * rng.uniform(0.05, 0.4, 2)
+    outline = points[ConvexHull(points).vertices]
+    angles = np.linspace(0.0, np.pi, 20_001)
+    along = outline @ np.array([np.cos(angles), np.sin(angles)])
+    brute = float((along.max(axis=0) - along.min(axis=0)).min())
+    assert narrowest_width(outline) <= brute + 1e-12
+    assert narrowest_width(outline) == pytest.approx(brute, abs=2e-4)
