@@ -83,6 +83,19 @@ class LiftReport:
             LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
         )
 
+    def too_large(self, edges: int) -> LiftPlan:
+        """Report that the graph would not fit into memory: nothing was searched."""
+        limit = self._lift.settings.largest_graph
+        cause = Rejection("sampling", "The graph of all poses and holds is too large", needed=edges, available=limit)
+        self._lift.rejections.add(cause)
+        summary = (
+            f"The graph would have {edges} edges, and {limit} fit into memory: lower contact_density or hold_density, "
+            "or simplify the plate's outline."
+        )
+        return LiftPlan(
+            LiftOutcome.NOT_FOUND, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
+        )
+
     def no_path(self) -> LiftPlan:
         """Say why nothing was found: which layer of the graph is empty, or what fell most."""
         alive = self._lift.graph.knowledge.status != DEAD
