@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -24,6 +25,8 @@ ROLES = ("plate", "object", "tool", "support", "obstacle", "table", "frame", "cu
 ELEMENT_SIZES = {"face": range(3, 1000), "edge": range(2, 3), "vertex": range(1, 2), "none": range(1)}
 _UNIT_QUATERNION = 1e-6
 _ABSURD = 1e9
+_LEVEL = math.cos(math.radians(0.1))
+"""Least upward component of the normal of a face that is level; contract."""
 
 
 class MalformedDocument(LiftwrightError):
@@ -81,6 +84,21 @@ class BodyView:
     com: Array
     T_world_start: Transform
     static: bool
+
+    @cached_property
+    def top(self) -> float:
+        """Height of the highest level face that looks up, at the start [m]; -inf if there is none."""
+        up = self.T_world_start[2, :3]
+        planes = np.vstack([part.planes for part in self.shape.parts])
+        level = planes[:, :3] @ up >= _LEVEL
+        # The point of each plane that is nearest to the body's origin.
+        heights = -planes[level, 3] * (planes[level, :3] @ up) + self.T_world_start[2, 3]
+        return float(heights.max(initial=-math.inf))
+
+    @cached_property
+    def lowest(self) -> float:
+        """Height of the lowest vertex at the start [m]."""
+        return float((self.shape.vertices @ self.T_world_start[2, :3]).min() + self.T_world_start[2, 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +199,17 @@ class PlanView:
     bodies: dict[str, BodyView]
     segments: tuple[SegmentView, ...]
 
-    @property
+    @cached_property
     def support(self) -> str:
-        """Name of the body that the plate rests on."""
-        return "support" if "support" in self.bodies else "table"
+        """Name of the body that the plate rests on at the start.
+
+        Of table and support the one whose top is nearer to the plate's lowest vertex: a support may stand beside.
+        """
+        known = [name for name in ("table", "support") if name in self.bodies]
+        if "plate" not in self.bodies or not known:
+            return "table"
+        lowest = self.bodies["plate"].lowest
+        return min(known, key=lambda name: abs(self.bodies[name].top - lowest))
 
 
 def child(pointer: str, key: str | int) -> str:
