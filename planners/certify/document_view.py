@@ -185,6 +185,24 @@ class SegmentView:
         return name if sample is None else f"{name}, sample {sample} (t = {self.time[sample]:.3f} s)"
 
 
+@dataclass(frozen=True)
+class CauseView:
+    """One cause of a plan that has no solution, with its numbers where it has any."""
+
+    reason: str
+    needed: float | None
+    available: float | None
+    unit: str | None
+
+
+@dataclass(frozen=True)
+class ExplanationView:
+    """Why a plan has no solution, or in a sentence how it goes."""
+
+    summary: str
+    causes: tuple[CauseView, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class PlanView:
     """The whole document."""
@@ -192,7 +210,7 @@ class PlanView:
     outcome: str
     task: Mapping[str, Any]
     cell: Mapping[str, Any]
-    explanation: Mapping[str, Any] | None
+    explanation: ExplanationView | None
     gravity: Array
     arms: dict[str, ArmView]
     hands: dict[str, HandView]
@@ -386,8 +404,6 @@ def read_document(document: Any) -> PlanView:
     if tuple(names) != JOINT_NAMES:
         raise MalformedDocument("/joint_names", f"are not {', '.join(JOINT_NAMES)}")
     explanation = root.get("explanation")
-    if explanation is not None:
-        explanation = read_object(explanation, "/explanation")
     arms = read_object(read_member(cell, "arms", "/cell"), "/cell/arms")
     hands = read_object(read_member(cell, "hands", "/cell"), "/cell/hands")
     bodies = read_object(read_member(root, "bodies", ""), "/bodies")
@@ -399,12 +415,39 @@ def read_document(document: Any) -> PlanView:
         outcome=outcome,
         task=task,
         cell=cell,
-        explanation=explanation,
+        explanation=None if explanation is None else _read_explanation(explanation),
         gravity=read_vector(read_member(cell, "gravity", "/cell"), "/cell/gravity", 3),
         arms={arm: _read_arm(arm, read_member(arms, arm, "/cell/arms"), child("/cell/arms", arm)) for arm in ARMS},
         hands=hand_views,
         bodies=body_views,
         segments=tuple(reader.read(i, segment, child("/segments", i)) for i, segment in enumerate(segments)),
+    )
+
+
+def _read_explanation(value: Any) -> ExplanationView:
+    at = "/explanation"
+    explanation = read_object(value, at)
+    where = child(at, "causes")
+    causes = read_list(read_member(explanation, "causes", at), where)
+    return ExplanationView(
+        summary=read_text(read_member(explanation, "summary", at), child(at, "summary")),
+        causes=tuple(_read_cause(cause, child(where, i)) for i, cause in enumerate(causes)),
+    )
+
+
+def _read_cause(value: Any, pointer: str) -> CauseView:
+    cause = read_object(value, pointer)
+
+    def number(key: str) -> float | None:
+        member = read_member(cause, key, pointer)
+        return None if member is None else read_number(member, child(pointer, key))
+
+    unit = read_member(cause, "unit", pointer)
+    return CauseView(
+        reason=read_text(read_member(cause, "reason", pointer), child(pointer, "reason")),
+        needed=number("needed"),
+        available=number("available"),
+        unit=None if unit is None else read_text(unit, child(pointer, "unit")),
     )
 
 
