@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import signal
+from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -121,7 +122,10 @@ class SolverProcess:
         await self._process.wait()
 
     async def _receive(self) -> Message:
-        line = await self._stdout.readline()
+        try:
+            line = await self._stdout.readline()
+        except ValueError:
+            raise SolverFault(f"the solver sent a line of more than {MAX_LINE} bytes") from None
         if not line.endswith(b"\n"):
             raise SolverDied(await self._process.wait())
         message: Message = json.loads(line)
@@ -138,24 +142,24 @@ class SolverProcess:
 
 
 class SolverPool:
-    """Keeps one idle, ready child per slot, so that a job does not wait for imports and compiled kernels."""
+    """Keeps one waiting child per slot, so that a job does not wait for imports and compiled kernels."""
 
     def __init__(self, command: SolverCommand, slots: int) -> None:
         self._command, self._slots = command, slots
-        self._idle: list[SolverProcess] = []
-        self._starting: set[asyncio.Task[None]] = set()
+        self._waiting: deque[asyncio.Task[SolverProcess | None]] = deque()
+        """One per slot, oldest first; the result is None if the child failed to get ready."""
 
     async def open(self) -> None:
-        """Start the idle children and wait until they are ready, or have failed to be."""
-        await asyncio.gather(*(self._add_idle() for _ in range(self._slots)))
+        """Start the waiting children and wait until they are ready, or have failed to be."""
+        for _ in range(self._slots):
+            self._start_one()
+        await asyncio.wait(self._waiting)
 
     async def close(self) -> None:
-        """End all idle children."""
-        for task in self._starting:
-            task.cancel()
-        await asyncio.gather(*self._starting, return_exceptions=True)
-        await asyncio.gather(*(child.kill() for child in self._idle))
-        self._idle.clear()
+        """End all waiting children."""
+        waiting = list(self._waiting)
+        self._waiting.clear()
+        await asyncio.gather(*map(_give_up, waiting))
 
     async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
         """Solve one request in a process of its own; when this is cancelled, the process is gone.
@@ -171,28 +175,41 @@ class SolverPool:
             await child.kill()
 
     async def _take(self) -> SolverProcess:
-        """Return an idle child, and have its successor get ready while it works."""
-        child = None
-        while self._idle and child is None:
-            waiting = self._idle.pop()
-            if waiting.alive:
-                child = waiting
-            else:
-                await waiting.kill()
-        task = asyncio.create_task(self._add_idle())
-        self._starting.add(task)
-        task.add_done_callback(self._starting.discard)
-        return child if child is not None else await SolverProcess.start(self._command)
+        """Return the child that has waited longest, and have its successor get ready while it works."""
+        oldest = self._waiting.popleft()
+        self._start_one()
+        try:
+            child = await asyncio.shield(oldest)
+        except asyncio.CancelledError:
+            await _give_up(oldest)
+            raise
+        if child is not None and child.alive:
+            return child
+        # It failed while nobody looked: one that this job starts itself tells the job what is wrong.
+        if child is not None:
+            await child.kill()
+        return await SolverProcess.start(self._command)
 
-    async def _add_idle(self) -> None:
+    def _start_one(self) -> None:
+        self._waiting.append(asyncio.create_task(self._get_ready()))
+
+    async def _get_ready(self) -> SolverProcess | None:
         child = await SolverProcess.start(self._command)
         try:
             await child.ready()
         except (SolverDied, SolverFault):
-            # The job that would have used it starts its own child and reports what is wrong with it.
             await child.kill()
+            return None
         except asyncio.CancelledError:
             await child.kill()
             raise
-        else:
-            self._idle.append(child)
+        return child
+
+
+async def _give_up(waiting: asyncio.Task[SolverProcess | None]) -> None:
+    """End a child, whether it is ready or not."""
+    waiting.cancel()
+    await asyncio.wait([waiting])
+    child = None if waiting.cancelled() else waiting.result()
+    if child is not None:
+        await child.kill()

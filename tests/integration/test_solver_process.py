@@ -96,18 +96,63 @@ def test_a_command_that_is_no_solver_is_a_death_with_its_exit_code() -> None:
 
 
 def test_every_job_of_a_pool_has_a_process_of_its_own_and_none_is_left_when_it_closes() -> None:
+    others = children()
+
     async def run() -> None:
         pool = SolverPool(COMMAND, slots=1)
         await pool.open()
         pids = set()
         for _ in range(3):
-            pids |= {process.pid for process in psutil.Process().children()}
+            pids |= children() - others
             await pool.solve(request("now"), ignore)
         assert len(pids) >= 2
         await pool.close()
 
     asyncio.run(run())
-    assert psutil.Process().children(recursive=True) == []
+    assert children() == others
+
+
+def test_short_jobs_one_after_the_other_do_not_heap_up_waiting_processes() -> None:
+    others = children()
+
+    async def run() -> None:
+        pool = SolverPool(COMMAND, slots=1)
+        await pool.open()
+        for _ in range(6):
+            await pool.solve(request("now"), ignore)
+            assert len(children() - others) <= 1
+        await pool.close()
+
+    asyncio.run(run())
+
+
+def test_a_job_that_is_cancelled_while_it_waits_for_its_process_leaves_none() -> None:
+    others = children()
+
+    async def run() -> None:
+        pool = SolverPool(COMMAND, slots=1)
+        await pool.open()
+        await pool.solve(request("now"), ignore)
+        job = asyncio.create_task(pool.solve(request("now"), ignore))
+        await asyncio.sleep(0)
+        job.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await job
+        await pool.close()
+
+    asyncio.run(run())
+    assert children() == others
+
+
+def children() -> set[psutil.Process]:
+    """The processes below this one; other tests keep a service."""
+    return set(psutil.Process().children(recursive=True))
+
+
+def test_a_line_without_end_is_a_fault_and_not_a_full_memory() -> None:
+    endless = "import os\nfor _ in range(40): os.write(1, b'x' * 2**20)\nos.read(0, 1)\nos.read(0, 10**6)"
+    with pytest.raises(SolverFault, match="a line of more than"):
+        solve("now", SolverCommand((sys.executable, "-c", endless), {}))
 
 
 def test_a_solver_dies_with_the_process_that_started_it() -> None:
