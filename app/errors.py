@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
+from itertools import chain
 
 import structlog
 from fastapi import FastAPI, Request
@@ -13,6 +14,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import compile_path
 
 from planners.contract.problems import Problem, json_pointer, problems_of
 from planners.contract.strict_json import NotJson
@@ -32,7 +34,7 @@ class PlanNotFound(ServiceError):
     """No plan has that id."""
 
     def __init__(self, plan_id: str) -> None:
-        super().__init__(f"there is no plan {plan_id!r}")
+        super().__init__(f"there is no plan {plan_id[:100]!r}")
 
 
 class DocumentNotReady(ServiceError):
@@ -73,6 +75,14 @@ class NotJsonMedia(ServiceError):
         was = "missing" if given is None else f"{given[:100]!r}"
         super().__init__(f"the Content-Type is {was}; it must be application/json")
         self.headers = {"Accept-Post": "application/json"}
+
+
+class EncodedBody(ServiceError):
+    """A body is declared as compressed."""
+
+    def __init__(self, coding: str) -> None:
+        super().__init__(f"the Content-Encoding is {coding[:100]!r}; bodies are taken as they are")
+        self.headers = {"Accept-Encoding": "identity"}
 
 
 class BadHeader(ServiceError):
@@ -117,6 +127,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     NotFinished: Answer(HTTPStatus.CONFLICT, "Not finished"),
     BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),
     NotJsonMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a JSON body"),
+    EncodedBody: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "An encoded body"),
     ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
@@ -168,10 +179,21 @@ def _problems(error: Exception) -> list[Problem]:
     return []
 
 
-def _answer_router(_: Request, error: Exception) -> Response:
+def _answer_router(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     status = HTTPStatus(error.status_code)
-    return problem_response(Answer(status, status.phrase), str(error.detail), headers=error.headers)
+    headers = dict(error.headers or {})
+    if status is HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(_methods(request)) or headers["Allow"]
+    return problem_response(Answer(status, status.phrase), str(error.detail), headers=headers)
+
+
+def _methods(request: Request) -> list[str]:
+    """Return the methods of a path; the router itself names those of the first route alone."""
+    described: Mapping[str, Mapping[str, object]] = request.app.openapi()["paths"]
+    path = request.url.path
+    fitting = (methods for template, methods in described.items() if compile_path(template)[0].match(path))
+    return sorted(method.upper() for method in chain.from_iterable(fitting))
 
 
 def _answer_unknown(request: Request, error: Exception) -> Response:

@@ -7,7 +7,7 @@ from typing import Any
 
 from starlette.requests import ClientDisconnect, Request
 
-from app.errors import BodyTooLarge, NotJsonMedia
+from app.errors import BodyTooLarge, EncodedBody, NotJsonMedia
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import read_task, write_task
 from planners.scene.cell import Cell
@@ -22,11 +22,17 @@ async def read_body(request: Request, limit: int) -> bytes:
 
     Raises:
         NotJsonMedia: It is declared as something else.
+        EncodedBody: It is declared as compressed.
         BodyTooLarge: It has more than `limit` bytes; the rest is not kept.
     """
     media_type = request.headers.get("content-type")
     if media_type is None or media_type.split(";")[0].strip().lower() != "application/json":
         raise NotJsonMedia(media_type)
+    coding = request.headers.get("content-encoding", "identity")
+    if coding.strip().lower() != "identity":
+        raise EncodedBody(coding)
+    if _not_worth_reading(request, limit):
+        raise BodyTooLarge(limit)
     body = bytearray()
     stream = request.stream()
     async for chunk in stream:
@@ -45,6 +51,14 @@ async def read_body(request: Request, limit: int) -> bytes:
     except ClientDisconnect:
         pass  # It did not want to know.
     raise BodyTooLarge(limit)
+
+
+def _not_worth_reading(request: Request, limit: int) -> bool:
+    """Whether a body is declared as too large, and its sender waits for a word first or would send for ages."""
+    declared = request.headers.get("content-length", "")
+    size = int(declared) if declared.isdecimal() else 0
+    waits = request.headers.get("expect", "").lower() == "100-continue"
+    return size > (limit if waits else limit + DRAINED_BYTES)
 
 
 def accept_task(body: bytes, cells: Mapping[str, Cell]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
 from app.resources import PlanResource, plan_resource
 from workers.job_queue import JobQueue
-from workers.job_state import JobState
+from workers.job_state import Job, JobState
 from workers.plan_store import PlanRecord, PlanStore, StoredDocument, fingerprint
 
 
@@ -25,9 +25,11 @@ class PlanDesk:
             QueueFull: There are too many unfinished jobs.
             KeyUsedForAnotherTask: The key was used for another task.
         """
-        if len(self.queue.unfinished(self._max_queued)) >= self._max_queued:
-            raise QueueFull(self._max_queued)
-        record = self.store.accept(task, idempotency_key, self.queue)
+        record = self.store.by_key(idempotency_key)
+        if record is None:
+            if len(self.queue.unfinished(self._max_queued)) >= self._max_queued:
+                raise QueueFull(self._max_queued)
+            record = self.store.accept(task, idempotency_key, self.queue)
         if record.fingerprint != fingerprint(task):
             raise KeyUsedForAnotherTask
         return self._with_job(record)
@@ -48,7 +50,7 @@ class PlanDesk:
         records = self.store.newest(size + 1, before)
         shown = records[:size]
         jobs = self.queue.jobs([record.id for record in shown])
-        plans = [plan_resource(record, jobs[record.id]) for record in shown if record.id in jobs]
+        plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]
         last = shown[-1] if len(records) > size else None
         return plans, None if last is None else (last.created_us, last.id)
 
@@ -98,6 +100,9 @@ class PlanDesk:
         job = self.queue.jobs([record.id]).get(record.id)
         if job is None:
             raise PlanNotFound(record.id)
+        return self._resource(record, job)
+
+    def _resource(self, record: PlanRecord, job: Job) -> PlanResource:
         # What was stored between the two reads belongs to the state that was read last.
         fresh = self.store.get(record.id) if job.state.done and record.finished_us is None else record
         return plan_resource(fresh or record, job)

@@ -76,7 +76,7 @@ class PlanStore:
 
         The caller compares fingerprints to learn whether the key was used for another task.
         """
-        known = self._by_key(idempotency_key)
+        known = self.by_key(idempotency_key)
         if known is not None:
             return known
         values = {
@@ -93,7 +93,7 @@ class PlanStore:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"])
         except IntegrityError:
-            known = self._by_key(idempotency_key)
+            known = self.by_key(idempotency_key)
             if known is None:
                 raise
             return known
@@ -104,6 +104,12 @@ class PlanStore:
     def get(self, plan_id: str) -> PlanRecord | None:
         """Return one plan."""
         return self._one(_RECORDS.where(PLANS.c.id == plan_id))
+
+    def by_key(self, idempotency_key: str | None) -> PlanRecord | None:
+        """Return the plan that a key made; None without a key."""
+        if idempotency_key is None:
+            return None
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == idempotency_key))
 
     def newest(self, most: int, before: tuple[int, str] | None) -> list[PlanRecord]:
         """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`."""
@@ -160,6 +166,12 @@ class PlanStore:
         with self._engine.connect() as connection:
             return [(row.sequence, json.loads(row.event)) for row in connection.execute(query)]
 
+    def last_event(self, plan_id: str) -> int:
+        """Return the number of the newest event; 0 if there is none."""
+        query = sa.select(sa.func.max(EVENTS.c.sequence)).where(EVENTS.c.plan_id == plan_id)
+        with self._engine.connect() as connection:
+            return connection.scalar(query) or 0
+
     def save_document(self, plan_id: str, outcome: str, sha256: str, gzip: bytes) -> None:
         """Store a document, instead of an earlier one if there is one; nothing happens to a plan that was deleted."""
         with self._engine.begin() as transaction:
@@ -199,11 +211,6 @@ class PlanStore:
         """Raise what the database raises when it cannot be reached."""
         with self._engine.connect() as connection:
             connection.execute(sa.select(1))
-
-    def _by_key(self, idempotency_key: str | None) -> PlanRecord | None:
-        if idempotency_key is None:
-            return None
-        return self._one(_RECORDS.where(PLANS.c.idempotency_key == idempotency_key))
 
     def _one(self, query: sa.Select[Any]) -> PlanRecord | None:
         with self._engine.connect() as connection:

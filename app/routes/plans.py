@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import base64
-import binascii
 import gzip
 import hashlib
-import json
 import re
 import time
 from typing import Annotated, Any
@@ -19,6 +16,7 @@ from starlette.responses import StreamingResponse
 from app.errors import BadHeader
 from app.events import stream_events
 from app.intake import accept_task, read_body
+from app.page_token import read_page_token, write_page_token
 from app.plan_desk import PlanDesk
 from app.resources import PlanList, PlanResource, ProblemDocument
 from app.settings import ServiceSettings
@@ -69,7 +67,7 @@ async def post_plan(
     desk: Desk,
     settings: Settings,
     idempotency_key: Annotated[str | None, Header()] = None,
-    prefer: Annotated[str | None, Header()] = None,
+    prefer: Annotated[list[str] | None, Header()] = None,
 ) -> Response:
     """Accept a task; its job runs in the background."""
     key = _read_idempotency_key(idempotency_key)
@@ -90,8 +88,8 @@ def list_plans(
     desk: Desk, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
 ) -> PlanList:
     """Return one page of plans."""
-    plans, next_page = desk.page(page_size, None if page_token is None else _read_page_token(page_token))
-    return PlanList(plans=plans, next_page_token=None if next_page is None else _write_page_token(next_page))
+    plans, next_page = desk.page(page_size, None if page_token is None else read_page_token(page_token))
+    return PlanList(plans=plans, next_page_token=None if next_page is None else write_page_token(next_page))
 
 
 @router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses=NOT_FOUND)
@@ -114,7 +112,8 @@ def get_document(
 ) -> Response:
     """Return the plan document of a job that has succeeded."""
     document = desk.document(plan_id)
-    headers = {"ETag": f'"{document.sha256}"', "Vary": "Accept-Encoding"}
+    # Weak: compressed or not, it is the same document in other bytes.
+    headers = {"ETag": f'W/"{document.sha256}"', "Vary": "Accept-Encoding"}
     body = document.gzip
     if re.search(r"\bgzip\b(?!\s*;\s*q=0(\.0*)?\s*(,|$))", accept_encoding):
         headers["Content-Encoding"] = "gzip"
@@ -134,14 +133,11 @@ def get_document(
 )
 async def get_events(plan_id: str, desk: Desk, last_event_id: Annotated[str | None, Header()] = None) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
-    if last_event_id is not None and not re.fullmatch(r"\d{1,9}", last_event_id):
-        raise BadHeader("Last-Event-ID must be the id of an event of this stream")
-    received = int(last_event_id or 0)
     plan = await run_in_threadpool(desk.plan, plan_id)
-    if plan.done and received > 0:
-        missed = await run_in_threadpool(desk.store.events_after, plan_id, received - 1)
-        if not missed:
-            return Response(status_code=204)
+    sent = await run_in_threadpool(desk.store.last_event, plan_id)
+    received = _read_event_id(last_event_id, sent + 1 if plan.done else sent)
+    if received > sent:
+        return Response(status_code=204)
     return StreamingResponse(
         stream_events(desk, plan_id, received), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
     )
@@ -190,7 +186,7 @@ def _unless_known(response: Response, if_none_match: str | None) -> Response:
     if if_none_match is None:
         return response
     known = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
-    if response.headers["ETag"] not in known and "*" not in known:
+    if response.headers["ETag"].removeprefix("W/") not in known and "*" not in known:
         return response
     kept = ("etag", "cache-control", "retry-after", "vary")
     return Response(status_code=304, headers={k: v for k, v in response.headers.items() if k in kept})
@@ -205,23 +201,19 @@ def _read_idempotency_key(header: str | None) -> str | None:
     return key
 
 
-def _read_wait(prefer: str | None) -> int | None:
-    """Preferences that are not understood are ignored (RFC 7240)."""
-    match = re.search(r"(?:^|[,;\s])wait\s*=\s*\"?(\d{1,6})", prefer or "", re.IGNORECASE)
-    return None if match is None else int(match.group(1))
+def _read_wait(prefer: list[str] | None) -> int | None:
+    """Return the first `wait` [s]; preferences that are not understood are ignored (RFC 7240)."""
+    for preference in ",".join(prefer or ()).split(","):
+        match = re.fullmatch(r"\s*wait\s*=\s*(\"?)(\d{1,9})\1\s*(;.*)?", preference, re.IGNORECASE | re.ASCII)
+        if match is not None:
+            return int(match.group(2))
+    return None
 
 
-def _write_page_token(position: tuple[int, str]) -> str:
-    return base64.urlsafe_b64encode(json.dumps(position).encode()).decode().rstrip("=")
-
-
-def _read_page_token(token: str) -> tuple[int, str]:
-    try:
-        position = json.loads(base64.urlsafe_b64decode(token + "=" * (-len(token) % 4)))
-    except (binascii.Error, ValueError) as error:
-        raise BadHeader("page_token is not one this service gave") from error
-    match position:
-        case [int(created_us), str(plan_id)]:
-            return created_us, plan_id
-        case _:
-            raise BadHeader("page_token is not one this service gave")
+def _read_event_id(header: str | None, last: int) -> int:
+    """Return how many events a client has; `last` were sent at most."""
+    if header is None:
+        return 0
+    if not re.fullmatch(r"\d{1,9}", header, re.ASCII) or int(header) > last:
+        raise BadHeader("Last-Event-ID must be the id of an event of this stream")
+    return int(header)

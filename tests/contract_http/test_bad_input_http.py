@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import socket
 import time
 from typing import Any
 
@@ -124,6 +126,36 @@ def test_ten_megabytes_are_a_413_with_a_declared_length_and_without(client: http
     assert time.perf_counter() - begun < LONGEST_SECONDS
 
 
-def test_an_idempotency_key_that_cannot_be_one_is_refused(client: httpx.Client) -> None:
-    headers = {"Content-Type": "application/json", "Idempotency-Key": "a b"}
+def test_a_number_beyond_all_bounds_is_no_finite_number(client: httpx.Client) -> None:
+    body = json.dumps(task(plate=_plate(mass=12345))).replace("12345", "1e999").encode()
+    (error,) = post(client, body).json()["errors"]
+    assert error["pointer"] == "/plate/mass"
+
+
+def test_a_compressed_body_is_a_415(client: httpx.Client) -> None:
+    headers = {"Content-Type": "application/json", "Content-Encoding": "gzip"}
+    answer = client.post("/v1/plans", content=gzip.compress(json.dumps(task()).encode()), headers=headers)
+    assert (answer.status_code, answer.headers["Accept-Encoding"]) == (415, "identity")
+
+
+def test_a_body_that_is_announced_too_large_is_refused_before_it_is_sent(address: str) -> None:
+    host, port = address.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=LONGEST_SECONDS) as connection:
+        connection.sendall(
+            b"POST /v1/plans HTTP/1.1\r\nHost: a\r\nContent-Type: application/json\r\n"
+            b"Content-Length: 10000000\r\nExpect: 100-continue\r\n\r\n"
+        )
+        assert connection.recv(100).startswith(b"HTTP/1.1 413 ")
+
+
+def test_an_id_of_any_length_and_kind_names_no_plan(client: httpx.Client) -> None:
+    for plan_id in ("%00", "%ff", "..%2f..%2fetc%2fpasswd", "a" * 30_000):
+        answer = client.get(f"/v1/plans/{plan_id}")
+        assert answer.status_code == 404
+        assert len(answer.content) < 1000
+
+
+@pytest.mark.parametrize("key", ["a b", "", '""', "a" * 256, "a" * 50_000])
+def test_an_idempotency_key_that_cannot_be_one_is_refused(client: httpx.Client, key: str) -> None:
+    headers = {"Content-Type": "application/json", "Idempotency-Key": key}
     assert client.post("/v1/plans", content=json.dumps(task()).encode(), headers=headers).status_code == 400

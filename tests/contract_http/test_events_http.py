@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import httpx
+import pytest
 from support.service import task
 
 
@@ -57,8 +58,10 @@ def test_a_client_that_has_everything_is_told_to_stop(client: httpx.Client) -> N
     assert answer.status_code == 204
 
 
-def test_an_id_that_no_event_can_have_is_refused(client: httpx.Client) -> None:
-    answer = client.get(post(client, "now")["links"]["events"], headers={"Last-Event-ID": "x"})
+@pytest.mark.parametrize("last", ["x", "-1", "1e3", "", "999999999", "9" * 5000])
+@pytest.mark.parametrize("wish", ["now", "hang"])
+def test_an_id_that_no_event_of_the_stream_has_is_refused(client: httpx.Client, wish: str, last: str) -> None:
+    answer = client.get(post(client, wish)["links"]["events"], headers={"Last-Event-ID": last})
     assert answer.status_code == 400
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
 import json
 from datetime import datetime
@@ -9,6 +10,8 @@ from datetime import datetime
 import httpx
 import pytest
 from support.service import finished, task, wait_for
+
+ODD_TOKENS = [b"", b"[1" + b"0" * 30 + b', "a"]', b"[" * 3000, b'[1, "\\ud800"]', b"\xff", b"9" * 19 + b"-" + b"a" * 32]
 
 
 def post(client: httpx.Client, wish: str = "now", **headers: str) -> httpx.Response:
@@ -60,6 +63,21 @@ def test_the_same_key_and_body_make_one_plan(client: httpx.Client) -> None:
     first, second = post(client, Idempotency_Key='"order-17"'), post(client, Idempotency_Key="order-17")
     assert (first.status_code, second.status_code) == (202, 202)
     assert first.json()["id"] == second.json()["id"]
+
+
+@pytest.mark.parametrize(
+    "prefer", ["wait", "wait=", "wait=-1", "wait=1x", "handling=strict; wait=9", "await=9", "wait=9999999999", ";,="]
+)
+def test_a_preference_that_is_not_understood_is_ignored(client: httpx.Client, prefer: str) -> None:
+    answer = post(client, "hang", Prefer=prefer)
+    assert answer.status_code == 202
+    client.post(answer.json()["links"]["cancel"])
+
+
+def test_a_preference_is_found_on_any_of_several_lines(client: httpx.Client) -> None:
+    headers = [("Prefer", "respond-async"), ("Prefer", 'wait="20"')]
+    answer = client.post("/v1/plans", json=task(external_id="now"), headers=headers)
+    assert (answer.status_code, answer.headers["Preference-Applied"]) == (200, "wait=20")
 
 
 def test_the_same_key_with_another_body_is_refused(client: httpx.Client) -> None:
@@ -167,6 +185,14 @@ def test_the_queue_has_an_end(client: httpx.Client) -> None:
     assert answers[-1].headers["Content-Type"] == "application/problem+json"
 
 
+def test_a_key_finds_its_plan_even_when_the_queue_is_full(client: httpx.Client) -> None:
+    first = post(client, "hang", Idempotency_Key="order-19")
+    while post(client, "hang").status_code == 202:
+        pass
+    again = post(client, "hang", Idempotency_Key="order-19")
+    assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])
+
+
 def test_capabilities_name_what_can_be_planned(client: httpx.Client) -> None:
     told = client.get("/v1/capabilities").json()
     assert told["kinds"] == ["plate_lift"]
@@ -200,15 +226,33 @@ def test_what_does_not_exist_is_a_404_as_problem_json(client: httpx.Client, path
     assert answer.headers["Content-Type"] == "application/problem+json"
 
 
-def test_a_wrong_method_is_told_which_ones_are_right(client: httpx.Client) -> None:
-    answer = client.put("/v1/plans")
+@pytest.mark.parametrize("method", ["PUT", "OPTIONS", "PATCH"])
+@pytest.mark.parametrize(
+    ("path", "allowed"),
+    [
+        ("/v1/plans", "GET, POST"),
+        ("/v1/plans/some", "DELETE, GET"),
+        ("/v1/plans/some/cancel", "POST"),
+        ("/livez", "GET"),
+    ],
+)
+def test_a_wrong_method_is_told_which_ones_are_right(
+    client: httpx.Client, method: str, path: str, allowed: str
+) -> None:
+    answer = client.request(method, path)
     assert answer.status_code == answer.json()["status"] == 405
-    assert answer.headers["Allow"]
+    assert answer.headers["Allow"] == allowed
     assert answer.headers["Content-Type"] == "application/problem+json"
 
 
 @pytest.mark.parametrize(
-    ("params", "status"), [({"page_size": 0}, 422), ({"page_size": "many"}, 422), ({"page_token": "%%%"}, 400)]
+    ("params", "status"),
+    [
+        ({"page_size": 0}, 422),
+        ({"page_size": "many"}, 422),
+        ({"page_token": "%%%"}, 400),
+        *(({"page_token": base64.urlsafe_b64encode(text).decode()}, 400) for text in ODD_TOKENS),
+    ],
 )
 def test_parameters_that_cannot_be_followed_are_refused(client: httpx.Client, params: dict, status: int) -> None:
     answer = client.get("/v1/plans", params=params)
