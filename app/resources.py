@@ -104,7 +104,7 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},
             "created_at": _time(record.created_us),
             "started_at": _time(record.started_us),
-            "finished_at": _time(record.finished_us if job.state.done else None),
+            "finished_at": _time(_finished_us(record, job)),
             "attempts": record.attempts,
             "error": None if job.error is None else {"detail": job.error},
             "links": {
@@ -115,6 +115,14 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             },
         }
     )
+
+
+def _finished_us(record: PlanRecord, job: Job) -> int | None:
+    """Return when a job ended: our own time, or the engine's where we had no chance to note it."""
+    if not job.state.done or record.finished_us is not None or job.ended_us is None:
+        return record.finished_us if job.state.done else None
+    # The engine's is in whole seconds on SQLite.
+    return max(job.ended_us, record.started_us or record.created_us)
 
 
 def _time(microseconds: int | None) -> datetime | None:

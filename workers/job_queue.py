@@ -79,4 +79,4 @@ def _job(status: WorkflowStatus) -> Job:
     error = None
     if state is JobState.FAILED:
         error = INTERRUPTED_TOO_OFTEN if status.error is None else str(status.error)
-    return Job(state, error)
+    return Job(state, error, None if not state.done or status.updated_at is None else status.updated_at * 1000)

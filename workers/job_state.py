@@ -39,3 +39,5 @@ class Job:
     state: JobState
     error: str | None
     """A sentence, if the job failed."""
+    ended_us: int | None
+    """When it ended, as coarsely as the engine knows [microseconds since 1970, UTC]."""
