@@ -52,6 +52,8 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         create_app(settings, with_worker=with_worker),
         host=settings.host,
         port=settings.port,
+        http="h11",
+        ws="none",
         log_level="warning",
         access_log=False,
         server_header=False,
@@ -80,9 +82,11 @@ def warm_up(settings: WorkerSettings) -> None:
     """
     sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, about a minute\n")
     command = (*settings.solver_command, COMPILE)
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=False)
-    if done.returncode != 0:
-        raise WarmUpFailed(done.returncode)
+    # It ends when its stdin does: with this process, however that ends.
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
+        return_code = compiler.wait()
+    if return_code != 0:
+        raise WarmUpFailed(return_code)
 
 
 class _Server(uvicorn.Server):

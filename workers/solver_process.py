@@ -124,6 +124,7 @@ if __name__ == "__main__":
     from workers.pipeline import Pipeline
 
     if COMPILE in sys.argv:
+        threading.Thread(target=_listen_to_the_worker, args=(SimpleQueue(),), daemon=True).start()
         Pipeline.load().compile()
     else:
         main(lambda: Pipeline.load().warm_up().solve)
