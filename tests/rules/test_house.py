@@ -52,8 +52,8 @@ def test_every_path_that_tool_settings_name_exists() -> None:
 
 def test_every_dependency_is_locked_within_its_range() -> None:
     lines = (ROOT / "constraints.txt").read_text().splitlines()
-    pinned = (line.partition("==") for line in lines if "==" in line)
-    locked = {canonicalize_name(name): Version(version) for name, _, version in pinned}
+    pinned = (line.partition(";")[0].partition("==") for line in lines if "==" in line and line[0] != "#")
+    locked = {canonicalize_name(name): Version(number) for name, _, number in pinned}
     extras = PROJECT["project"]["optional-dependencies"].values()
     wanted = [Requirement(text) for text in [*PROJECT["project"]["dependencies"], *chain(*extras)]]
     names = {requirement.name: canonicalize_name(requirement.name) for requirement in wanted}
