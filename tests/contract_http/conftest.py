@@ -1,4 +1,4 @@
-"""One running app for all tests of the HTTP contract, with a solver that makes its answers up."""
+"""A running app for the tests of the HTTP contract, with a solver that makes its answers up."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ from app.settings import ServiceSettings
 MAX_QUEUED = 12
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Serve in a thread, so that a test sees what really goes over the wire."""
+    """Serve in a thread, so that a test sees what really goes over the wire.
+
+    Not for longer than needed: the job engine draws random numbers, which tests of properties must not see.
+    """
     data_dir: Path = tmp_path_factory.mktemp("data")
     settings = ServiceSettings(data_dir=data_dir, solver_command=FAKE_SOLVER, worker_slots=1, max_queued=MAX_QUEUED)
     app = create_app(settings, with_worker=True)

