@@ -65,7 +65,7 @@ def balance_checks(
     return [
         force.check(),
         moment.check(),
-        _inertia(plan, motions, sets, settings),
+        *_inertia(plan, motions, sets, settings),
         _spacing(plan, motions, sets, settings),
     ]
 
@@ -87,37 +87,68 @@ def _centres(body: BodyView, poses: Array) -> Array:
 
 def _inertia(
     plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]], settings: CertifySettings
-) -> Check:
+) -> list[Check]:
     """What inertia was counted must be what the motion has, up to a small part of the weight.
 
-    The acceleration of the centre of mass is taken from the poses; where it jumps, any value in between will do.
+    Force and moment about the centre of mass are taken from the poses, for a homogeneous body of the stated mass; where
+    they jump, any value in between will do. The moment may miss that part of the weight at a lever of the body's
+    largest radius of gyration.
     """
-    finding = Finding("inertia", "N")
-    weight = float(np.linalg.norm(plan.gravity))
+    force, moment = Finding("inertia", "N"), Finding("angular_inertia", "Nm")
+    gravity = float(np.linalg.norm(plan.gravity))
     for motion, group in zip(motions, sets, strict=True):
-        accelerations: dict[str, Array] = {}
-        for contact_set in group:
-            body = plan.bodies[contact_set.body]
-            if body.mass is None:
+        for name in sorted({contact_set.body for contact_set in group}):
+            body, mass = plan.bodies[name], plan.bodies[name].mass
+            if mass is None:
                 continue
-            if body.name not in accelerations:
-                accelerations[body.name] = _accelerations(
-                    motion.segment.time, _centres(body, motion.body_poses[body.name])
-                )
-            counted = sum((c.force for c in contact_set.contacts if c.kind == "inertia"), np.zeros(3))
-            low, high = _around(-body.mass * accelerations[body.name], contact_set.sample)
-            missing = np.linalg.norm(counted - np.clip(counted, low, high))
-            finding.note(settings.inertia_fraction * body.mass * weight - float(missing), contact_set.where)
-    return finding.check()
+            time, poses = motion.segment.time, motion.body_poses[name]
+            tensor = body.shape.inertia(mass, body.com)
+            lever = float(np.sqrt(np.linalg.norm(tensor, 2) / mass))
+            forces = -mass * _second_differences(time, np.diff(_centres(body, poses), axis=0))
+            moments = -_second_differences(time, _momenta(poses, tensor))
+            slack = settings.inertia_fraction * mass * gravity
+            for contact_set in group:
+                if contact_set.body == name:
+                    counted_force, counted_moment = _counted(contact_set, body)
+                    missing = _missing(counted_force, forces, contact_set.sample)
+                    force.note(slack - missing, contact_set.where)
+                    missing = _missing(counted_moment, moments, contact_set.sample)
+                    moment.note(slack * lever - missing, contact_set.where)
+    return [force.check(), moment.check()]
 
 
-def _accelerations(time: Array, centres: Array) -> Array:
-    """Return second differences at the inner samples, (n - 2, 3); zero for two samples, which start and end at rest."""
+def _counted(contact_set: ContactSet, body: BodyView) -> tuple[Array, Array]:
+    """Return force [N] and moment about the centre of mass [Nm] of the contacts of kind `inertia`."""
+    T = contact_set.T_world_body
+    com, force, moment = T[:3, :3] @ body.com + T[:3, 3], np.zeros(3), np.zeros(3)
+    for contact in contact_set.contacts:
+        if contact.kind == "inertia":
+            force = force + contact.force
+            moment = moment + contact.torque + np.cross(contact.point - com, contact.force)
+    return force, moment
+
+
+def _missing(counted: Array, needed: Array, sample: int) -> float:
+    low, high = _around(needed, sample)
+    return float(np.linalg.norm(counted - np.clip(counted, low, high)))
+
+
+def _momenta(poses: Array, tensor: Array) -> Array:
+    """Return what angular momentum times the step is, about the centre of mass and world axes: (n - 1, 3) [Nm s²]."""
+    before, after = poses[:-1, :3, :3], poses[1:, :3, :3]
+    middle = (before + after) / 2
+    R = after @ np.swapaxes(before, 1, 2)
+    sines = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) / 2
+    # Steps are small: the angle is its sine.
+    return np.einsum("nij,jk,nlk,nl->ni", middle, tensor, middle, sines, optimize=True)
+
+
+def _second_differences(time: Array, steps: Array) -> Array:
+    """Return rates of change of steps / time at the inner samples, (n - 2, 3); zero for two samples: at rest both."""
     if len(time) < 3:
         return np.zeros((1, 3))
-    steps = np.diff(time)[:, None]
-    rates = np.diff(centres, axis=0) / steps
-    return np.diff(rates, axis=0) / ((steps[:-1] + steps[1:]) / 2)
+    intervals = np.diff(time)[:, None]
+    return np.diff(steps / intervals, axis=0) / ((intervals[:-1] + intervals[1:]) / 2)
 
 
 def _around(values: Array, sample: int) -> tuple[Array, Array]:

@@ -55,6 +55,17 @@ class BodyShape:
     """(n, 3), all corners [m]."""
     parts: tuple[ConvexPart, ...]
 
+    def inertia(self, mass: float, point: Array) -> Array:
+        """Return the moment of inertia about a point of a homogeneous body of this shape: (3, 3) [kg m²].
+
+        The second moments of the tetrahedra between the point and each face's triangles are added up, signed.
+        """
+        a, b, c = np.swapaxes(np.concatenate([p.vertices[p.triangles] for p in self.parts]) - point, 0, 1)
+        volumes = np.einsum("ni,ni->n", a, np.cross(b, c)) / 6.0
+        corners = np.stack([a, b, c, a + b + c], axis=1)
+        second = np.einsum("n,nki,nkj->ij", volumes, corners, corners) / 20.0 * (mass / volumes.sum())
+        return np.trace(second) * np.eye(3) - second
+
     def surface_distance(self, point: Array) -> tuple[float, Array]:
         """Return the distance of a point from the nearest face's plane, negative inside, and its outward normal.
 

@@ -17,6 +17,7 @@ from planners.certify.document_view import MalformedDocument, PlanView, read_doc
 from planners.certify.holds import hold_checks
 from planners.certify.infeasibility import infeasibility_check
 from planners.certify.joins import join_checks
+from planners.certify.kinds import kind_check
 from planners.certify.lift_task import LiftTask, read_lift_task
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
@@ -91,6 +92,7 @@ def _checks(
     return [
         *scene_checks(plan, document, task, reference, settings),
         *joint_checks(plan, settings),
+        kind_check(motions, settings),
         *join_checks(plan, motions, task, home, settings),
         *attachment_checks(plan, motions, settings),
         *hold_checks(plan, motions, settings),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
+from planners.certify.document_view import ContactStateView, PlanView
 from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, Transform
 
 _CORNER = 1e-6
 """Distance at which a stated vertex is a corner of the body [m]."""
@@ -28,34 +29,81 @@ def heights(poses: Array, points: Array) -> Array:
 def contact_state_checks(
     plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings: CertifySettings
 ) -> list[Check]:
-    """Check the elements in contact of every segment, and the goal."""
-    finding = Finding("contact_states", "m")
-    top, plate = support_height(plan), plan.bodies["plate"].shape.vertices
+    """Check the elements in contact of every segment, that nothing else touches and nothing slides, and the goal."""
+    stated, unstated = Finding("contact_states", "m"), Finding("unstated_contacts", "m")
+    slip = Finding("contact_slip", "m")
     for motion in motions:
-        segment, poses = motion.segment, motion.body_poses["plate"]
-        tolerance = settings.element_height
-        finding.note_all(
-            tolerance + heights(poses, plate) - top,
-            lambda i, k, s=segment: f"{s.place(i)}: vertex {k} of plate is below its support",
-        )
-        state = segment.contact_state
-        if state is None:
-            if "plate" in segment.body_poses and np.ptp(poses, axis=0).max() > settings.join:
-                finding.require(False, segment.place(), "plate moves without a contact state")
-            continue
-        if state.element == "none":
-            continue
-        if state.other != plan.support:
-            finding.require(False, segment.place(), f"plate touches {state.other}, it rests on {plan.support}")
-        to_corner = np.linalg.norm(state.vertices[:, None] - plate[None], axis=2).min(axis=1)
-        finding.note_all(
-            _CORNER - to_corner, lambda k, s=segment: f"{s.place()}: contact vertex {k} is no corner of plate"
-        )
-        finding.note_all(
-            tolerance - np.abs(heights(poses, state.vertices) - top),
-            lambda i, k, s=segment: f"{s.place(i)}: contact vertex {k} of plate is off its support",
-        )
-    return [finding.check(), *_goal(plan, motions, task, settings)]
+        _heights(plan, motion, settings, stated)
+        if motion.segment.contact_state is not None:
+            _unstated(plan, motion, motion.segment.contact_state, settings, unstated)
+            _slip(motion, motion.segment.contact_state, settings, slip)
+    return [stated.check(), unstated.check(), slip.check(), *_goal(plan, motions, task, settings)]
+
+
+def _heights(plan: PlanView, motion: SegmentMotion, settings: CertifySettings, finding: Finding) -> None:
+    """The stated vertices are at the support's height, no vertex is below."""
+    segment, poses, plate = motion.segment, motion.body_poses["plate"], plan.bodies["plate"].shape.vertices
+    top, tolerance = support_height(plan), settings.element_height
+    finding.note_all(
+        tolerance + heights(poses, plate) - top,
+        lambda i, k: f"{segment.place(i)}: vertex {k} of plate is below its support",
+    )
+    state = segment.contact_state
+    if state is None:
+        if "plate" in segment.body_poses and np.ptp(poses, axis=0).max() > settings.join:
+            finding.require(False, segment.place(), "plate moves without a contact state")
+        return
+    if state.element == "none":
+        return
+    if state.other != plan.support:
+        finding.require(False, segment.place(), f"plate touches {state.other}, it rests on {plan.support}")
+    to_corner = np.linalg.norm(state.vertices[:, None] - plate[None], axis=2).min(axis=1)
+    finding.note_all(_CORNER - to_corner, lambda k: f"{segment.place()}: contact vertex {k} is no corner of plate")
+    finding.note_all(
+        tolerance - np.abs(heights(poses, state.vertices) - top),
+        lambda i, k: f"{segment.place(i)}: contact vertex {k} of plate is off its support",
+    )
+
+
+def _unstated(
+    plan: PlanView, motion: SegmentMotion, state: ContactStateView, settings: CertifySettings, finding: Finding
+) -> None:
+    """No other vertex touches the support, but near the ends of a motion, where the contact may still be the last one.
+
+    Near an end no vertex of the plate is farther from its place there than `end_distance`, or `end_fraction` of the
+    longest way that one is taken from there, whichever is more. A plate that rests has no such ends.
+    """
+    segment, poses, plate = motion.segment, motion.body_poses["plate"], plan.bodies["plate"].shape.vertices
+    to_stated = np.linalg.norm(plate[:, None] - state.vertices[None], axis=2).min(axis=1, initial=np.inf)
+    others = np.flatnonzero(to_stated > _CORNER)
+    if np.ptp(poses, axis=0).max() <= settings.join:
+        poses, between = poses[:1], np.ones(1, dtype=bool)
+    else:
+        between = _far_from(poses, poses[0], plate, settings) & _far_from(poses, poses[-1], plate, settings)
+    samples = np.flatnonzero(between)
+    finding.note_all(
+        heights(poses[samples], plate[others]) - support_height(plan) - settings.vertex_touch,
+        lambda i, k: f"{segment.place(int(samples[i]))}: vertex {others[k]} of plate touches, which is not stated",
+    )
+
+
+def _far_from(poses: Array, end: Transform, vertices: Array, settings: CertifySettings) -> NDArray[np.bool_]:
+    """Return at which samples the plate is no longer, or not yet, near one end of a segment."""
+    moved = np.einsum("nij,kj->nki", poses[:, :3, :3] - end[:3, :3], vertices) + (poses[:, :3, 3] - end[:3, 3])[:, None]
+    ways = np.linalg.norm(moved, axis=2).max(axis=1)
+    return ways > max(settings.end_distance, settings.end_fraction * float(ways.max()))
+
+
+def _slip(motion: SegmentMotion, state: ContactStateView, settings: CertifySettings, finding: Finding) -> None:
+    """The vertices in contact stay where they are: nothing balances a plate that slides."""
+    segment, poses = motion.segment, motion.body_poses["plate"]
+    if np.ptp(poses, axis=0).max() <= settings.join:
+        poses = poses[:1]
+    places = np.einsum("nij,kj->nki", poses[:, :2, :3], state.vertices) + poses[:, None, :2, 3]
+    finding.note_all(
+        settings.contact_slip - np.linalg.norm(places - places[0], axis=2),
+        lambda i, k: f"{segment.place(i)}: contact vertex {k} of plate slides",
+    )
 
 
 def _goal(plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings: CertifySettings) -> list[Check]:

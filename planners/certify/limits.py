@@ -11,6 +11,8 @@ from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 
 _STANDING = ("grip", "release", "attach", "detach")
+_EMPTY_MOTIONS = ("transit", "approach", "retreat")
+"""Kinds whose way may have no length; then their mover rests."""
 _ROUNDING = 1e-9
 """What floating point may add to a time, a position or a rate."""
 
@@ -23,6 +25,7 @@ def joint_checks(plan: PlanView, settings: CertifySettings) -> list[Check]:
         _movers(plan, settings),
         *_limits(plan, settings),
         _consistency(plan, settings),
+        _acceleration_consistency(plan, settings),
     ]
 
 
@@ -57,8 +60,15 @@ def _rest(plan: PlanView, settings: CertifySettings) -> Check:
 
 
 def _movers(plan: PlanView, settings: CertifySettings) -> Check:
+    """Arms that are no movers rest, and every mover moves, unless it goes a way of no length."""
     finding = Finding("movers", "rad")
     for segment in plan.segments:
+        moves = np.ptp(segment.positions, axis=0) > settings.join
+        moves |= np.abs(segment.velocities).max(axis=0) > settings.rest_velocity
+        moving = {arm for arm, joints in zip(ARMS, moves.reshape(2, 6), strict=True) if joints.any()}
+        if moving or segment.kind not in _EMPTY_MOTIONS:
+            idle = sorted(set(segment.movers) - moving)
+            finding.require(not idle, segment.place(), f"{' and '.join(idle)} is a mover and rests")
         for index, arm in enumerate(ARMS):
             columns = slice(6 * index, 6 * index + 6)
             if arm not in segment.movers:
@@ -103,6 +113,24 @@ def _consistency(plan: PlanView, settings: CertifySettings) -> Check:
         mean = (segment.velocities[:-1] + segment.velocities[1:]) / 2
         finding.note_all(
             settings.velocity_consistency - np.abs(rate - mean),
+            lambda i, j, s=segment: f"{s.place(i)} and the next: {JOINT_NAMES[j]}",
+        )
+    return finding.check()
+
+
+def _acceleration_consistency(plan: PlanView, settings: CertifySettings) -> Check:
+    """The mean acceleration of a step lies between the accelerations stated at its ends, up to a tolerance.
+
+    Not near the mean of the two: an acceleration may jump within a step, as those of time-optimal motions do.
+    """
+    finding = Finding("acceleration_consistency", "rad/s^2")
+    for segment in plan.segments:
+        mean = np.diff(segment.velocities, axis=0) / np.diff(segment.time)[:, None]
+        start, end = segment.accelerations[:-1], segment.accelerations[1:]
+        outside = np.maximum(np.minimum(start, end) - mean, mean - np.maximum(start, end))
+        tolerance = settings.acceleration_consistency + settings.acceleration_fraction * np.abs(mean).max()
+        finding.note_all(
+            tolerance - np.maximum(outside, 0.0),
             lambda i, j, s=segment: f"{s.place(i)} and the next: {JOINT_NAMES[j]}",
         )
     return finding.check()

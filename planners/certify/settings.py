@@ -20,6 +20,11 @@ class CertifySettings:
     """Relative excess of joint limits that is accepted; contract."""
     velocity_consistency: float = 0.02
     """|dq/dt - mean v| between two samples [rad/s]; contract."""
+    acceleration_consistency: float = 0.2
+    """dv/dt outside the accelerations stated at both ends of a step [rad/s^2]; an engineering choice ..."""
+    acceleration_fraction: float = 0.1
+    """... to which this part of the segment's largest dv/dt is added: both together are three times what curved ways
+    need, whose acceleration turns over within a step."""
     attachment_distance: float = 2e-4
     """Drift of an attached body [m]; contract."""
     attachment_angle: float = math.radians(0.05)
@@ -30,6 +35,16 @@ class CertifySettings:
     """Angle between a contact's normal and the surface's [rad]; twice what `contact_distance` turns a pad of 60 mm."""
     element_height: float = 5e-4
     """Distance of a contact element's vertices from the support's height [m]; contract."""
+    vertex_touch: float = 1e-4
+    """Height above the support below which a vertex touches it [m]. Less than `element_height`: next to the vertex that
+    an outline of many sides stands on there are others as near as that."""
+    end_distance: float = 5e-3
+    """A contact that a segment does not state may stand while no vertex is farther than this from its place at the
+    nearer end of the segment [m]; an engineering choice ..."""
+    end_fraction: float = 0.1
+    """... nor farther than this part of the longest way of a vertex from that end, where that is more."""
+    contact_slip: float = 5e-4
+    """Drift of contact vertices along the support over a segment [m]; as `element_height`."""
     force_balance: float = 1e-3
     """|sum of forces| [N]; contract."""
     moment_balance: float = 1e-3

@@ -190,7 +190,7 @@ def _largest_gap(way: Array, a: Solid, T_world_a: Transform, b: Solid, T_world_b
 
 def _support(solid: Solid, T_world_solid: Transform, direction: Array) -> Array:
     """Return the point of the solid's hull that is farthest along a direction of the world."""
-    local = solid.points[int(np.argmax(solid.points @ (T_world_solid[:3, :3].T @ direction)))]
+    local = solid.points[(solid.points @ (direction @ T_world_solid[:3, :3])).argmax()]
     return T_world_solid[:3, :3] @ local + T_world_solid[:3, 3]
 
 

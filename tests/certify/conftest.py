@@ -285,8 +285,8 @@ def well_inside(entries: list[_Entry], matrix: Array, load: Array) -> Array:
     return x.value - np.linalg.lstsq(matrix, matrix @ x.value + load, rcond=None)[0]
 
 
-def build_document(cell: Cell, surfaces: RobotSurfaces) -> dict[str, Any]:
-    """The whole plan."""
+def build_document(cell: Cell, surfaces: RobotSurfaces, slide: float = 0.0) -> dict[str, Any]:
+    """The whole plan. The plate is pulled along by `slide` while it tilts [m]."""
     builder = _Builder(cell)
     down = np.array([0.0, -np.cos(np.radians(35)), -np.sin(np.radians(35))])
     R_stick = frame_from_z(down, [1.0, 0.0, 0.0])
@@ -308,7 +308,8 @@ def build_document(cell: Cell, surfaces: RobotSurfaces) -> dict[str, Any]:
 
     def tilted(angle: float) -> Array:
         # Negative about y lifts the plate's near side (-x) about its far edge.
-        return transform(None, edge[:3]) @ transform(rotation_y(angle)) @ transform(None, -edge[:3]) @ start
+        aside = edge[:3] - [slide * angle / TILT, 0.0, 0.0]
+        return transform(None, aside) @ transform(rotation_y(angle)) @ transform(None, -edge[:3]) @ start
 
     def raised(height: float) -> Array:
         return transform(None, [0.0, 0.0, height]) @ tilted(TILT)
@@ -408,6 +409,12 @@ def reference(cell: Cell) -> CellReference:
 @pytest.fixture(scope="session")
 def honest_document(cell: Cell, surfaces: RobotSurfaces) -> dict[str, Any]:
     return build_document(cell, surfaces)
+
+
+@pytest.fixture(scope="session")
+def sliding_document(cell: Cell, surfaces: RobotSurfaces) -> Callable[[float], dict[str, Any]]:
+    """The same plan with a plate that slides on its edge by so much [m]."""
+    return lambda slide: build_document(cell, surfaces, slide)
 
 
 @pytest.fixture
