@@ -17,11 +17,14 @@ import traceback
 from collections.abc import Callable
 from queue import SimpleQueue
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from planners.errors import LiftwrightError
 from planners.progress import Progress
 from workers.solver_protocol import Message, Request
+
+if TYPE_CHECKING:
+    from workers.pipeline import Pipeline
 
 REPORT_SECONDS = 0.05
 """Least time between two reports of one stage [s]: reports must not slow the work down."""
@@ -119,12 +122,17 @@ def _die_with_the_worker() -> None:
     os.kill(-os.getpid() if leads_its_group else os.getpid(), signal.SIGKILL)
 
 
-if __name__ == "__main__":
-    # A solver of another make, as tests use it, needs the rest of this file without the planners.
+def _load_pipeline() -> Pipeline:
+    # Here, because it takes a second in which the worker may die; and a solver of another make, as tests use it,
+    # needs the rest of this file without the planners.
     from workers.pipeline import Pipeline
 
+    return Pipeline.load()
+
+
+if __name__ == "__main__":
     if COMPILE in sys.argv:
         threading.Thread(target=_listen_to_the_worker, args=(SimpleQueue(),), daemon=True).start()
-        Pipeline.load().compile()
+        _load_pipeline().compile()
     else:
-        main(lambda: Pipeline.load().warm_up().solve)
+        main(lambda: _load_pipeline().warm_up().solve)

@@ -13,7 +13,7 @@ import sys
 
 import psutil
 import pytest
-from support.service import FAKE_SOLVER, wait_for
+from support.service import FAKE_SOLVER, ROOT, wait_for
 
 from workers.solver import OnReport, PackedDocument, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver_protocol import Report, Request
@@ -170,3 +170,13 @@ def test_a_solver_dies_with_the_process_that_started_it() -> None:
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     wait_for(lambda: not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in below), 2)
+
+
+def test_the_compiler_dies_with_the_process_that_waits_for_it() -> None:
+    process = subprocess.Popen([sys.executable, "-m", "app.cli", "warmup"], cwd=ROOT, stderr=subprocess.DEVNULL)
+    family = psutil.Process(process.pid)
+    wait_for(family.children, 60)
+    (compiler,) = family.children()
+    process.kill()
+    process.wait()
+    wait_for(lambda: not compiler.is_running() or compiler.status() == psutil.STATUS_ZOMBIE, 5)
