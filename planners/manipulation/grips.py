@@ -13,6 +13,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.polygon import inward_normals, segment_distance
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array, rotation_z, transform
+from planners.graph.rejections import Rejection
 from planners.manipulation.rim import RimPatch, RimStation, rim_stations
 from planners.scene.given_holds import GivenGrip
 
@@ -111,12 +112,9 @@ def generate_grips(
     sampling = sampling or GripSampling()
     if plate.height > jaw.width_max - sampling.opening_clearance:
         return ()
-    across, along = jaw.pad_size
-    depth_to = sampling.depth + 0.5 * along
-    patch = RimPatch(0.5 * across, min(sampling.rim_tolerance, depth_to), depth_to)
     stations = [
         station
-        for station in rim_stations(plate.outline, sampling.count, patch)
+        for station in _stations(plate, jaw, sampling)
         if cup is None or _pad_distance(station, jaw, sampling, cup) >= cup.radius + sampling.cup_clearance
     ]
     return tuple(
@@ -127,9 +125,31 @@ def generate_grips(
     )
 
 
+def lack_of_grips(plate: Prism, jaw: Jaw, cup: CupFootprint | None, sampling: GripSampling) -> Rejection:
+    """Say why `generate_grips` finds no place: the plate is too thick, too small, or the cup covers what is left."""
+    needed = plate.height + sampling.opening_clearance
+    if needed > jaw.width_max:
+        reason = (
+            f"from above and below it would have to open {1e3 * needed:.1f} mm to go around the plate, and opens "
+            f"{1e3 * jaw.width_max:.1f} mm"
+        )
+        return Rejection("sampling", reason, needed=needed, available=jaw.width_max, unit="m")
+    if cup is None or not _stations(plate, jaw, sampling):
+        return Rejection("sampling", "the plate is too small for the pads")
+    return Rejection("sampling", "the cup is where the pads would be")
+
+
 def given_grips(given: Sequence[GivenGrip], plate: Prism) -> tuple[Grip, ...]:
     """Make grips of those that a task gives."""
     return tuple(_level_grip(index, grip.position, grip.approach, plate.height) for index, grip in enumerate(given))
+
+
+def _stations(plate: Prism, jaw: Jaw, sampling: GripSampling) -> Sequence[RimStation]:
+    """Spread places along the rim at which a pad lies on the face."""
+    across, along = jaw.pad_size
+    depth_to = sampling.depth + 0.5 * along
+    patch = RimPatch(0.5 * across, min(sampling.rim_tolerance, depth_to), depth_to)
+    return rim_stations(plate.outline, sampling.count, patch)
 
 
 def _level_grip(index: int, position: Array, approach: Array, height: float) -> Grip:

@@ -38,13 +38,17 @@ def jaw_of(workcell: LiftWorkcell) -> Jaw:
     return Jaw(hand.width_max, (float(hand.pad_size[0]), float(hand.pad_size[2])))
 
 
+def cup_footprint(scene: PlateLiftScene) -> CupFootprint:
+    """Return where the cup is in the way of grips."""
+    return CupFootprint((float(scene.cup.position[0]), float(scene.cup.position[1])), scene.cup.radius)
+
+
 def grips_of(workcell: LiftWorkcell, plate: Prism, settings: LiftSettings) -> tuple[Grip, ...]:
     """Return the task's own grips, or generated ones."""
     scene = workcell.scene
     if scene.given_grips is not None:
         return given_grips(scene.given_grips, plate)
-    cup = CupFootprint((float(scene.cup.position[0]), float(scene.cup.position[1])), scene.cup.radius)
-    return generate_grips(plate, jaw_of(workcell), cup=cup, sampling=settings.grips)
+    return generate_grips(plate, jaw_of(workcell), cup=cup_footprint(scene), sampling=settings.grips)
 
 
 def pushes_of(workcell: LiftWorkcell, plate: Prism, settings: LiftSettings) -> tuple[Push, ...]:

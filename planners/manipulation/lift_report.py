@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from planners.balance.capacity import LiftCapacity
 from planners.graph.rejections import Rejection
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath
-from planners.manipulation.contacts import PrincipalContact
 from planners.manipulation.examiner import hands_of
 from planners.manipulation.groundwork import jaw_of
+from planners.manipulation.impasse import contact_name, find_impasse
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan, SequenceStep
 from planners.segment import Segment
 
@@ -44,7 +41,7 @@ class LiftReport:
         pose = self._lift.poses.poses[int(self._lift.graph.node_pose[node])]
         return SequenceStep(
             int(self._lift.graph.node_pose[node]),
-            _contact_name(pose.contact),
+            contact_name(pose.contact),
             hands_of(*self._lift.graph.hold_of(node)),
             self._lift.examiner.largest_force(node),
         )
@@ -97,41 +94,24 @@ class LiftReport:
         )
 
     def no_path(self) -> LiftPlan:
-        """Say why nothing was found: which layer of the graph is empty, or what fell most."""
-        alive = self._lift.graph.knowledge.status != DEAD
-        starts = [n for n in self._lift.graph.starts if alive[n] and n not in self._lift.graph.lost_starts]
-        if not self._lift.grips:
-            summary = "The gripper finds no place to hold the plate: it is too small, or the cup is in the way."
-        elif not starts:
-            summary = "No hand can come to the plate where it rests."
-            self._explain_starts()
-        elif not (self._lift.graph.goal & alive).any():
-            summary = "No grip and push together can hold the plate off its support."
-        else:
-            summary = f"No sequence of holds leads from the support into the air: {self._farthest()}."
-        return self.not_found(summary)
+        """Say why nothing was found."""
+        impasse = find_impasse(self._lift)
+        return self.not_found(impasse.summary, impasse.causes)
 
-    def _farthest(self) -> str:
-        """Say how far the plate can be raised from rest, by the edges that are left."""
-        reached = self._lift.graph.reachable()
-        tilts = np.array([float(np.linalg.norm(pose.tilt)) for pose in self._lift.poses.poses])
-        pose = self._lift.poses.poses[max(self._lift.graph.node_pose[reached], key=tilts.__getitem__)]
-        tilt = math.degrees(float(np.linalg.norm(pose.tilt)))
-        return f"it gets no farther than a tilt of {tilt:.0f}° ({_contact_name(pose.contact)})"
+    def not_found(self, summary: str, main: tuple[Rejection, ...] = ()) -> LiftPlan:
+        """Report that nothing was found among the poses and holds that were tried.
 
-    def _explain_starts(self) -> None:
-        """Count what keeps each hand off the plate at rest."""
-        T_world_plate = self._lift.poses.poses[self._lift.poses.flat].T_world_plate
-        for hand in (self._lift.pair.first, self._lift.pair.second):
-            for reason, count in hand.hindrances(T_world_plate).items():
-                self._lift.rejections.add(Rejection("reach", reason, where="the plate at rest"), count)
-
-    def not_found(self, summary: str) -> LiftPlan:
-        """Report that nothing was found among the poses and holds that were tried, with the most frequent reasons."""
-        causes = tuple(
+        The main causes come first, then what failed most often on the way.
+        """
+        told = {cause.reason for cause in main}
+        often = [
             replace(rejection, reason=f"{rejection.reason} ({count} times)")
             for rejection, count in self._lift.rejections.most_common(6)
-        )
+            if rejection.reason not in told
+        ]
+        for cause in main:
+            self._lift.rejections.add(cause)
+        causes = (*main, *often)[:6]
         return LiftPlan(
             LiftOutcome.NOT_FOUND,
             (),
@@ -177,10 +157,3 @@ class LiftReport:
             "contact_changes": contact_changes,
             "max_force": None if path is None else max(map(self._lift.examiner.largest_force, path.nodes)),
         }
-
-
-def _contact_name(contact: PrincipalContact) -> str:
-    """Name a contact as reports do: "face", "edge 3", "vertex 0", "no contact"."""
-    if contact.index is None:
-        return "no contact"
-    return "face" if contact.element == "face" else f"{contact.element} {contact.index}"

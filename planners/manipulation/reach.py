@@ -7,7 +7,6 @@ posture is kept, so joints move continuously if and only if the branch does.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -100,21 +99,28 @@ class HandReach:
             done(min(first + 16, len(T_world_plates)))
         return result
 
-    def hindrances(self, T_world_plate: Transform) -> Counter[str]:
-        """Say why postures do not reach a plate pose, each with how many it concerns. Slow: for explanations."""
-        found: Counter[str] = Counter()
+    def hindrance(self, T_world_plate: Transform, hold: int) -> str | None:
+        """Say why no posture of a hold reaches a plate pose, by the postures that come closest to it; None if one does.
+
+        A posture that touches something is closer than one beyond its joints' limits, which is closer than none.
+        Slow: for explanations.
+        """
         joints = slice(self.first_joint, self.first_joint + 6)
-        arm = self.arm
-        for hold, posture in itertools.product(range(self.hold_count), range(BRANCHES * self.T_plate_flange.shape[1])):
+        arm, touching = self.arm, Counter[str]()
+        reason = f"the {arm.name} arm does not reach so far"
+        for posture in range(BRANCHES * self.T_plate_flange.shape[1]):
             q = self.start_positions.copy()
             q[joints] = self.follow(T_world_plate[None], hold, posture)[0]
             if not np.isfinite(q).all():
-                found[f"the {arm.name} arm does not reach so far"] += 1
-            elif not _within(q[joints], arm.position_min, arm.position_max):
-                found[f"a joint of the {arm.name} arm would be beyond its limits"] += 1
-            elif (pair := int(self.alone.first_collisions(T_world_plate[None], q)[0])) >= 0:
-                found["{} would touch {}".format(*self.alone.query.pair_names(pair))] += 1
-        return found
+                continue
+            if not _within(q[joints], arm.position_min, arm.position_max):
+                reason = f"a joint of the {arm.name} arm would be beyond its limits"
+                continue
+            pair = int(self.alone.first_collisions(T_world_plate[None], q)[0])
+            if pair < 0:
+                return None
+            touching["{} would touch {}".format(*self.alone.query.pair_names(pair))] += 1
+        return max(touching, key=touching.__getitem__) if touching else reason
 
     def track(
         self,

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from planners.graph.search import cheapest_path
+from planners.manipulation.assignment import PostureAssigner
+from planners.manipulation.engagements import Itinerary
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
@@ -38,3 +41,17 @@ def holding_cell(planner) -> FclCell:
 def open_cell(planner) -> FclCell:
     """The cell with the gripper open around the plate."""
     return FclCell(planner.workcell, holding=False)
+
+
+@pytest.fixture(scope="session")
+def assigner(planner, solved) -> PostureAssigner:
+    """Of the sequence that was found: the cheapest path of its start, in the graph as it was left."""
+    graph = planner.graph
+    first = solved.steps[0].hands
+    start = next(
+        n for n in graph.starts for g, p in [graph.hold_of(n)] if (g and g.index, p and p.index) == first
+    )  # fmt: skip
+    path = cheapest_path(graph.graph, graph.knowledge, start, graph.goal, graph.heuristic, planner.examiner)
+    assert path is not None
+    assert [int(graph.node_pose[n]) for n in path.nodes] == [step.pose for step in solved.steps]
+    return PostureAssigner(planner.follower, Itinerary.of(graph, path), planner.scene.start_positions)

@@ -7,24 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from planners.graph.search import cheapest_path
-from planners.manipulation.assignment import PostureAssigner, _conflict, _parts
-from planners.manipulation.engagements import Itinerary
+from planners.manipulation.assignment import _conflict, _parts
 from planners.manipulation.reach import CONTINUITY, bits
-
-
-@pytest.fixture(scope="module")
-def assigner(planner, solved):
-    """Of the sequence that was found: the cheapest path of its start, in the graph as it was left."""
-    graph = planner.graph
-    first = solved.steps[0].hands
-    start = next(
-        n for n in graph.starts for g, p in [graph.hold_of(n)] if (g and g.index, p and p.index) == first
-    )  # fmt: skip
-    path = cheapest_path(graph.graph, graph.knowledge, start, graph.goal, graph.heuristic, planner.examiner)
-    assert path is not None
-    assert [int(graph.node_pose[n]) for n in path.nodes] == [step.pose for step in solved.steps]
-    return PostureAssigner(planner.follower, Itinerary.of(graph, path), planner.scene.start_positions)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,229 @@
+"""Why a plate lift was not found: at which stage nothing is left, and what would have to be mended there.
+
+Counting all that ever failed would name what fails most often, which is seldom what stands in the way. So the stages
+are gone through in the order of a lift (holds at all, the plate at rest, the poses at the goal, and the poses next to
+the farthest one that was reached), and at the first that fails each lost pose is asked: would any hold bear the plate
+here, wherever the arms reach? If none would, balance is the cause; otherwise what keeps the hand from there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from planners.balance.balanced import Balanced, Unbalanced
+from planners.graph.rejections import Rejection, Rejections
+from planners.graph.search import DEAD
+from planners.manipulation.contacts import PrincipalContact
+from planners.manipulation.grips import lack_of_grips
+from planners.manipulation.groundwork import cup_footprint, jaw_of
+from planners.manipulation.hold_balance import HandPair, describe
+from planners.manipulation.reach import HandReach
+
+if TYPE_CHECKING:
+    from planners.manipulation.planner import PlateLiftPlanner
+
+_POSES = 12
+"""Lost poses that are looked at."""
+_BALANCES = 60
+"""Holds whose balance is asked for at each of them."""
+
+
+@dataclass(frozen=True)
+class Impasse:
+    """Where a lift ends, in one sentence, and why, the weightiest cause first."""
+
+    summary: str
+    causes: tuple[Rejection, ...]
+
+
+def find_impasse(lift: PlateLiftPlanner) -> Impasse:
+    """Say at which stage of a lift nothing is left, and why."""
+    return _Search(lift).find()
+
+
+def contact_name(contact: PrincipalContact) -> str:
+    """Name a contact as reports do: "face", "edge 3", "vertex 0", "no contact"."""
+    if contact.index is None:
+        return "no contact"
+    return "face" if contact.element == "face" else f"{contact.element} {contact.index}"
+
+
+def _told(summary: str, link: str, causes: tuple[Rejection, ...]) -> Impasse:
+    """End a summary with the weightiest cause."""
+    return Impasse(f"{summary}{link}{causes[0].reason}." if causes else f"{summary}.", causes)
+
+
+def _touch(names: tuple[str, str]) -> str:
+    """Say that the plate or its cup, whichever is named, would touch what is named beside it."""
+    body, obstacle = sorted(names, key=lambda name: name not in ("plate", "cup"))
+    return f"the {body} would touch {obstacle}"
+
+
+class _Search:
+    """Goes through the stages of one lift."""
+
+    def __init__(self, lift: PlateLiftPlanner) -> None:
+        self._lift, self._graph, self._poses = lift, lift.graph, lift.poses.poses
+        self._alive = lift.graph.knowledge.status != DEAD
+
+    def find(self) -> Impasse:
+        lift, graph = self._lift, self._graph
+        if not lift.grips:
+            cause = self._lack_of_grips()
+            return Impasse(f"The gripper finds no place to hold the plate: {cause.reason}.", (cause,))
+        if not lift.pushes:
+            return Impasse("The stick finds no place to push the plate.", ())
+        if not any(self._alive[n] and n not in graph.lost_starts for n in graph.starts):
+            return self._at_rest()
+        if not (graph.goal & self._alive).any():
+            return self._at_goal()
+        return self._on_the_way()
+
+    def _lack_of_grips(self) -> Rejection:
+        lift = self._lift
+        if lift.scene.given_grips is not None:
+            return Rejection("sampling", "the task gives none")
+        return lack_of_grips(lift.prism, jaw_of(lift.workcell), cup_footprint(lift.scene), lift.settings.grips)
+
+    def _at_rest(self) -> Impasse:
+        """No hand can come to the plate at rest."""
+        flat = self._lift.poses.flat
+        if self._graph.starts:
+            return Impasse(
+                "Hands reach the plate where it rests, but none can come to it.",
+                tuple(cause for cause, _ in self._lift.rejections.most_common(2)),
+            )
+        causes = self._hindrances([flat], (True, True), "the plate at rest")
+        gripper, stick = causes[0].reason, causes[1].reason
+        return Impasse(
+            f"No hand can come to the plate where it rests: for one, {gripper}; for the other, {stick}.", causes
+        )
+
+    def _at_goal(self) -> Impasse:
+        """No two hands can hold the plate at the goal."""
+        goals = np.array(self._lift.poses.goals)
+        summary = "No grip and push together can hold the plate off its support"
+        grips, pushes = self._lift.grip_postures[goals].any(axis=1), self._lift.push_postures[goals].any(axis=1)
+        if (grips & pushes).any():
+            causes = self._lost(goals[grips & pushes].tolist(), "off the support")
+            return _told(summary, ": ", causes)
+        lacking = not grips.any(), not pushes.any()
+        causes = self._hindrances(goals.tolist(), lacking if any(lacking) else (True, True), "off the support")
+        return _told(summary, ": ", causes)
+
+    def _on_the_way(self) -> Impasse:
+        """The plate gets off its rest, perhaps, but not as far as the goal."""
+        reached = {int(pose) for pose in self._graph.node_pose[self._graph.reachable()]}
+        farthest = max(sorted(reached), key=self._tilt)
+        name = contact_name(self._poses[farthest].contact)
+        degrees = math.degrees(self._tilt(farthest))
+        beyond = {int(pose) for known in reached for pose in self._lift.poses.neighbours[known]} - reached
+        causes = self._lost(sorted(beyond, key=lambda pose: (self._distance(farthest, pose), pose)), f"beyond {name}")
+        summary = (
+            "No sequence of holds leads from the support into the air: "
+            f"it gets no farther than a tilt of {degrees:.0f}° ({name})"
+        )
+        return _told(summary, "; next to that, ", causes)
+
+    def _lost(self, poses: list[int], where: str) -> tuple[Rejection, ...]:
+        """Say why poses are lost, the causes of most of them first; the nearest poses come first."""
+        found = Rejections()
+        for pose in poses[:_POSES]:
+            held = self._alive[self._graph.node_pose == pose].any()
+            found.add(self._way_to(pose, where) if held else self._cause_at(pose, where))
+        return tuple(cause for cause, _ in found.most_common(3))
+
+    def _way_to(self, pose: int, where: str) -> Rejection:
+        """Say why the plate is not moved to a pose at which it could be held."""
+        motions = np.flatnonzero((self._lift.poses.edges == pose).any(axis=1))
+        for number in motions:
+            names = self._lift.follower.blocked(int(number))
+            if names is not None:
+                return Rejection("clearance", f"{_touch(names)} on the way", where)
+        return Rejection("transfer", "the plate could be held, but not be brought there", where)
+
+    def _cause_at(self, pose: int, where: str) -> Rejection:
+        """Say why no hold that reaches a pose bears the plate there."""
+        meeting = self._meeting(pose)
+        if meeting is not None:
+            return Rejection("clearance", meeting, where)
+        nearest: Unbalanced | None = None
+        where_plate = self._poses[pose]
+        for hands in itertools.islice(self._unproven(pose), _BALANCES):
+            answer = self._lift.balance.solve(where_plate.T_world_plate, where_plate.contact_points, hands)
+            if isinstance(answer, Balanced):
+                return self._missing(pose, hands, where)
+            if nearest is None or (answer.shortage or math.inf) < (nearest.shortage or math.inf):
+                nearest = answer
+        if nearest is None:
+            return Rejection("balance", "no hold bears the plate, wherever the arms reach", where=where)
+        miss = describe(nearest)
+        return Rejection(
+            miss.stage,
+            "no hold bears the plate, wherever the arms reach",
+            where,
+            miss.needed,
+            miss.available,
+            miss.unit,
+        )
+
+    def _unproven(self, pose: int) -> Iterator[HandPair]:
+        """Yield holds that are not yet proven not to bear the plate, reach aside: single hands first."""
+        possible = ~self._lift.balance.ruled_out[pose]
+        order = np.argwhere(possible)
+        for row in order[np.argsort((order > 0).sum(axis=1), kind="stable")]:
+            grip, push = (None if number == 0 else int(number) - 1 for number in row)
+            if (grip, push) != (None, None) and not self._lift.balance.ruled_out[pose, row[0], row[1]]:
+                yield grip, push
+
+    def _missing(self, pose: int, hands: HandPair, where: str) -> Rejection:
+        """Say what keeps the hands of a hold that would bear the plate from being there."""
+        lift = self._lift
+        for index, hand, postures in (
+            (hands[0], lift.pair.first, lift.grip_postures),
+            (hands[1], lift.pair.second, lift.push_postures),
+        ):
+            if index is not None and not postures[pose, index]:
+                reason = hand.hindrance(self._poses[pose].T_world_plate, index)
+                assert reason is not None
+                return Rejection("reach", reason, where)
+        return Rejection("reach", "the two arms would touch", where)
+
+    def _meeting(self, pose: int) -> str | None:
+        """Name what the plate or its cup meets at a pose, so that no hold is allowed there."""
+        names = next(self._lift.lifted.meetings(self._poses[pose].T_world_plate[None]), None)
+        return None if names is None else _touch(names)
+
+    def _hindrances(self, poses: list[int], hands: tuple[bool, bool], where: str) -> tuple[Rejection, ...]:
+        """Say what keeps hands (gripper, stick) from poses: for each hand the cause of most of its holds, then more.
+
+        What hinders a hold that the arm reaches comes before being out of reach: it is nearer to success.
+        """
+        lists = [
+            self._ranked(hand, poses[:: max(1, len(poses) // 3)][:3])
+            for asked, hand in zip(hands, (self._lift.pair.first, self._lift.pair.second), strict=True)
+            if asked
+        ]
+        mixed = [reason for rank in itertools.zip_longest(*lists) for reason in rank if reason is not None]
+        return tuple(Rejection("reach", reason, where) for reason in mixed[:4])
+
+    def _ranked(self, hand: HandReach, poses: list[int]) -> list[str]:
+        found: Counter[str] = Counter()
+        for pose, hold in itertools.product(poses, range(hand.hold_count)):
+            reason = self._meeting(pose) or hand.hindrance(self._poses[pose].T_world_plate, hold)
+            if reason is not None:
+                found[reason] += 1
+        return sorted(found, key=lambda reason: ("touch" not in reason, "limits" not in reason, -found[reason], reason))
+
+    def _tilt(self, pose: int) -> float:
+        return float(np.linalg.norm(self._poses[pose].tilt))
+
+    def _distance(self, one: int, other: int) -> float:
+        return float(np.linalg.norm(self._poses[one].tilt - self._poses[other].tilt))
