@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from planners.balance.capacity import LiftCapacity
@@ -28,13 +28,15 @@ class LiftReport:
     def solved(self, path: GraphPath, segments: tuple[Segment, ...]) -> LiftPlan:
         """Report a sequence that was found and choreographed."""
         steps = tuple(self._step(node) for node in path.nodes)
-        contacts = [steps[0].contact]
-        contacts += [b.contact for a, b in pairwise(steps) if a.contact != b.contact]
-        force = max(step.force for step in steps)
-        summary = f"The plate is lifted over {' - '.join(contacts)}; the hands bear at most {force:.2f} N on a contact."
+        changes = sum(a.contact != b.contact for a, b in pairwise(steps))
+        # What happens between the nodes counts too: their contacts and forces are not all there is.
+        contacts = [word for word, _ in groupby(contact_name(segment.contact) for segment in segments)]
+        sets = (each.balance for segment in segments for each in segment.contact_sets)
+        force = max(balance.largest_hand_normal for balance in sets)
+        summary = f"The plate is lifted over {' - '.join(contacts)}; the hands bear at most {force:.1f} N on a contact."
         return LiftPlan(
             LiftOutcome.SOLVED, segments, steps, (), summary, self._lift.rejections, self.graph_figures(),
-            self.search_figures(path, len(contacts) - 1),
+            self.search_figures(path, changes),
         )  # fmt: skip
 
     def _step(self, node: int) -> SequenceStep:
@@ -74,7 +76,7 @@ class LiftReport:
         self._lift.rejections.add(cause)
         summary = (
             f"The plate is {1e3 * thickness:.1f} mm thick; the gripper opens {1e3 * width:.1f} mm, "
-            "and the plate is no narrower from side to side."
+            "and it cannot be gripped from side to side either."
         )
         return LiftPlan(
             LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
