@@ -10,7 +10,7 @@ ONCE ?=
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (minutes the first time, nothing after that)
+setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (minutes the first time, no time after that)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	@echo "setting up: packages"
@@ -35,7 +35,7 @@ format: setup ## put code into its format
 	@$(BIN)/ruff check --fix .
 
 bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md
-	@$(BIN)/python tests/benchmarks/run.py
+	@$(BIN)/python -m tests.benchmarks
 
 clean: ## forget the environment and all plans
 	@rm -rf $(VENV) data build *.egg-info

@@ -11,7 +11,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.serve import serve, warm_up, work
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 
@@ -102,24 +101,32 @@ def _options(given: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(given, name, None)) is not None}
 
 
+# Each command loads what it needs when it runs: the planners take a second, which `--help` has no use for.
+
+
 def _plan(given: argparse.Namespace) -> int:
-    # Loading the planners takes a second, which no other command needs.
     from app.plan_file import plan_file
 
     return plan_file(given.file, given.out)
 
 
 def _serve(given: argparse.Namespace, *, with_worker: bool) -> int:
+    from app.serve import serve
+
     serve(ServiceSettings(**_options(given)), with_worker=with_worker)
     return 0
 
 
 def _work(given: argparse.Namespace) -> int:
+    from app.serve import work
+
     work(ServiceSettings(**_options(given)))
     return 0
 
 
 def _warm_up(_: argparse.Namespace) -> int:
+    from app.serve import warm_up
+
     warm_up(ServiceSettings())
     return 0
 

@@ -78,7 +78,7 @@ def warm_up(settings: WorkerSettings) -> None:
     Raises:
         WarmUpFailed: The solver does not work.
     """
-    print("liftwright: loading the compiled kernels (they are compiled at the first start: minutes)", file=sys.stderr)  # noqa: T201
+    sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, about a minute\n")
     command = (*settings.solver_command, COMPILE)
     done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=False)
     if done.returncode != 0:

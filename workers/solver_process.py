@@ -15,6 +15,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
@@ -42,8 +43,11 @@ class Channel:
 
     def send(self, message: Message, block: bytes = b"") -> None:
         """Send one line and the bytes that follow it."""
-        self._stream.write(json.dumps(message).encode() + b"\n" + block)
-        self._stream.flush()
+        try:
+            self._stream.write(json.dumps(message).encode() + b"\n" + block)
+            self._stream.flush()
+        except BrokenPipeError:
+            _die_with_the_worker()
 
 
 class ThrottledReports:
@@ -88,25 +92,31 @@ class ReportedFaults:
 def main(prepare: Callable[[], Solve]) -> None:
     """Get ready, solve the one request that comes, and end."""
     channel = Channel()
-    requests = iter(sys.stdin.buffer)
+    requests: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_listen_to_the_worker, args=(requests,), daemon=True).start()
     with ReportedFaults(channel):
         solve = prepare()
         channel.send({"ready": True})
-        line = next(requests, None)
-        if line is None:
-            return
-        threading.Thread(target=_die_with_the_worker, daemon=True).start()
-        document = solve(json.loads(line), ThrottledReports(channel))
+        document = solve(json.loads(requests.get()), ThrottledReports(channel))
         body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
         packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
         header = {"outcome": document["outcome"], "sha256": hashlib.sha256(body).hexdigest(), "size": len(packed)}
         channel.send({"document": header}, packed)  # pyright: ignore[reportArgumentType]
 
 
+def _listen_to_the_worker(requests: SimpleQueue[bytes]) -> None:
+    """Pass the one request on, and notice when the worker is gone."""
+    line = bytearray()
+    while chunk := os.read(sys.stdin.fileno(), 65536):
+        line += chunk
+        if line.endswith(b"\n"):
+            requests.put(bytes(line))
+    _die_with_the_worker()
+
+
 def _die_with_the_worker() -> None:
-    while os.read(sys.stdin.fileno(), 4096):
-        pass  # Nobody has anything more to say.
-    os.killpg(os.getpgid(0), signal.SIGKILL)
+    leads_its_group = os.getpgrp() == os.getpid()
+    os.kill(-os.getpid() if leads_its_group else os.getpid(), signal.SIGKILL)
 
 
 if __name__ == "__main__":

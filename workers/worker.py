@@ -173,7 +173,8 @@ class Worker:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-    """The engine logs a cancelled job, and one that failed as it should, as errors with tracebacks."""
+    """The engine logs jobs that were cancelled, deleted or failed as they should as errors with tracebacks."""
     raised = record.exc_info[1] if record.exc_info else None
-    expected = error.DBOSWorkflowCancelledError | error.DBOSAwaitedWorkflowCancelledError | JobFailed
+    cancelled = error.DBOSWorkflowCancelledError | error.DBOSAwaitedWorkflowCancelledError
+    expected = cancelled | error.DBOSNonExistentWorkflowError | JobFailed
     return not isinstance(raised, expected)

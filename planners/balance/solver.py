@@ -33,7 +33,7 @@ _DAMPING = 1e-13
 class Balance:
     """The balance program of one plate with its cup. Keeps compiled programs: not for two threads at once."""
 
-    def __init__(  # noqa: PLR0913 - the plate's data, each with its own meaning
+    def __init__(
         self,
         plate_mass: float,
         plate_com: Array,

@@ -23,7 +23,7 @@ def point_velocity(twists: Array, levers: Array) -> Array:
     return np.stack([v[..., 0] + q * z - r * y, v[..., 1] + r * x - p * z, v[..., 2] + p * y - q * x], axis=-1)
 
 
-def grip_power(  # noqa: PLR0913 - a pure formula of these
+def grip_power(
     twists: Array,
     levers: Array,
     normals: Array,

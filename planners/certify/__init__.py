@@ -10,12 +10,4 @@ from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
 from planners.certify.surfaces import RobotSurfaces, load_surfaces
 
-__all__ = [
-    "CellReference",
-    "Certificate",
-    "CertifySettings",
-    "Check",
-    "RobotSurfaces",
-    "certify",
-    "load_surfaces",
-]
+__all__ = ["CellReference", "Certificate", "CertifySettings", "Check", "RobotSurfaces", "certify", "load_surfaces"]

@@ -36,18 +36,11 @@ def _drift(motions: list[SegmentMotion], settings: CertifySettings) -> list[Chec
             poses = relative(holder, motion.body_poses[attachment.body])
             distance = np.linalg.norm(poses[:, :3, 3] - attachment.T_to_body[:3, 3], axis=1)
 
-            def where(
-                i: int,
-                m: SegmentMotion = motion,
-                text: str = f"{attachment.body} on {to}",
-            ) -> str:
+            def where(i: int, m: SegmentMotion = motion, text: str = f"{attachment.body} on {to}") -> str:
                 return f"{m.segment.place(i)}: {text}"
 
             place.note_all(settings.attachment_distance - distance, where)
-            turn.note_all(
-                settings.attachment_angle - rotation_angles(poses, attachment.T_to_body),
-                where,
-            )
+            turn.note_all(settings.attachment_angle - rotation_angles(poses, attachment.T_to_body), where)
     return [place.check(), turn.check()]
 
 
@@ -80,32 +73,25 @@ def _lifter(plan: PlanView, motions: list[SegmentMotion], settings: CertifySetti
     T_plate_cup = np.linalg.inv(start["plate"]) @ start["cup"]
     rim = plan.bodies["cup"].shape.vertices
     axis = plan.bodies["cable"].shape.vertices[:, 2]
-    foot, top = (
-        np.array([0.0, 0.0, axis.min(), 1.0]),
-        np.array([0.0, 0.0, axis.max(), 1.0]),
-    )
+    foot, top = (np.array([0.0, 0.0, axis.min(), 1.0]), np.array([0.0, 0.0, axis.max(), 1.0]))
     anchor = np.linalg.inv(start["cup"]) @ start["cable"] @ foot
     for motion in motions:
         plate, cup, cable = (motion.body_poses[name] for name in ("plate", "cup", "cable"))
         seat = plate @ T_plate_cup
         shift = np.linalg.norm(
-            np.einsum("nij,kj->nki", (cup - seat)[:, :3, :3], rim) + (cup - seat)[:, None, :3, 3],
-            axis=2,
+            np.einsum("nij,kj->nki", (cup - seat)[:, :3, :3], rim) + (cup - seat)[:, None, :3, 3], axis=2
         ).max(axis=1)
         finding.note_all(
-            settings.attachment_distance - shift,
-            lambda i, m=motion: f"{m.segment.place(i)}: the cup leaves the plate",
+            settings.attachment_distance - shift, lambda i, m=motion: f"{m.segment.place(i)}: the cup leaves the plate"
         )
         gap = np.linalg.norm((cable @ foot - cup @ anchor)[:, :3], axis=1)
         finding.note_all(
-            settings.attachment_distance - gap,
-            lambda i, m=motion: f"{m.segment.place(i)}: the cable leaves the cup",
+            settings.attachment_distance - gap, lambda i, m=motion: f"{m.segment.place(i)}: the cable leaves the cup"
         )
         lean = np.linalg.norm((cable @ top - cable @ foot)[:, :2], axis=1)
         upright = np.where((cable @ top - cable @ foot)[:, 2] > 0, lean, np.inf)
         finding.note_all(
-            settings.contact_distance - upright,
-            lambda i, m=motion: f"{m.segment.place(i)}: the cable leans",
+            settings.contact_distance - upright, lambda i, m=motion: f"{m.segment.place(i)}: the cable leans"
         )
     return finding.check()
 
@@ -123,8 +109,7 @@ def _resting(plan: PlanView, motions: list[SegmentMotion], settings: CertifySett
             if name not in free:
                 moved = np.abs(poses - poses[0]).max(axis=(1, 2))
                 finding.note_all(
-                    settings.join - moved,
-                    lambda i, s=segment, n=name: f"{s.place(i)}: {n} moves, held by nothing",
+                    settings.join - moved, lambda i, s=segment, n=name: f"{s.place(i)}: {n} moves, held by nothing"
                 )
             if plan.bodies[name].static:
                 finding.require(False, segment.place(), f"{name} is static and has poses")

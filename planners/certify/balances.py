@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,22 +44,13 @@ def contact_sets(motion: SegmentMotion) -> list[ContactSet]:
     for contact in motion.segment.contacts:
         groups[contact.body, contact.sample].append(contact)
     return [
-        ContactSet(
-            motion.segment,
-            sample,
-            body,
-            motion.body_poses[body][sample],
-            tuple(contacts),
-        )
+        ContactSet(motion.segment, sample, body, motion.body_poses[body][sample], tuple(contacts))
         for (body, sample), contacts in sorted(groups.items(), key=lambda item: item[0])
     ]
 
 
 def balance_checks(
-    plan: PlanView,
-    motions: Sequence[SegmentMotion],
-    sets: Sequence[Sequence[ContactSet]],
-    settings: CertifySettings,
+    plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]], settings: CertifySettings
 ) -> list[Check]:
     """Check forces, moments, counted inertia and the spacing of contact sets; `sets` are those of each segment."""
     force, moment = Finding("balance_force", "N"), Finding("balance_moment", "Nm")
@@ -68,14 +60,8 @@ def balance_checks(
             force.require(False, contact_set.where, "has contacts and no mass")
             continue
         total_force, total_moment = residual(contact_set, body, plan.gravity)
-        force.note(
-            settings.force_balance - float(np.linalg.norm(total_force)),
-            contact_set.where,
-        )
-        moment.note(
-            settings.moment_balance - float(np.linalg.norm(total_moment)),
-            contact_set.where,
-        )
+        force.note(settings.force_balance - float(np.linalg.norm(total_force)), contact_set.where)
+        moment.note(settings.moment_balance - float(np.linalg.norm(total_moment)), contact_set.where)
     return [
         force.check(),
         moment.check(),
@@ -100,10 +86,7 @@ def _centres(body: BodyView, poses: Array) -> Array:
 
 
 def _inertia(
-    plan: PlanView,
-    motions: Sequence[SegmentMotion],
-    sets: Sequence[Sequence[ContactSet]],
-    settings: CertifySettings,
+    plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]], settings: CertifySettings
 ) -> Check:
     """What inertia was counted must be what the motion has, up to a small part of the weight.
 
@@ -121,16 +104,10 @@ def _inertia(
                 accelerations[body.name] = _accelerations(
                     motion.segment.time, _centres(body, motion.body_poses[body.name])
                 )
-            counted = sum(
-                (c.force for c in contact_set.contacts if c.kind == "inertia"),
-                np.zeros(3),
-            )
+            counted = sum((c.force for c in contact_set.contacts if c.kind == "inertia"), np.zeros(3))
             low, high = _around(-body.mass * accelerations[body.name], contact_set.sample)
             missing = np.linalg.norm(counted - np.clip(counted, low, high))
-            finding.note(
-                settings.inertia_fraction * body.mass * weight - float(missing),
-                contact_set.where,
-            )
+            finding.note(settings.inertia_fraction * body.mass * weight - float(missing), contact_set.where)
     return finding.check()
 
 
@@ -149,10 +126,7 @@ def _around(values: Array, sample: int) -> tuple[Array, Array]:
 
 
 def _spacing(
-    plan: PlanView,
-    motions: Sequence[SegmentMotion],
-    sets: Sequence[Sequence[ContactSet]],
-    settings: CertifySettings,
+    plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]], settings: CertifySettings
 ) -> Check:
     finding = Finding("contact_sets", "1")
     for motion, group in zip(motions, sets, strict=True):
@@ -181,11 +155,7 @@ def _rests_flat(plan: PlanView, motion: SegmentMotion, body: BodyView, settings:
 
 
 def _note_spacing(
-    motion: SegmentMotion,
-    body: BodyView,
-    samples: list[int],
-    finding: Finding,
-    settings: CertifySettings,
+    motion: SegmentMotion, body: BodyView, samples: list[int], finding: Finding, settings: CertifySettings
 ) -> None:
     segment, last = motion.segment, len(motion.segment.time) - 1
     for end, name in ((0, "first"), (last, "last")):
@@ -193,20 +163,13 @@ def _note_spacing(
     poses = motion.body_poses[body.name]
     centres = _centres(body, poses)
     still = np.abs(np.diff(poses, axis=0)).max(axis=(1, 2), initial=0.0) <= _STILL
-    for before, after in zip(samples[:-1], samples[1:], strict=True):
+    for before, after in pairwise(samples):
         chord = np.linalg.norm(poses[after, :3, :3] - poses[before, :3, :3]) / np.sqrt(2.0)
         turn = 2 * float(np.arcsin(min(1.0, chord / 2)))
         way = float(np.linalg.norm(centres[after] - centres[before]))
         rest = _longest_rest(segment.time[before : after + 1], still[before:after])
-        used = max(
-            turn / settings.set_angle,
-            way / settings.set_distance,
-            rest / settings.set_time,
-        )
-        finding.note(
-            1.0 + _ROUNDING - used,
-            f"{segment.place(before)} to sample {after}: {body.name}",
-        )
+        used = max(turn / settings.set_angle, way / settings.set_distance, rest / settings.set_time)
+        finding.note(1.0 + _ROUNDING - used, f"{segment.place(before)} to sample {after}: {body.name}")
 
 
 def _longest_rest(time: Array, still: Array) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.geometry.pose import Array
@@ -22,7 +23,7 @@ class ConvexPart:
 
     vertices: Array
     """(n, 3), corners only [m]."""
-    triangles: Array
+    triangles: NDArray[np.intp]
     """(m, 3) indices of corners, counter-clockwise from outside."""
     planes: Array
     """(f, 4), one row a face, n·x + d <= 0 inside, without repetitions."""
@@ -34,14 +35,7 @@ class ConvexPart:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         sides = np.sort(
-            np.vstack(
-                [
-                    self.triangles[:, [0, 1]],
-                    self.triangles[:, [1, 2]],
-                    self.triangles[:, [2, 0]],
-                ]
-            ),
-            axis=1,
+            np.vstack([self.triangles[:, [0, 1]], self.triangles[:, [1, 2]], self.triangles[:, [2, 0]]]), axis=1
         )
         order = np.lexsort(sides.T)
         sides, faces = sides[order], np.tile(np.arange(len(normals)), 3)[order]
@@ -62,7 +56,7 @@ class BodyShape:
     parts: tuple[ConvexPart, ...]
 
     def surface_distance(self, point: Array) -> tuple[float, Array]:
-        """Return the distance of a point from the nearest face's plane, negative inside, and that face's outward normal.
+        """Return the distance of a point from the nearest face's plane, negative inside, and its outward normal.
 
         Exact beside a face, an underestimate beyond an edge; for several parts, of the part nearest to the point.
         """

@@ -29,13 +29,7 @@ class Check:
 
     def to_document(self) -> dict[str, Any]:
         """Return the check as the plan document carries it."""
-        return {
-            "name": self.name,
-            "passed": self.passed,
-            "margin": self.margin,
-            "unit": self.unit,
-            "where": self.where,
-        }
+        return {"name": self.name, "passed": self.passed, "margin": self.margin, "unit": self.unit, "where": self.where}
 
 
 @dataclass(frozen=True)
@@ -56,10 +50,7 @@ class Certificate:
 
     def to_document(self) -> dict[str, Any]:
         """Return the member `certificate` of a plan document."""
-        return {
-            "passed": self.passed,
-            "checks": [check.to_document() for check in self.checks],
-        }
+        return {"passed": self.passed, "checks": [check.to_document() for check in self.checks]}
 
 
 @dataclass
@@ -75,10 +66,7 @@ class Finding:
         """Keep the margin if it is the smallest so far; a margin that is not a number counts as a failure."""
         value = float(margin) if math.isfinite(margin) else -_WORST
         if value < self.margin:
-            self.margin, self.where = (
-                value,
-                where if isinstance(where, str) else where(),
-            )
+            self.margin, self.where = (value, where if isinstance(where, str) else where())
 
     def require(self, met: bool, where: str, complaint: str) -> None:
         """Note something that is so or not: margin 0, or -1 with the complaint."""
@@ -91,10 +79,7 @@ class Finding:
         values = np.where(np.isfinite(margins), margins, -_WORST)
         index = np.unravel_index(int(np.argmin(values)), values.shape)
         if values[index] < self.margin:
-            self.margin, self.where = (
-                float(values[index]),
-                where(*(int(i) for i in index)),
-            )
+            self.margin, self.where = (float(values[index]), where(*(int(i) for i in index)))
 
     def check(self) -> Check:
         """Close the finding."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import PlanView
@@ -50,8 +51,7 @@ class PairMotion:
         else:
             ways = motion.ways(a) + motion.ways(b)
             self._stray = sum(
-                (motion.stray(s.frame, float(np.linalg.norm(s.centre)) + s.bound) for s in (a, b)),
-                np.zeros(1),
+                (motion.stray(s.frame, float(np.linalg.norm(s.centre)) + s.bound) for s in (a, b)), np.zeros(1)
             )
         self._stray = np.broadcast_to(self._stray, (motion.samples - 1,))
         self._way = np.concatenate([[0.0], np.cumsum(np.broadcast_to(ways, (motion.samples - 1,)))])
@@ -67,10 +67,7 @@ class PairMotion:
 
     def within(self, interval: int, start: float, end: float) -> float:
         """Return the same for a part of the interval after a sample [m]."""
-        motion, stray = (
-            self._motion,
-            2 * float(self._stray[interval]) * (end - start) ** 2,
-        )
+        motion, stray = (self._motion, 2 * float(self._stray[interval]) * (end - start) ** 2)
         if not self._relative:
             return stray + motion.way(self.a, interval, start, end) + motion.way(self.b, interval, start, end)
         poses = [np.stack([motion.pose(solid.frame, interval, u) for u in (start, end)]) for solid in (self.a, self.b)]
@@ -127,18 +124,11 @@ class CollisionCheck:
             self._seen[i, j] = version
             self._pair(motion, a, b, touching, None if still else near[row])
 
-    def _pair(
-        self,
-        motion: SegmentMotion,
-        a: Solid,
-        b: Solid,
-        touching: bool,
-        near: Array | None,
-    ) -> None:
+    def _pair(self, motion: SegmentMotion, a: Solid, b: Solid, touching: bool, near: Array | None) -> None:
         finding = self._touch if touching else self._free
         allowance = self._settings.touch_depth if touching else 0.0
         pair = PairMotion(motion, a, b, touching)
-        rigid = near is None or pair.between(0, motion.samples - 1) == 0.0
+        rigid = pair.between(0, motion.samples - 1) == 0.0
         clearances: dict[tuple[int, float], float] = {}
 
         def clearance(interval: int, u: float) -> float:
@@ -151,7 +141,7 @@ class CollisionCheck:
                 finding.note(clearances[key], lambda: self._where(motion, a, b, interval, u))
             return clearances[key]
 
-        if rigid:
+        if near is None or rigid:
             clearance(0, 0.0)
             return
         for start, end in _runs(near, motion.samples - 1):
@@ -163,13 +153,7 @@ class CollisionCheck:
                 f"{self._where(motion, a, b, 0, 0.0)}: not proven within {self._settings.distance_budget} distances",
             )
 
-    def _clear(
-        self,
-        pair: PairMotion,
-        clearance: Callable[[int, float], float],
-        start: int,
-        end: int,
-    ) -> bool:
+    def _clear(self, pair: PairMotion, clearance: Callable[[int, float], float], start: int, end: int) -> bool:
         """Prove a run of samples; False when a penetration was found (and noted)."""
         stretches = [(start, end)]
         while stretches and self._left > 0:
@@ -217,7 +201,7 @@ class CollisionCheck:
         return f"{motion.segment.place()}, t = {moment:.4f} s: {a.name} and {b.name}"
 
 
-def _swept_boxes(motion: SegmentMotion, solid: Solid, starts: Array) -> tuple[Array, Array]:
+def _swept_boxes(motion: SegmentMotion, solid: Solid, starts: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return boxes that hold the solid during blocks of samples, in the world: (blocks, 3) twice [m]."""
     poses = motion.poses(solid.frame)
     if not motion.moves(solid.frame):

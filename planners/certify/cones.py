@@ -40,10 +40,7 @@ class ConeChecks:
                 forces = [c.force for c in contact_set.contacts if c.by == arm]
                 if forces:
                     net = float(np.linalg.norm(np.sum(forces, axis=0)))
-                    self._hand.note(
-                        self._task.net_limit + self._slack - net,
-                        f"{contact_set.where} by {arm}",
-                    )
+                    self._hand.note(self._task.net_limit + self._slack - net, f"{contact_set.where} by {arm}")
         findings = (
             self._friction,
             self._suction,
@@ -87,12 +84,7 @@ class ConeChecks:
 
     def _suction_limits(self, contact: ContactView, where: str) -> None:
         values, cup, slack = contact.parameters, self._task.cup, self._slack
-        for key, stated in (
-            ("mu", cup.mu),
-            ("radius", cup.radius),
-            ("kappa", cup.kappa),
-            ("limit", cup.max_force),
-        ):
+        for key, stated in (("mu", cup.mu), ("radius", cup.radius), ("kappa", cup.kappa), ("limit", cup.max_force)):
             self._same(values[key], stated, f"{where}: {key}")
         x, z = contact.x_axis, contact.normal
         axes = np.array([x, np.cross(z, x)])
@@ -103,19 +95,13 @@ class ConeChecks:
         self._cup.note(force + slack, f"{where}: presses")
         if self._task.lifter_model == "cable":
             up = float(contact.force @ _UP)
-            self._suction.note(
-                slack - float(np.linalg.norm(contact.force - up * _UP)),
-                f"{where}: not vertical",
-            )
+            self._suction.note(slack - float(np.linalg.norm(contact.force - up * _UP)), f"{where}: not vertical")
             self._suction.note(slack - abs(up - force), f"{where}: suction_force")
             self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
             return
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
         hold = values["mu"] * (force if self._task.lifter_model == "paper" else values["limit"] - force)
-        self._suction.note(
-            hold - math.sqrt(3.0) * float(np.abs(shear).max()) + slack,
-            f"{where}: shear",
-        )
+        self._suction.note(hold - math.sqrt(3.0) * float(np.abs(shear).max()) + slack, f"{where}: shear")
         radius = values["radius"]
         self._suction_moment.note(radius * hold - math.sqrt(3.0) * abs(twist) + slack, f"{where}: twist")
         peel = math.pi * radius * values["kappa"]

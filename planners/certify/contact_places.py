@@ -11,6 +11,7 @@ from planners.certify.balances import ContactSet
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
 from planners.certify.cones import angle, x_axis_error
+from planners.certify.contact_states import support_height
 from planners.certify.document_view import ARMS, ContactView, PlanView
 from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
@@ -52,18 +53,13 @@ class ContactPlaceChecks:
         maker(motion, contact_set, contact, where)
 
     def _on_surface(
-        self,
-        shape: BodyShape,
-        T_world_body: Transform,
-        point: Array,
-        outward: Array | None,
-        where: str,
+        self, shape: BodyShape, T_world_body: Transform, point: Array, outward: Array | None, where: str
     ) -> None:
         T_body_world = inverse(T_world_body)
         local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
         height, _ = shape.surface_distance(local)
         self._points.note(self._settings.contact_distance - abs(height), where)
-        if outward is not None:
+        if outward is not None and height <= self._settings.contact_distance:
             normals = shape.normals_near(local, self._settings.contact_distance)
             direction = T_body_world[:3, :3] @ outward
             error = min((angle(direction, normal) for normal in normals), default=math.pi)
@@ -74,13 +70,7 @@ class ContactPlaceChecks:
         self._points.note(self._settings.contact_distance - distance, where)
         self._normals.note(self._settings.contact_angle - angle(contact.normal, normal), where)
 
-    def _finger(
-        self,
-        motion: SegmentMotion,
-        contact_set: ContactSet,
-        contact: ContactView,
-        where: str,
-    ) -> None:
+    def _finger(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
         if contact.by not in ARMS or self._plan.hands[contact.by].kind != "gripper":
             self._points.require(False, where, "has no fingers")
             return
@@ -89,59 +79,29 @@ class ContactPlaceChecks:
         T_world_tcp = motion.frames[contact.by][contact.sample, 6] @ T_flange_tcp
         # Finger 0 is at -y and presses towards +y.
         inward = T_world_tcp[:3, 1] * (1.0 if contact.finger == 0 else -1.0)
-        self._meets(
-            contact,
-            T_world_tcp[:3, 3] - inward * float(width[0]) / 2,
-            inward,
-            f"{where}: at the pad",
-        )
+        self._meets(contact, T_world_tcp[:3, 3] - inward * float(width[0]) / 2, inward, f"{where}: at the pad")
 
-    def _tip(
-        self,
-        motion: SegmentMotion,
-        contact_set: ContactSet,
-        contact: ContactView,
-        where: str,
-    ) -> None:
+    def _tip(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
         hand = self._plan.hands.get(contact.by)
         if hand is None or hand.T_flange_tip is None:
             self._points.require(False, where, "has no tip")
             return
         T_world_flange = motion.frames[contact.by][contact.sample, 6]
         tip = T_world_flange[:3, :3] @ hand.T_flange_tip[:3, 3] + T_world_flange[:3, 3]
-        self._meets(
-            contact,
-            tip + hand.tip_radius * contact.normal,
-            contact.normal,
-            f"{where}: at the tip",
-        )
+        self._meets(contact, tip + hand.tip_radius * contact.normal, contact.normal, f"{where}: at the tip")
 
-    def _environment(
-        self,
-        motion: SegmentMotion,
-        contact_set: ContactSet,
-        contact: ContactView,
-        where: str,
-    ) -> None:
+    def _environment(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
         if contact.by != self._plan.support:
             self._points.require(False, where, f"{contact.body} rests on {self._plan.support}")
             return
+        above = float(contact.point[2]) - support_height(self._plan)
+        self._points.note(self._settings.contact_distance - abs(above), f"{where}: height of {contact.by}")
         pose = motion.body_poses[contact.by][contact.sample]
         self._on_surface(
-            self._plan.bodies[contact.by].shape,
-            pose,
-            contact.point,
-            contact.normal,
-            f"{where}: on {contact.by}",
+            self._plan.bodies[contact.by].shape, pose, contact.point, contact.normal, f"{where}: on {contact.by}"
         )
 
-    def _pad(
-        self,
-        motion: SegmentMotion,
-        contact_set: ContactSet,
-        contact: ContactView,
-        where: str,
-    ) -> None:
+    def _pad(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
         if contact.by != "cup" or contact.body != "plate":
             self._points.require(False, where, "only the cup sucks, and only at the plate")
             return

@@ -27,10 +27,7 @@ def heights(poses: Array, points: Array) -> Array:
 
 
 def contact_state_checks(
-    plan: PlanView,
-    motions: list[SegmentMotion],
-    task: LiftTask,
-    settings: CertifySettings,
+    plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings: CertifySettings
 ) -> list[Check]:
     """Check the elements in contact of every segment, and the goal."""
     finding = Finding("contact_states", "m")
@@ -53,8 +50,7 @@ def contact_state_checks(
             finding.require(False, segment.place(), f"plate touches {state.other}, it rests on {plan.support}")
         to_corner = np.linalg.norm(state.vertices[:, None] - plate[None], axis=2).min(axis=1)
         finding.note_all(
-            _CORNER - to_corner,
-            lambda k, s=segment: f"{s.place()}: contact vertex {k} is no corner of plate",
+            _CORNER - to_corner, lambda k, s=segment: f"{s.place()}: contact vertex {k} is no corner of plate"
         )
         finding.note_all(
             tolerance - np.abs(heights(poses, state.vertices) - top),
@@ -63,20 +59,12 @@ def contact_state_checks(
     return [finding.check(), *_goal(plan, motions, task, settings)]
 
 
-def _goal(
-    plan: PlanView,
-    motions: list[SegmentMotion],
-    task: LiftTask,
-    settings: CertifySettings,
-) -> list[Check]:
+def _goal(plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings: CertifySettings) -> list[Check]:
     height, hold = Finding("goal_height", "m"), Finding("goal_hold", "1")
     motion = motions[-1]
     segment, last = motion.segment, len(motion.segment.time) - 1
     lowest = float(heights(motion.body_poses["plate"][-1:], plan.bodies["plate"].shape.vertices).min())
-    height.note(
-        lowest - support_height(plan) - task.goal_height + settings.goal_slack,
-        segment.place(last),
-    )
+    height.note(lowest - support_height(plan) - task.goal_height + settings.goal_slack, segment.place(last))
     where = segment.place(last)
     gripped = segment.grip is not None and segment.grip.body == "plate" and segment.kind != "release"
     pushed = segment.push is not None and segment.push.body == "plate" and segment.kind != "retreat"

@@ -17,36 +17,11 @@ from planners.geometry.pose import Array, Transform, from_pose7
 ARMS = ("left", "right")
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 JOINT_NAMES = tuple(f"{arm}_{joint}_joint" for arm in ARMS for joint in JOINTS)
-SEGMENT_KINDS = (
-    "transit",
-    "transfer",
-    "handover",
-    "approach",
-    "retreat",
-    "grip",
-    "release",
-    "attach",
-    "detach",
-)
+SEGMENT_KINDS = ("transit", "transfer", "handover", "approach", "retreat", "grip", "release", "attach", "detach")
 OUTCOMES = ("solved", "infeasible", "not_found")
 CONTACT_KINDS = ("soft_finger", "point", "environment", "suction", "inertia")
-ROLES = (
-    "plate",
-    "object",
-    "tool",
-    "support",
-    "obstacle",
-    "table",
-    "frame",
-    "cup",
-    "cable",
-)
-ELEMENT_SIZES = {
-    "face": range(3, 1000),
-    "edge": range(2, 3),
-    "vertex": range(1, 2),
-    "none": range(1),
-}
+ROLES = ("plate", "object", "tool", "support", "obstacle", "table", "frame", "cup", "cable")
+ELEMENT_SIZES = {"face": range(3, 1000), "edge": range(2, 3), "vertex": range(1, 2), "none": range(1)}
 _UNIT_QUATERNION = 1e-6
 _ABSURD = 1e9
 
@@ -281,10 +256,7 @@ def read_matrix(value: Any, pointer: str, shape: tuple[int | None, int]) -> Arra
     single = shape[0] == 1
     for index, row in enumerate(rows):
         if not isinstance(row, (list, tuple)) or len(row) != shape[1]:
-            raise MalformedDocument(
-                pointer if single else child(pointer, index),
-                f"must hold {shape[1]} numbers",
-            )
+            raise MalformedDocument(pointer if single else child(pointer, index), f"must hold {shape[1]} numbers")
     # The types of thousands of numbers are looked at together; one by one only to name the wrong one.
     clean = set(map(type, chain.from_iterable(rows))) <= {int, float}
     if clean:
@@ -336,11 +308,7 @@ def read_poses(value: Any, pointer: str, count: int) -> Array:
 def read_shape(value: Any, pointer: str) -> BodyShape:
     """Return a shape of the contract as vertices and convex parts."""
     shape = read_object(value, pointer)
-    kind = read_text(
-        read_member(shape, "type", pointer),
-        child(pointer, "type"),
-        ("box", "cylinder", "prism", "mesh"),
-    )
+    kind = read_text(read_member(shape, "type", pointer), child(pointer, "type"), ("box", "cylinder", "prism", "mesh"))
     if kind == "box":
         size = read_vector(read_member(shape, "size", pointer), child(pointer, "size"), 3)
         if np.any(size <= 0):
@@ -350,10 +318,7 @@ def read_shape(value: Any, pointer: str) -> BodyShape:
         return _read_mesh(shape, pointer)
     height = read_positive(read_member(shape, "height", pointer), child(pointer, "height"))
     if kind == "cylinder":
-        return cylinder(
-            read_positive(read_member(shape, "radius", pointer), child(pointer, "radius")),
-            height,
-        )
+        return cylinder(read_positive(read_member(shape, "radius", pointer), child(pointer, "radius")), height)
     where = child(pointer, "outline")
     outline = read_matrix(read_member(shape, "outline", pointer), where, (None, 2))
     return _refuse_flat(lambda: prism(outline, height), where)
@@ -363,9 +328,7 @@ def _read_mesh(shape: Mapping[str, Any], pointer: str) -> BodyShape:
     where = child(pointer, "convex_parts")
     parts = [
         read_matrix(
-            part["vertices"] if isinstance(part, Mapping) and "vertices" in part else part,
-            child(where, i),
-            (None, 3),
+            part["vertices"] if isinstance(part, Mapping) and "vertices" in part else part, child(where, i), (None, 3)
         )
         for i, part in enumerate(read_list(read_member(shape, "convex_parts", pointer), where))
     ]
@@ -532,8 +495,7 @@ class _SegmentReader:
         grippers = {arm for arm, hand in self.hands.items() if hand.kind == "gripper"}
         if set(widths) != grippers:
             raise MalformedDocument(
-                pointer,
-                f"must have the grippers {sorted(grippers)}, not {sorted(map(str, widths))}",
+                pointer, f"must have the grippers {sorted(grippers)}, not {sorted(map(str, widths))}"
             )
         return {arm: read_vector(widths[arm], child(pointer, arm), n) for arm in sorted(grippers)}
 
@@ -541,11 +503,7 @@ class _SegmentReader:
         if value is None:
             return None
         state = read_object(value, pointer)
-        element = read_text(
-            read_member(state, "element", pointer),
-            child(pointer, "element"),
-            tuple(ELEMENT_SIZES),
-        )
+        element = read_text(read_member(state, "element", pointer), child(pointer, "element"), tuple(ELEMENT_SIZES))
         other = state.get("with")
         if element != "none":
             other = self._body(read_member(state, "with", pointer), child(pointer, "with"))
@@ -559,10 +517,7 @@ class _SegmentReader:
         if value is None:
             return None, None
         hold = read_object(value, pointer)
-        grip_value, push_value = (
-            read_member(hold, "grip", pointer),
-            read_member(hold, "push", pointer),
-        )
+        grip_value, push_value = (read_member(hold, "grip", pointer), read_member(hold, "push", pointer))
         grip = push = None
         if grip_value is not None:
             at = child(pointer, "grip")
@@ -596,11 +551,7 @@ class _SegmentReader:
                 if to not in ARMS and (to not in self.bodies or to == name):
                     raise MalformedDocument(child(at, "to"), f"{to!r} is no arm and no other body")
                 attachments.append(
-                    AttachmentView(
-                        body,
-                        to,
-                        read_pose(read_member(member, "pose", at), child(at, "pose")),
-                    )
+                    AttachmentView(body, to, read_pose(read_member(member, "pose", at), child(at, "pose")))
                 )
         return tuple(attachments)
 

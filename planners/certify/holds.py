@@ -35,10 +35,7 @@ def held_samples(segment: SegmentView, arm: str, ends: tuple[str, str]) -> slice
 
 
 def _grip(
-    plan: PlanView,
-    motion: SegmentMotion,
-    settings: CertifySettings,
-    findings: tuple[Finding, Finding, Finding],
+    plan: PlanView, motion: SegmentMotion, settings: CertifySettings, findings: tuple[Finding, Finding, Finding]
 ) -> None:
     segment, grip = motion.segment, motion.segment.grip
     if grip is None:
@@ -54,20 +51,13 @@ def _grip(
         return f"{segment.place(int(samples[i]))}: {grip.arm} hand on {grip.body}"
 
     place.note_all(
-        settings.attachment_distance - np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1),
-        where,
+        settings.attachment_distance - np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1), where
     )
     turn.note_all(settings.attachment_angle - rotation_angles(poses, grip.T_body_tcp), where)
     thickness, offset = _thickness(plan.bodies[grip.body].shape, grip.T_body_tcp)
     width.note_all(settings.contact_distance - np.abs(widths[chosen] - thickness), where)
-    width.note(
-        settings.contact_distance - abs(grip.width - thickness),
-        f"{segment.place()}: width of the hold",
-    )
-    width.note(
-        settings.contact_distance - abs(offset),
-        f"{segment.place()}: the pads do not meet {grip.body} together",
-    )
+    width.note(settings.contact_distance - abs(grip.width - thickness), f"{segment.place()}: width of the hold")
+    width.note(settings.contact_distance - abs(offset), f"{segment.place()}: the pads do not meet {grip.body} together")
 
 
 def _thickness(shape: BodyShape, T_body_tcp: Transform) -> tuple[float, float]:
@@ -78,10 +68,7 @@ def _thickness(shape: BodyShape, T_body_tcp: Transform) -> tuple[float, float]:
     origin, direction = T_body_tcp[:3, 3], T_body_tcp[:3, 1]
     best = (0.0, 0.0)
     for part in shape.parts:
-        slopes, heights = (
-            part.planes[:, :3] @ direction,
-            part.planes[:, :3] @ origin + part.planes[:, 3],
-        )
+        slopes, heights = (part.planes[:, :3] @ direction, part.planes[:, :3] @ origin + part.planes[:, 3])
         if np.any((np.abs(slopes) < 1e-9) & (heights > 1e-9)):
             continue
         with np.errstate(divide="ignore"):
@@ -93,13 +80,7 @@ def _thickness(shape: BodyShape, T_body_tcp: Transform) -> tuple[float, float]:
     return best
 
 
-def _push(
-    plan: PlanView,
-    motion: SegmentMotion,
-    push: PushView,
-    settings: CertifySettings,
-    finding: Finding,
-) -> None:
+def _push(plan: PlanView, motion: SegmentMotion, push: PushView, settings: CertifySettings, finding: Finding) -> None:
     segment = motion.segment
     chosen = held_samples(segment, push.arm, ("approach", "retreat"))
     samples = np.arange(len(segment.time))[chosen]
@@ -109,10 +90,7 @@ def _push(
         lambda i: f"{segment.place(int(samples[i]))}: {push.arm} tip on {push.body}",
     )
     height, _ = plan.bodies[push.body].shape.surface_distance(push.point)
-    finding.note(
-        settings.contact_distance - abs(height),
-        f"{segment.place()}: point of the push on {push.body}",
-    )
+    finding.note(settings.contact_distance - abs(height), f"{segment.place()}: point of the push on {push.body}")
 
 
 def push_errors(plan: PlanView, motion: SegmentMotion, push: PushView) -> Array:

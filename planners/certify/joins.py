@@ -13,11 +13,7 @@ from planners.geometry.pose import Array
 
 
 def join_checks(
-    plan: PlanView,
-    motions: list[SegmentMotion],
-    task: LiftTask,
-    home: Array | None,
-    settings: CertifySettings,
+    plan: PlanView, motions: list[SegmentMotion], task: LiftTask, home: Array | None, settings: CertifySettings
 ) -> list[Check]:
     """Check that segments meet, and that the first starts where the task says."""
     return [_joins(plan, motions, settings), _start(plan, task, home, settings)]
@@ -27,16 +23,10 @@ def _joins(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettin
     finding = Finding("joins", "s, rad, rad/s, m")
     for before, after in zip(plan.segments[:-1], plan.segments[1:], strict=True):
         where = f"{after.place(0)}"
-        finding.note(
-            settings.join - abs(float(after.time[0] - before.time[-1])),
-            f"{where}: time",
-        )
+        finding.note(settings.join - abs(float(after.time[0] - before.time[-1])), f"{where}: time")
         for name in ("positions", "velocities"):
             jump = np.abs(getattr(after, name)[0] - getattr(before, name)[-1])
-            finding.note_all(
-                settings.join - jump,
-                lambda j, w=where, n=name: f"{w}: {n} of {JOINT_NAMES[j]}",
-            )
+            finding.note_all(settings.join - jump, lambda j, w=where, n=name: f"{w}: {n} of {JOINT_NAMES[j]}")
         for arm, widths in after.widths.items():
             jump = abs(float(widths[0] - before.widths[arm][-1]))
             finding.note(settings.join - jump, f"{where}: opening of the {arm} gripper")
@@ -54,8 +44,5 @@ def _start(plan: PlanView, task: LiftTask, home: Array | None, settings: Certify
     stated = home if task.start_positions is None else task.start_positions
     if plan.segments and stated is not None:
         distance = np.abs(plan.segments[0].positions[0] - stated)
-        finding.note_all(
-            settings.join - distance,
-            lambda j: f"{plan.segments[0].place(0)}: {JOINT_NAMES[j]}",
-        )
+        finding.note_all(settings.join - distance, lambda j: f"{plan.segments[0].place(0)}: {JOINT_NAMES[j]}")
     return finding.check()

@@ -1,5 +1,8 @@
 """Forward kinematics by pinocchio, and the curve that the arms follow between samples."""
 
+# pinocchio has no type stubs for what its compiled part exports.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 from functools import cached_property

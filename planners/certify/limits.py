@@ -32,17 +32,11 @@ def _time(plan: PlanView, settings: CertifySettings) -> Check:
         steps = np.diff(segment.time)
         finding.note_all(steps - _ROUNDING, lambda i, s=segment: f"{s.place(i)} and the next: time must rise")
         longest = settings.time_step + _ROUNDING
-        finding.note_all(
-            longest - steps,
-            lambda i, s=segment: f"{s.place(i)} and the next: longest step",
-        )
+        finding.note_all(longest - steps, lambda i, s=segment: f"{s.place(i)} and the next: longest step")
     if plan.segments:
         start = abs(float(plan.segments[0].time[0]))
         if start > settings.join:
-            finding.note(
-                settings.join - start,
-                f"{plan.segments[0].place(0)}: the first time is not 0",
-            )
+            finding.note(settings.join - start, f"{plan.segments[0].place(0)}: the first time is not 0")
     return finding.check()
 
 
@@ -51,10 +45,7 @@ def _rest(plan: PlanView, settings: CertifySettings) -> Check:
 
     def note(segment: SegmentView, first: int, speeds: Array) -> None:
         margins = settings.rest_velocity - np.abs(speeds)
-        finding.note_all(
-            margins,
-            lambda i, j: f"{segment.place(first + i)}: {JOINT_NAMES[j]}",
-        )
+        finding.note_all(margins, lambda i, j: f"{segment.place(first + i)}: {JOINT_NAMES[j]}")
 
     for segment in plan.segments:
         if segment.kind in _STANDING:
@@ -85,10 +76,7 @@ def _stacked(plan: PlanView, name: str) -> Array:
 
 def _limits(plan: PlanView, settings: CertifySettings) -> list[Check]:
     low, high = _stacked(plan, "position_min"), _stacked(plan, "position_max")
-    fastest, hardest = (
-        _stacked(plan, "velocity_max"),
-        _stacked(plan, "acceleration_max"),
-    )
+    fastest, hardest = (_stacked(plan, "velocity_max"), _stacked(plan, "acceleration_max"))
     slack = settings.limit_slack
     position = Finding("joint_positions", "rad")
     velocity = Finding("joint_velocities", "rad/s")

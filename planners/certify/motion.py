@@ -127,17 +127,14 @@ class SegmentMotion:
             far += float(np.linalg.norm(self.riders[frame.owner].T_flange_body[:3, 3]))
         reach = self.reaches[arm][link, first_joint:link] + far
         curve, columns = self.curves[arm], slice(first_joint, link)
-        speed, push = (
-            curve.velocity_peak[:, columns],
-            curve.acceleration_peak[:, columns],
-        )
+        speed, push = (curve.velocity_peak[:, columns], curve.acceleration_peak[:, columns])
         # |p''| <= sum_j |q''_j| r_j + sum_jk |q'_j| |q'_k| r_max(j, k): the outer joint's lever counts.
         lever = np.minimum.outer(reach, reach)
         bends = (push @ reach + np.einsum("nj,jk,nk->n", speed, lever, speed)) * steps**2 / 8
         return bends + self.finger_travel(frame)
 
     def finger_travel(self, frame: Frame) -> Array | float:
-        """Return how far the frame moves in the flange's frame from sample to sample, for fingers (n - 1,), else 0 [m]."""
+        """Return how far a finger moves in the flange's frame from sample to sample: (n - 1,); else 0 [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
         return _FINGER_REACH * np.abs(np.diff(finger_angles(self.segment.widths[frame.owner])))
@@ -213,9 +210,7 @@ def motions_of(plan: PlanView) -> list[SegmentMotion]:
                 reaches=reaches,
                 curves={
                     arm: HermiteCurve(
-                        segment.time,
-                        segment.positions[:, columns[arm]],
-                        segment.velocities[:, columns[arm]],
+                        segment.time, segment.positions[:, columns[arm]], segment.velocities[:, columns[arm]]
                     )
                     for arm in ARMS
                 },

@@ -33,7 +33,10 @@ def pairs_of(solids: Sequence[Solid], static: frozenset[str]) -> list[tuple[int,
 
 
 class TouchRule:
-    """Which pairs may touch during one segment: pads and fingers a held body, the tip a pushed one, resting bodies their support, the cup its plate."""
+    """Which pairs may touch during one segment.
+
+    Pads and fingers a held body, the tip a pushed one, resting bodies their support, the cup its plate.
+    """
 
     def __init__(self, plan: PlanView, segment: SegmentView) -> None:
         self._plan = plan

@@ -10,11 +10,14 @@ import numpy as np
 
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
-from planners.certify.lift_task import LiftTask
+from planners.certify.document_view import BodyView, PlanView
+from planners.certify.lift_task import LiftTask, StatedBody
 from planners.certify.settings import CertifySettings
 from planners.certify.surfaces import largest_width, pad_height
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, inverse
+
+_CABLE_LENGTH = 1.1
+"""Contract [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,33 +48,56 @@ def scene_checks(
 
 def _bodies(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
     finding = Finding("task_bodies", "m, kg")
-
-    def equal(where: str, difference: float) -> None:
-        finding.note(settings.join - difference, where)
-
     for stated in task.bodies:
         body = plan.bodies.get(stated.name)
         if body is None:
             finding.require(False, f"body {stated.name}", "is in the task, not in the document")
-            continue
-        equal(
-            f"body {stated.name}: pose",
-            float(np.abs(body.T_world_start - stated.T_world_body).max()),
-        )
-        if stated.shape is not None:
-            equal(f"body {stated.name}: shape", _difference(body.shape, stated.shape))
-        if stated.com is not None:
-            equal(f"body {stated.name}: com", float(np.abs(body.com - stated.com).max()))
-        if stated.mass is not None:
-            equal(f"body {stated.name}: mass", abs((body.mass or 0.0) - stated.mass))
-    for name in ("cup", "cable", plan.support):
-        if name not in plan.bodies:
-            finding.require(False, f"body {name}", "is missing")
+        else:
+            _same_body(body, stated, finding, settings)
+    roles = {"plate": "plate", "support": "support", "cup": "cup", "cable": "cable"}
+    roles |= {stated.name: "obstacle" for stated in task.bodies if stated.name not in roles}
     for name, body in plan.bodies.items():
-        fixed = name not in ("plate", "cup", "cable")
-        if body.static != fixed:
-            finding.require(False, f"body {name}", f"must {'' if fixed else 'not '}be static")
+        where, fixed = f"body {name}", name not in ("plate", "cup", "cable")
+        # Whatever the task does not state belongs to the cell.
+        known = body.role == roles[name] if name in roles else body.role in ("table", "frame")
+        finding.require(known, f"{where}: role", f"{body.role!r} is not what the task makes of it")
+        finding.require(body.static == fixed, f"{where}: static", f"must be {fixed}")
+    for name in ("cup", "cable", plan.support):
+        finding.require(name in plan.bodies, f"body {name}", "is missing")
+    if {"cup", "cable"} <= set(plan.bodies):
+        _lifter(plan, task, finding, settings)
     return finding.check()
+
+
+def _same_body(body: BodyView, stated: StatedBody, finding: Finding, settings: CertifySettings) -> None:
+    differences = {"pose": float(np.abs(body.T_world_start - stated.T_world_body).max())}
+    if stated.shape is not None:
+        differences["shape"] = _difference(body.shape, stated.shape)
+    if stated.com is not None:
+        differences["com"] = float(np.abs(body.com - stated.com).max())
+    if stated.mass is not None:
+        differences["mass"] = abs((body.mass or 0.0) - stated.mass)
+    for member, difference in differences.items():
+        finding.note(settings.join - difference, f"body {stated.name}: {member}")
+
+
+def _lifter(plan: PlanView, task: LiftTask, finding: Finding, settings: CertifySettings) -> None:
+    """The cup stands on the plate where the task says and is as wide; the cable stands on the cup, 1.1 m high."""
+    plate, cup, cable = (plan.bodies[name] for name in ("plate", "cup", "cable"))
+    T_plate_cup = inverse(plate.T_world_start) @ cup.T_world_start
+    rim = cup.shape.vertices @ T_plate_cup[:3, :3].T + T_plate_cup[:3, 3]
+    middle = (rim.min(axis=0) + rim.max(axis=0)) / 2
+    seat = np.array([*task.cup.position, plate.shape.vertices[:, 2].max()])
+    off = np.linalg.norm(seat - [middle[0], middle[1], rim[:, 2].min()])
+    finding.note(settings.attachment_distance - float(off), "body cup: place on the plate")
+    narrower = task.cup.radius - float(np.linalg.norm(rim[:, :2] - middle[:2], axis=1).max())
+    finding.note(settings.join - narrower, "body cup: radius")
+    low, high = cable.shape.vertices[:, 2].min(), cable.shape.vertices[:, 2].max()
+    finding.note(settings.join - (_CABLE_LENGTH - float(high - low)), "body cable: height")
+    foot = cable.T_world_start[:3, :3] @ [0.0, 0.0, low] + cable.T_world_start[:3, 3]
+    T = plate.T_world_start
+    anchor = T[:3, :3] @ [middle[0], middle[1], rim[:, 2].max()] + T[:3, 3]
+    finding.note(settings.attachment_distance - float(np.linalg.norm(foot - anchor)), "body cable: place on the cup")
 
 
 def _difference(a: BodyShape, b: BodyShape) -> float:
@@ -96,8 +122,7 @@ def _grippers(plan: PlanView, settings: CertifySettings) -> Check:
             opening = segment.widths[arm]
             outside = np.maximum(-opening, opening - min(largest_width(), float(widths[-1])))
             finding.note_all(
-                settings.attachment_distance - outside,
-                lambda i, a=arm, s=segment: f"{s.place(i)}: opening of {a}",
+                settings.attachment_distance - outside, lambda i, a=arm, s=segment: f"{s.place(i)}: opening of {a}"
             )
     return finding.check()
 
@@ -106,13 +131,7 @@ def _cell(document: Mapping[str, Any], reference: CellReference, settings: Certi
     finding = Finding("cell", "1")
     _compare(document["cell"], reference.cell, "/cell", finding, settings.join)
     for name, body in reference.bodies.items():
-        _compare(
-            document["bodies"].get(name),
-            body,
-            f"/bodies/{name}",
-            finding,
-            settings.join,
-        )
+        _compare(document["bodies"].get(name), body, f"/bodies/{name}", finding, settings.join)
     return finding.check()
 
 
@@ -127,11 +146,7 @@ def _compare(value: Any, known: Any, pointer: str, finding: Finding, tolerance: 
     elif isinstance(known, (list, tuple)) and isinstance(value, (list, tuple)) and len(known) == len(value):
         for index, (a, b) in enumerate(zip(value, known, strict=True)):
             _compare(a, b, f"{pointer}/{index}", finding, tolerance)
-    elif _is_number(known) and _is_number(value):
+    elif isinstance(known, (int, float)) and isinstance(value, (int, float)) and not isinstance(value, bool):
         finding.note(tolerance - abs(float(value) - float(known)), pointer)
     else:
         finding.note(0.0 if value == known else -1.0, pointer)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

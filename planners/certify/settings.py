@@ -13,7 +13,7 @@ class CertifySettings:
     time_step: float = 0.020
     """Largest step between samples [s]; contract."""
     join: float = 1e-9
-    """Largest jump of a time, position, velocity, width or pose where two segments meet [s, rad, rad/s, m]; contract."""
+    """Largest jump of time, position, velocity, width or pose where segments meet [s, rad, rad/s, m]; contract."""
     rest_velocity: float = 1e-6
     """Joint velocity that counts as none [rad/s]; a tenth of an encoder step a second."""
     limit_slack: float = 1e-3
@@ -25,7 +25,7 @@ class CertifySettings:
     attachment_angle: float = math.radians(0.05)
     """Turn of an attached body [rad]; contract."""
     contact_distance: float = 5e-4
-    """Distance between a contact, the surfaces it joins and the hand that makes it [m]; as the contract's contact states."""
+    """Distance of a contact from the surfaces it joins and the hand that makes it [m]; as for contact states."""
     contact_angle: float = math.radians(0.5)
     """Angle between a contact's normal and the surface's [rad]; twice what `contact_distance` turns a pad of 60 mm."""
     element_height: float = 5e-4
@@ -50,5 +50,5 @@ class CertifySettings:
     """Penetration of pairs that may touch [m]; contract."""
     smallest_motion: float = 2e-5
     """Motion below which two clear moments are taken as clear in between [m]; a fiftieth of `touch_depth`."""
-    distance_budget: int = 400_000
-    """Distances computed before the rest is reported as not proven; a plan of a minute needs some tens of thousands."""
+    distance_budget: int = 20_000
+    """Distances computed before the rest is reported as not proven; a plan of a minute needs some hundreds."""

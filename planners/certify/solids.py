@@ -15,6 +15,9 @@ from planners.geometry.pose import Array, Transform, frame_from_z, transform
 
 _THIN = 1e-7
 """Radius that stands for none: fcl's capsules must have one [m]."""
+_CLOSE_ENOUGH, _FINE = 0.98, 1e-5
+"""A gap of this part of the distance, less this length [m], is good enough: it only costs steps."""
+_GILBERT_STEPS = 60
 _MANY_AXES = 40_000
 """Pairs of edges beyond which a depth is bounded by the faces alone: larger than it is, never smaller."""
 
@@ -75,18 +78,7 @@ def polytope(name: str, group: str, frame: Frame, part: ConvexPart) -> Solid:
     """Make a solid of a convex part given in the solid's frame."""
     faces = np.column_stack([np.full(len(part.triangles), 3), part.triangles]).ravel()
     shape = fcl.CollisionObject(fcl.Convex(part.vertices, len(part.triangles), faces))
-    return Solid(
-        name,
-        group,
-        frame,
-        shape,
-        None,
-        np.eye(4),
-        0.0,
-        part.vertices,
-        part,
-        *_bounds(part.vertices, 0.0),
-    )
+    return Solid(name, group, frame, shape, None, np.eye(4), 0.0, part.vertices, part, *_bounds(part.vertices, 0.0))
 
 
 def capsule(name: str, group: str, frame: Frame, ends: Array, radius: float) -> Solid:
@@ -98,29 +90,14 @@ def capsule(name: str, group: str, frame: Frame, ends: Array, radius: float) -> 
     T_frame_shape = transform(frame_from_z(direction, hint), ends.mean(axis=0))
     shape = fcl.CollisionObject(fcl.Capsule(radius, length))
     core = fcl.CollisionObject(fcl.Capsule(_THIN, length))
-    return Solid(
-        name,
-        group,
-        frame,
-        shape,
-        core,
-        T_frame_shape,
-        radius,
-        ends,
-        None,
-        *_bounds(ends, radius),
-    )
+    return Solid(name, group, frame, shape, core, T_frame_shape, radius, ends, None, *_bounds(ends, radius))
 
 
 def _bounds(points: Array, radius: float) -> tuple[Array, float, Array]:
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
     centre = (low + high) / 2
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    return (
-        centre,
-        float(np.linalg.norm(points - centre, axis=1).max()) + radius,
-        corners,
-    )
+    return (centre, float(np.linalg.norm(points - centre, axis=1).max()) + radius, corners)
 
 
 def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[Solid]:
@@ -167,27 +144,68 @@ def _stick(arm: str, hand: HandView) -> list[Solid]:
 
 
 def signed_distance(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
-    """Return the distance between two solids [m], or minus how deep they are in one another.
+    """Return the distance between two solids [m], or minus how deep they are in one another; never more than it is.
 
-    A depth is exact or, between a capsule's axis or very round hulls, larger than it is: never smaller.
+    Fcl's distances can be a third too large. So fcl is only asked for a direction, and the answer is the gap between
+    the solids along it, which no error of fcl's can make larger than the distance. Where the gap is much smaller than
+    what fcl says, the direction is bettered first.
     """
-    distance = _distance(a.place(T_world_a), b.place(T_world_b))
-    if distance > 0.0:
-        return distance
-    if a.part is not None and b.part is not None:
-        return -_polytope_depth(a, T_world_a, b, T_world_b)
-    distance = _distance(a.place(T_world_a, core=True), b.place(T_world_b, core=True))
-    if distance <= 0.0:
-        distance = -_polytope_depth(a, T_world_a, b, T_world_b)
-    return distance - a.radius - b.radius
+    way = _way(a.place(T_world_a), b.place(T_world_b))
+    if way is None and (a.part is None or b.part is None):
+        way = _way(a.place(T_world_a, core=True), b.place(T_world_b, core=True))
+    gap = -math.inf if way is None else _largest_gap(way, a, T_world_a, b, T_world_b)
+    return gap if gap > 0.0 else max(gap, _best_gap(a, T_world_a, b, T_world_b))
 
 
-def _distance(a: fcl.CollisionObject, b: fcl.CollisionObject) -> float:
-    return float(fcl.distance(a, b, fcl.DistanceRequest(), fcl.DistanceResult()))
+def _way(a: fcl.CollisionObject, b: fcl.CollisionObject) -> Array | None:
+    """Return the way from a to b where fcl has them nearest; None where it has them touch."""
+    result = fcl.DistanceResult()
+    if fcl.distance(a, b, fcl.DistanceRequest(True), result) <= 0.0:
+        return None
+    on_a, on_b = (np.asarray(point, dtype=float) for point in result.nearest_points)
+    way = on_b - on_a
+    return way if float(way @ way) > 0.0 else None
 
 
-def _polytope_depth(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
-    """Return the shortest way out of one another of the hulls of both solids' points (separating axes)."""
+def _largest_gap(way: Array, a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
+    """Return the gap between two solids along a way, or along better ones (Gilbert's algorithm) [m]."""
+    radii = a.radius + b.radius
+    best, nearest = -math.inf, None
+    for _ in range(_GILBERT_STEPS):
+        direction = way / math.sqrt(float(way @ way))
+        end_of_a = _support(a, T_world_a, direction)
+        start_of_b = _support(b, T_world_b, -direction)
+        between = start_of_b - end_of_a
+        best = max(best, float(between @ direction) - radii)
+        # At first fcl's word for how far they are apart, then the nearest point found of all differences.
+        known = math.sqrt(float(way @ way)) - (0.0 if nearest is None else radii)
+        if best >= _CLOSE_ENOUGH * known - _FINE:
+            break
+        nearest = between if nearest is None else _nearest_on_segment(nearest, between)
+        if float(nearest @ nearest) == 0.0:
+            break
+        way = nearest
+    return best
+
+
+def _support(solid: Solid, T_world_solid: Transform, direction: Array) -> Array:
+    """Return the point of the solid's hull that is farthest along a direction of the world."""
+    local = solid.points[int(np.argmax(solid.points @ (T_world_solid[:3, :3].T @ direction)))]
+    return T_world_solid[:3, :3] @ local + T_world_solid[:3, 3]
+
+
+def _nearest_on_segment(start: Array, end: Array) -> Array:
+    """Return the point of a segment that is nearest to the origin."""
+    along = end - start
+    length = float(along @ along)
+    return start if length == 0.0 else start + along * min(1.0, max(0.0, -float(start @ along) / length))
+
+
+def _best_gap(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
+    """Return the largest gap along all separating axes of the hulls of both solids' points [m].
+
+    If they overlap it is minus the shortest way out of one another; with too many edges to try all, minus more.
+    """
     R = T_world_b[:3, :3].T @ T_world_a[:3, :3]
     p = T_world_b[:3, :3].T @ (T_world_a[:3, 3] - T_world_b[:3, 3])
     edges_a, edges_b = _edges(a) @ R.T, _edges(b)
@@ -198,11 +216,11 @@ def _polytope_depth(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transfo
         axes.append(crosses[lengths > 1e-6] / lengths[lengths > 1e-6, None])
     directions = np.vstack(axes)
     if not len(directions):
-        return 0.0
+        return -a.radius - b.radius
     along_a, along_b = directions @ (a.points @ R.T + p).T, directions @ b.points.T
-    forward = along_a.max(axis=1) - along_b.min(axis=1)
-    backward = along_b.max(axis=1) - along_a.min(axis=1)
-    return max(0.0, float(np.minimum(forward, backward).min()))
+    forward = along_b.min(axis=1) - along_a.max(axis=1)
+    backward = along_a.min(axis=1) - along_b.max(axis=1)
+    return float(np.maximum(forward, backward).max()) - a.radius - b.radius
 
 
 def _normals(solid: Solid) -> Array:

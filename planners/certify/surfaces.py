@@ -4,6 +4,9 @@ Read here a second time and in another way than the cell does, by pinocchio on t
 have put in the wrong place is found.
 """
 
+# pinocchio has no type stubs for what its compiled part exports.
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import math
@@ -46,7 +49,7 @@ _MILLIMETRE = 0.001
 _KNUCKLE_PIVOT = np.array([0.0, 0.0306011, 0.054904])
 _INNER_PIVOT = np.array([0.0, 0.0127, 0.06142])
 _OUTER_FINGER = np.array([0.0, 0.0315, -0.0041])
-_INNER_FINGER = _OUTER_FINGER + [0.0, 0.0061, 0.0471]
+_INNER_FINGER = np.add(_OUTER_FINGER, [0.0, 0.0061, 0.0471])
 _PAD = np.array([0.0, -0.0220203446692936, 0.03242])
 _PAD_SIZE = np.array([0.022, 0.00635, 0.0375])
 _LARGEST_TURN = 0.85
@@ -78,17 +81,13 @@ def load_surfaces(folder: Path | None = None) -> RobotSurfaces:
     """
     root = folder or Path(airo_models.__file__).parent
     gripper = root / "grippers" / "robotiq_2f_85" / "meshes" / "collision"
-    base = _vertices(gripper / "robotiq_arg2f_base_link.obj") + [
-        0.0,
-        0.0,
-        _SENSOR_LENGTH,
-    ]
+    base = np.add(_vertices(gripper / "robotiq_arg2f_base_link.obj"), [0.0, 0.0, _SENSOR_LENGTH])
     parts = {name: _hull(_MILLIMETRE * _vertices(gripper / file), file) for name, file in _GRIPPER_MESHES.items()}
     parts["pad"] = box(_PAD_SIZE).parts[0]
     sensor = cylinder(_SENSOR_RADIUS, _SENSOR_LENGTH).parts[0]
     return RobotSurfaces(
         links=_link_hulls(root / "arms" / "ur3e"),
-        sensor=convex_part(sensor.vertices + [0.0, 0.0, _SENSOR_LENGTH / 2]),
+        sensor=convex_part(np.add(sensor.vertices, [0.0, 0.0, _SENSOR_LENGTH / 2])),
         gripper_base=_hull(base, "robotiq_arg2f_base_link.obj"),
         finger_parts=parts,
     )

@@ -21,11 +21,21 @@ Assignment = dict[Engagement, int]
 
 
 @dataclass(frozen=True)
+class HoldSplit:
+    """A hold whose postures must be told apart."""
+
+    hand: Hand
+    hold: HandHold
+    parts: tuple[int, ...]
+    """Disjoint bit sets, together all postures of the hold; at least two."""
+
+
+@dataclass(frozen=True)
 class NoAssignment:
-    """Why no postures fit a path: failures found, or holds that must be told apart by posture to find them."""
+    """Why no postures fit a path: failures found, and holds that must be told apart by posture to apply them."""
 
     failures: tuple[Failure, ...]
-    split: tuple[tuple[Hand, HandHold], ...]
+    split: tuple[HoldSplit, ...]
     edge: int | None
     """An edge to give up where neither is to be had."""
     rejection: Rejection
@@ -66,18 +76,19 @@ class PostureAssigner:
     def problem(self) -> NoAssignment | None:
         """Return why postures of single hands cannot fit, or None."""
         failures: list[Failure] = []
-        split: list[tuple[Hand, HandHold]] = []
+        split: dict[HandHold, HoldSplit] = {}
         for engagement, factors in self._factors.items():
-            left = engagement.hold.postures
-            empty = [failure for survivors, failure in factors if not survivors & engagement.hold.postures]
+            hold = engagement.hold
+            empty = [failure for survivors, failure in factors if not survivors & hold.postures]
             failures += empty
-            for survivors, _ in factors:
-                left &= survivors
-            if not left and not empty:
-                split.append((engagement.hand, engagement.hold))
+            conflict = [] if empty or self._left(engagement) else _conflict(hold.postures, factors)
+            if conflict and hold not in split:
+                failures += [failure for _, failure in conflict]
+                sets = [survivors for survivors, _ in conflict]
+                split[hold] = HoldSplit(engagement.hand, hold, _parts(hold.postures, sets))
         if failures or split:
             reason = "no posture of a hand follows the plate all the way"
-            return NoAssignment(tuple(failures), tuple(split), None, Rejection("transfer", reason))
+            return NoAssignment(tuple(failures), tuple(split.values()), None, Rejection("transfer", reason))
         for engagement, postures in self._preferred.items():
             if not postures:
                 reason = "the joints would have to turn beyond their limits while the hand holds the plate"
@@ -93,7 +104,7 @@ class PostureAssigner:
     def pair_problem(self) -> NoAssignment:
         """Say why no pair of postures fits: the motions where none does, which holds to split, or where to give up."""
         failures: list[Failure] = []
-        split: list[tuple[Hand, HandHold]] = []
+        clashing: dict[Engagement, None] = {}
         for grip in (e for e in self.itinerary.engagements if e.hand == "grip"):
             for push in (e for e in self.itinerary.engagements if e.hand == "push"):
                 first, last = max(grip.first, push.first), min(grip.last, push.last)
@@ -103,11 +114,16 @@ class PostureAssigner:
                     step = self.itinerary.motions[place]
                     if step is not None and not self._any_together(step[0], grip, push):
                         failures.append(PairFailure(grip.hold, push.hold, motion=step[0]))
-                split += [("grip", grip.hold), ("push", push.hold)]
-        wide = [(hand, hold) for hand, hold in dict.fromkeys(split) if hold.postures & (hold.postures - 1)]
+                clashing |= {grip: None, push: None}
+        splits: dict[HandHold, HoldSplit] = {}
+        for engagement in clashing:
+            hold, left = engagement.hold, self._left(engagement)
+            parts = _parts(hold.postures, [1 << bit for bit in bits(left)])
+            if len(parts) > 1:
+                splits.setdefault(hold, HoldSplit(engagement.hand, hold, parts))
         rejection = Rejection("transfer", "the two arms would touch on the way in every pair of postures")
-        edge = None if failures or wide else self.itinerary.path.edges[-1]
-        return NoAssignment(tuple(failures), () if failures else tuple(wide), edge, rejection)
+        edge = None if failures or splits else self.itinerary.path.edges[-1]
+        return NoAssignment(tuple(failures), () if failures else tuple(splits.values()), edge, rejection)
 
     def _any_together(self, motion: int, grip: Engagement, push: Engagement) -> bool:
         grips = self.follower.along(motion, "grip", grip.hold.index, alone=False) & grip.hold.postures
@@ -134,9 +150,6 @@ class PostureAssigner:
 
     def _ordered(self, engagement: Engagement) -> list[int]:
         """Postures in the order of their distance from the start position, the farthest joint counting."""
-        left = engagement.hold.postures
-        for survivors, _ in self._factors[engagement]:
-            left &= survivors
         reach = self.follower.hand(engagement.hand)
         T_world_plate = self.follower.poses.poses[self.itinerary.poses[engagement.first]].T_world_plate[None]
         home = self.start_positions[reach.first_joint : reach.first_joint + 6]
@@ -145,7 +158,15 @@ class PostureAssigner:
             q = reach.follow(T_world_plate, engagement.hold.index, posture, home[None])[0]
             return float(np.abs(q - home).max())
 
-        return sorted((posture for posture in bits(left) if self._within_limits(engagement, posture)), key=distance)
+        left = bits(self._left(engagement))
+        return sorted((posture for posture in left if self._within_limits(engagement, posture)), key=distance)
+
+    def _left(self, engagement: Engagement) -> int:
+        """The postures of a hand that pass everything on the path, the other hand aside."""
+        left = engagement.hold.postures
+        for survivors, _ in self._factors[engagement]:
+            left &= survivors
+        return left
 
     def _within_limits(self, engagement: Engagement, posture: int) -> bool:
         """Whether some whole turns of the joints keep them within limits from approach to retreat."""
@@ -167,3 +188,25 @@ class PostureAssigner:
             if step is not None and not self.follower.together(step[0], one, two):
                 return False
         return True
+
+
+def _conflict(postures: int, factors: list[tuple[int, Failure]]) -> list[tuple[int, Failure]]:
+    """Choose few of the factors that already leave none of the postures: none of them can be spared."""
+    chosen = list(factors)
+    for factor in factors:
+        others = [other for other in chosen if other is not factor]
+        left = postures
+        for survivors, _ in others:
+            left &= survivors
+        if not left:
+            chosen = others
+    return chosen
+
+
+def _parts(postures: int, sets: list[int]) -> tuple[int, ...]:
+    """Divide postures by which of the sets they are in."""
+    parts: dict[tuple[bool, ...], int] = {}
+    for bit in bits(postures):
+        key = tuple(bool(members >> bit & 1) for members in sets)
+        parts[key] = parts.get(key, 0) | 1 << bit
+    return tuple(parts.values())

@@ -135,9 +135,16 @@ class _Run:
                     self._leave(engagement)
                 for engagement in self._changing(lambda e, here=place: e.first == here + 1):
                     self._arrive(engagement)
+            self._end_in_hold()
         except _GotStuck as error:
             return error.stuck
         return tuple(self.stage.segments)
+
+    def _end_in_hold(self) -> None:
+        """Let a plan end with both hands on the plate, also where the last of them came when it was in the air."""
+        if self.stage.segments[-1].kind is not SegmentKind.TRANSFER:
+            still = hold_still(self.stage.q, self.plan.pace.finger_time, self.plan.timing.sample_step)
+            self._add(SegmentKind.TRANSFER, (), still)
 
     def _changing(self, which: Callable[[Engagement], bool]) -> list[Engagement]:
         return sorted((e for e in self.itinerary.engagements if which(e)), key=lambda e: e.hand)

@@ -81,6 +81,18 @@ class Itinerary:
         return None
 
 
+@dataclass(frozen=True, eq=False)
+class PostureQueries:
+    """Collision queries by phase, the plate moving in all of them."""
+
+    with_idle: dict[Hand, PlateQuery]
+    """For each hand, its arm and the idle other arm against everything."""
+    opened: dict[Hand, PlateQuery]
+    """For each hand, its arm against everything but the other arm, while it comes to the plate."""
+    lifted: PlateQuery
+    """Plate and cup against what stands in the cell."""
+
+
 class PostureFollower:
     """Follows postures along the motions of one plate lift; remembers every answer."""
 
@@ -88,11 +100,8 @@ class PostureFollower:
         self,
         poses: DenseContactStateGraph,
         pair: PairReach,
-        with_idle: dict[Hand, PlateQuery],
-        opened: dict[Hand, PlateQuery],
-        lifted: PlateQuery,
-        grips: tuple[Grip, ...],
-        pushes: tuple[Push, ...],
+        queries: PostureQueries,
+        holds: tuple[tuple[Grip, ...], tuple[Push, ...]],
         reach: dict[Hand, NDArray[np.uint64]],
         settings: SweepSettings | None = None,
     ) -> None:
@@ -101,16 +110,14 @@ class PostureFollower:
         Args:
             poses: the dense contact state graph.
             pair: both hands.
-            with_idle: for each hand, its arm and the idle other arm against everything, the plate moving.
-            opened: for each hand, its arm against everything but the other arm while it comes to the plate.
-            lifted: plate and cup against what stands in the cell.
-            grips: all grips.
-            pushes: all pushes.
+            queries: what counts as a collision in which phase.
+            holds: all grips and all pushes.
             reach: (poses, holds) bit sets of each hand.
             settings: how finely to sample.
         """
-        self.poses, self.pair, self.with_idle, self.opened = poses, pair, with_idle, opened
-        self.lifted, self.grips, self.pushes, self.reach = lifted, grips, pushes, reach
+        self.poses, self.pair, self.reach = poses, pair, reach
+        self.with_idle, self.opened, self.lifted = queries.with_idle, queries.opened, queries.lifted
+        self.grips, self.pushes = holds
         self.settings = settings or SweepSettings()
         self._along: dict[tuple[int, Hand, int, bool], int] = {}
         self._approach: dict[tuple[int, Hand, int], int] = {}

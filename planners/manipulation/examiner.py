@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.balance.balanced import Balanced, Unbalanced
+from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
 from planners.geometry.wrench import rotated
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, whole
@@ -114,7 +114,7 @@ class NodeExaminer:
         ruled_out = self.balance.ruled_out[self.graph.node_pose, self._grip_row, self._push_row]
         fallen = ruled_out & (knowledge.status == UNKNOWN)
         self.rejections.add(
-            Rejection("balance", "A proof found at another node shows that this one cannot be held either."),
+            Rejection("balance", UnbalanceReason.PROVEN.value),
             int(fallen.sum()),
         )
         knowledge.status[fallen] = DEAD

@@ -12,8 +12,10 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from planners.graph.search import Knowledge, StateGraph, graph_from_edges, whole
+from planners.graph.search import DEAD, Knowledge, StateGraph, graph_from_edges, whole
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import DenseContactStateGraph
 
@@ -66,6 +68,17 @@ class ManipulationStateGraph:
     def kind(self, edge: int) -> EdgeKind:
         """Return what happens on an edge."""
         return EdgeKind.TRANSIT if self.edge_kind[edge] else EdgeKind.TRANSFER
+
+    def reachable(self) -> NDArray[np.int64]:
+        """Return the nodes that are left and can be come to from a start, over edges that are left."""
+        knowledge, count = self.knowledge, self.graph.node_count
+        there = knowledge.status != DEAD
+        open_edges = ~knowledge.edge_dead & there[self.edge_nodes].all(axis=1)
+        ends = self.edge_nodes[open_edges]
+        links = coo_array((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), shape=(count, count))
+        _, part = connected_components(links, directed=False)
+        starts = [node for node in self.starts if there[node] and node not in self.lost_starts]
+        return np.flatnonzero(np.isin(part, part[starts]) & there)
 
     def hold_of(self, node: int) -> tuple[HandHold | None, HandHold | None]:
         """Return grip and push of a node."""

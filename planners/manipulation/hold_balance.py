@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
 from planners.balance.certificates import TwistTable
@@ -49,7 +50,7 @@ class _MotionSamples:
     rotations: Array
     points: Array
     table: TwistTable
-    impossible: Array
+    impossible: NDArray[np.bool_]
     """(1 + grips, 1 + pushes)"""
     possible: set[HandPair]
 
@@ -128,7 +129,7 @@ class HoldBalance:
         samples.possible.add(hands)
         return None
 
-    def impossible_holds(self, motion_number: int) -> Array:
+    def impossible_holds(self, motion_number: int) -> NDArray[np.bool_]:
         """Return the (1 + grips, 1 + pushes) holds that are known not to bear the plate along a motion."""
         return self._samples(motion_number).impossible
 

@@ -42,9 +42,13 @@ class PlateQuery:
         """Return a copy of the compiled query that one thread may move the plate in."""
         return self.query.kernel_copy()
 
-    def first_collisions(self, T_world_plates: Array) -> NDArray[np.int64]:
-        """Return for each plate pose (n, 4, 4) the first pair within its margin, or -1: (n,); arms at zero."""
-        return _collisions_at(self.kernel(), self.plate_frame, np.ascontiguousarray(T_world_plates))
+    def first_collisions(self, T_world_plates: Array, q: Array | None = None) -> NDArray[np.int64]:
+        """Return for each plate pose (n, 4, 4) the first pair within its margin, or -1: (n,).
+
+        The arms are at q (12,); at zero where the query does not look at arms.
+        """
+        positions = np.zeros(12) if q is None else q
+        return _collisions_at(self.kernel(), self.plate_frame, np.ascontiguousarray(T_world_plates), positions)
 
     def meetings(self, T_world_plates: Array) -> Iterator[tuple[str, str]]:
         """Yield the names of bodies that meet, one pair for each plate pose (n, 4, 4) that is not free."""
@@ -108,7 +112,7 @@ class HandReach:
                 found[f"the {arm.name} arm does not reach so far"] += 1
             elif not _within(q[joints], arm.position_min, arm.position_max):
                 found[f"a joint of the {arm.name} arm would be beyond its limits"] += 1
-            elif (pair := int(self.alone.query.first_collision(q[None])[0])) >= 0:
+            elif (pair := int(self.alone.first_collisions(T_world_plate[None], q)[0])) >= 0:
                 found["{} would touch {}".format(*self.alone.query.pair_names(pair))] += 1
         return found
 
@@ -226,8 +230,8 @@ def _within(q, lo, hi):
 
 
 @njit(cache=True, nogil=True)
-def _collisions_at(kernel, frame, T_world_plates):
-    scratch, q = make_scratch(kernel), np.zeros(12)
+def _collisions_at(kernel, frame, T_world_plates, q):
+    scratch = make_scratch(kernel)
     result = np.empty(T_world_plates.shape[0], np.int64)
     for p in range(T_world_plates.shape[0]):
         set_frame(kernel, frame, T_world_plates[p])

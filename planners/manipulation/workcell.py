@@ -12,6 +12,7 @@ from planners.geometry.pose import Transform
 from planners.geometry.shapes import placed
 from planners.manipulation.reach import PlateQuery
 from planners.scene.arm import Arm
+from planners.scene.hand import Gripper, Pusher
 from planners.scene.scene import PlateLiftScene
 
 PLATE_FRAME = "plate"
@@ -58,14 +59,28 @@ class LiftWorkcell:
         return self.scene.cup.cable_collision_body().frame
 
     @property
+    def gripping_hand(self) -> Gripper:
+        """The gripper."""
+        hand = self.arm(self.gripper).hand
+        assert isinstance(hand, Gripper)
+        return hand
+
+    @property
+    def pushing_hand(self) -> Pusher:
+        """The stick."""
+        hand = self.arm(self.pusher).hand
+        assert isinstance(hand, Pusher)
+        return hand
+
+    @property
     def grip_width(self) -> float:
-        """Opening of the gripper while it holds the plate [m]."""
-        return self.scene.plate.height
+        """Opening of the gripper while it holds the plate, at most fully open [m]."""
+        return min(self.scene.plate.height, self.gripping_hand.width_max)
 
     @property
     def open_width(self) -> float:
         """Opening of the gripper while it holds nothing [m]."""
-        widest = self.arm(self.gripper).hand.width_max
+        widest = self.gripping_hand.width_max
         return min(self.grip_width + 2.0 * self.settings.finger_opening, widest)
 
     def arm(self, name: str) -> Arm:
@@ -124,7 +139,7 @@ class LiftWorkcell:
         return {a.group, b.group} == {self.gripper, self.pusher}
 
     def with_idle(self, arm: str) -> PairChoice:
-        """Choose the pairs of an arm with all but itself, and those of the idle other arm with what moves: the plate."""
+        """Choose the pairs of an arm with everything, and those of the idle other arm with the plate, which moves."""
         other = self.other(arm)
 
         def chosen(a: CollisionBody, b: CollisionBody) -> bool:
@@ -153,7 +168,7 @@ class LiftWorkcell:
                 continue
             pads = {f"{arm}_pad_0", f"{arm}_pad_1"}
             touching += [(pad, "plate") for pad in sorted(pads)]
-            hand = self.arm(arm).hand.bodies(arm, self.grip_width)
+            hand = self.gripping_hand.bodies(arm, self.grip_width)
             fingers += [body.name for body in hand if "finger" in body.name and body.name not in pads]
         return touching, fingers
 

@@ -18,7 +18,7 @@ SURFACE_SLACK = 1e-3
 """How far from midway between the faces a grip, or from its face a push may be; and, the other way round, how far a
 push has to be from the next face [m]."""
 DIRECTION_SLACK = math.radians(1.0)
-"""How far a given direction may be off the plate's plane or a face's normal [rad]."""
+"""How far a given direction may be off the plate's plane, a face's normal or the push cone [rad]."""
 PUSH_CONE = math.radians(70.0)
 """Largest angle between a stick and the contact normal [rad]; our choice."""
 
@@ -95,7 +95,7 @@ def _push(push: PushSpec, plate: Plate, pointer: str) -> GivenPush:
     if _angle(normal, np.array(push.normal)) > DIRECTION_SLACK:
         raise SceneError(f"{pointer}/normal", "the normal must point into the plate, square to the face at the point")
     axis = np.array(push.direction)
-    if _angle(axis, normal) > PUSH_CONE:
+    if _angle(axis, normal) > PUSH_CONE + DIRECTION_SLACK:
         limit = math.degrees(PUSH_CONE)
         raise SceneError(
             f"{pointer}/direction", f"the stick must point into the plate, within {limit:.0f}° of the normal"

@@ -51,7 +51,7 @@ def nodes(request, random_lift, random_hands):
 
 def test_no_proof_declares_a_node_that_can_be_held(nodes):
     assert 0.1 < nodes.refused.mean() < 0.9
-    for index, answer in nodes.answers.items():
+    for answer in nodes.answers.values():
         if isinstance(answer, Unbalanced):
             assert not np.any(nodes.table.infeasible(answer.proof) & ~nodes.refused)
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+import coal
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -19,15 +20,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
-from planners.geometry.pose import (
-    from_pose7,
-    frame_from_z,
-    inverse,
-    rotation_y,
-    skew,
-    to_pose7,
-    transform,
-)
+from planners.certify.solids import Solid
+from planners.geometry.pose import frame_from_z, inverse, rotation_y, skew, to_pose7, transform
 from planners.kinematics.inverse import inverse_kinematics
 from planners.scene.cell import Cell, load_cell
 
@@ -111,7 +105,7 @@ class _Builder:
             "kind": kind,
             "movers": sorted(paths),
             "contact_state": contact_state(element),
-            "hold": hold,
+            "hold": copy.deepcopy(hold),
             "time": (self.time + time).tolist(),
             "positions": arrays[0].tolist(),
             "velocities": arrays[1].tolist(),
@@ -183,7 +177,7 @@ def contact_state(element: str) -> dict[str, Any]:
 def body_rows(plates: Array) -> dict[str, Any]:
     cup = transform(None, [*CUP["position"], PLATE_SIZE[2] / 2 + CUP_HEIGHT / 2])
     foot = np.array([*CUP["position"], PLATE_SIZE[2] / 2 + CUP_HEIGHT, 1.0])
-    cables = [transform(None, (T @ foot)[:3] + [0, 0, CABLE_LENGTH / 2]) for T in plates]
+    cables = [transform(None, np.add((T @ foot)[:3], [0, 0, CABLE_LENGTH / 2])) for T in plates]
     return {
         "plate": [to_pose7(T) for T in plates],
         "cup": [to_pose7(T @ cup) for T in plates],
@@ -196,93 +190,87 @@ GRIP_POINTS = ([0.0, -0.132, 0.02], [0.0, -0.132, -0.02])
 PUSH_POINT = [0.0, 0.15, 0.0]
 
 
+@dataclass
+class _Entry:
+    """One contact: its document, and the linear map (6, k) from its unknowns to the wrench at its point."""
+
+    record: dict[str, Any]
+    unknowns: Array
+    guess: Array
+
+
 def contact_set(plate: Array, sample: int, pushed: bool, element: str, acceleration: Array) -> list[dict[str, Any]]:
-    """Statics near a guess: every contact a linear map from its unknowns to a wrench."""
-    R, p = plate[:3, :3], plate[:3, 3]
-    com = p
-    entries: list[dict[str, Any]] = []
-
-    def entry(
-        kind: str, by: str, point: Array, normal: Array, unknowns: Array, guess: list[float], **more: Any
-    ) -> None:
-        """`unknowns`: (6, k) wrench at the point per unknown."""
-        record = {"sample": sample, "body": "plate", "by": by, "finger": more.pop("finger", None), "kind": kind}
-        record |= {"point": list(map(float, point)), "normal": list(map(float, normal))} | more
-        entries.append({"record": record, "map": unknowns, "guess": np.array(guess)})
-
-    def force_map(normal: Array, torque: bool) -> Array:
-        frame = frame_from_z(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        columns = [np.concatenate([frame[:, k], np.zeros(3)]) for k in range(3)]
-        if torque:
-            columns.append(np.concatenate([np.zeros(3), normal]))
-        return np.column_stack(columns)
-
-    for finger, sign in ((0, 1.0), (1, -1.0)):
-        point = R @ np.array(GRIP_POINTS[1 - finger]) + p
-        normal = sign * R[:, 2]
-        entry(
-            "soft_finger", "right", point, normal, force_map(normal, True), [0, 0, 8.0, 0], finger=finger, mu=0.5,
-            eps=0.0075, limit=17.0,
-        )  # fmt: skip
+    """The contacts of one balanced set, near a guess."""
+    com = plate[:3, 3]
+    entries = [*finger_entries(plate), cup_entry(plate)]
     if pushed:
-        normal = -R[:, 1]
-        entry(
-            "point",
-            "left",
-            R @ np.array(PUSH_POINT) + p,
-            normal,
-            force_map(normal, False),
-            [0, 0, 2.0],
-            mu=0.5,
-            limit=17.0,
-        )
+        normal = -plate[:3, 1]
+        point = plate[:3, :3] @ np.array(PUSH_POINT) + com
+        entries.append(entry(point, normal, [0, 0, 2.0], kind="point", by="left", mu=0.5, limit=17.0))
     if element != "none":
-        corners = np.array(bottom_corners())[1:3] if element == "edge" else np.array(bottom_corners())
-        corners = corners * [1.0, SUPPORT_SIZE[1] / PLATE_SIZE[1], 1.0]
-        for corner in corners:
-            up = np.array([0.0, 0.0, 1.0])
-            entry(
-                "environment", "support", R @ corner + p, up, force_map(up, False), [0, 0, 4.0 / len(corners)], mu=0.4,
-                limit=None,
-            )  # fmt: skip
-    pad, inward = R @ [*CUP["position"], PLATE_SIZE[2] / 2] + p, -R[:, 2]
-    cup_map = np.vstack([np.column_stack([R[:, 0], R[:, 1], R[:, 2]]), np.zeros((3, 3))])
-    entry(
-        "suction", "cup", pad, inward, cup_map, [0, 0, 15.0], mu=CUP["mu"], radius=CUP["radius"], kappa=CUP["kappa"],
-        limit=CUP["max_force"], x_axis=R[:, 0].tolist(),
-    )  # fmt: skip
-
-    columns, guesses = [], []
+        entries += environment_entries(plate, element)
+    columns = []
     for item in entries:
-        lever = np.array(item["record"]["point"]) - com
-        to_com = np.block([[np.eye(3), np.zeros((3, 3))], [skew(lever), np.eye(3)]])
-        columns.append(to_com @ item["map"])
-        guesses.append(item["guess"])
+        lever = np.array(item.record["point"]) - com
+        columns.append(np.block([[np.eye(3), np.zeros((3, 3))], [skew(lever), np.eye(3)]]) @ item.unknowns)
     load = np.concatenate([MASS * (np.array([0, 0, -9.81]) - acceleration), np.zeros(3)])
-    x = well_inside(entries, np.hstack(columns), load, np.concatenate(guesses))
-    first = 0
+    x = well_inside(entries, np.hstack(columns), load)
+    records, first = [], 0
     for item in entries:
-        k = len(item["guess"])
-        wrench = item["map"] @ x[first : first + k]
-        item["record"]["wrench"] = wrench.tolist()
-        if item["record"]["kind"] == "suction":
-            item["record"]["suction_force"] = float(wrench[:3] @ R[:, 2])
-        first += k
-    records = [item["record"] for item in entries]
+        wrench = item.unknowns @ x[first : first + len(item.guess)]
+        first += len(item.guess)
+        suction = {"suction_force": float(wrench[:3] @ plate[:3, 2])} if item.record["kind"] == "suction" else {}
+        records.append(item.record | suction | {"wrench": wrench.tolist(), "sample": sample, "body": "plate"})
     if np.any(acceleration):
-        records.append(
-            {"sample": sample, "body": "plate", "by": None, "finger": None, "kind": "inertia", "point": com.tolist(),
-             "normal": None, "wrench": [*(-MASS * acceleration).tolist(), 0.0, 0.0, 0.0]}
-        )  # fmt: skip
+        inertia = {"kind": "inertia", "by": None, "finger": None, "point": com.tolist(), "normal": None}
+        wrench = [*(-MASS * acceleration).tolist(), 0.0, 0.0, 0.0]
+        records.append(inertia | {"wrench": wrench, "sample": sample, "body": "plate"})
     return records
 
 
-def well_inside(entries: list[dict[str, Any]], matrix: Array, load: Array, guess: Array) -> Array:
+def entry(point: Array, normal: Array, guess: list[float], **record: Any) -> _Entry:
+    """A contact with two shears, a normal force and, with four unknowns, a torque about the normal."""
+    frame = frame_from_z(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    unknowns = np.zeros((6, len(guess)))
+    unknowns[:3, :3] = frame
+    unknowns[3:, 3:] = normal[:, None]
+    record = {"finger": None} | record | {"point": point.tolist(), "normal": normal.tolist()}
+    return _Entry(record, unknowns, np.array(guess))
+
+
+def finger_entries(plate: Array) -> list[_Entry]:
+    R, p = plate[:3, :3], plate[:3, 3]
+    values = {"kind": "soft_finger", "by": "right", "mu": 0.5, "eps": 0.0075, "limit": 17.0}
+    return [
+        entry(R @ np.array(GRIP_POINTS[1 - finger]) + p, sign * R[:, 2], [0, 0, 8.0, 0], finger=finger, **values)
+        for finger, sign in ((0, 1.0), (1, -1.0))
+    ]
+
+
+def environment_entries(plate: Array, element: str) -> list[_Entry]:
+    """The ends of the edge or the corners of the face, where the narrower support ends."""
+    corners = np.array(bottom_corners())[1:3] if element == "edge" else np.array(bottom_corners())
+    corners = corners * [1.0, SUPPORT_SIZE[1] / PLATE_SIZE[1], 1.0] @ plate[:3, :3].T + plate[:3, 3]
+    up, guess = np.array([0.0, 0.0, 1.0]), [0, 0, 4.0 / len(corners)]
+    return [entry(corner, up, guess, kind="environment", by="support", mu=0.4, limit=None) for corner in corners]
+
+
+def cup_entry(plate: Array) -> _Entry:
+    """Forces only, along the plate's axes, the third one the pull."""
+    pad = plate[:3, :3] @ [*CUP["position"], PLATE_SIZE[2] / 2] + plate[:3, 3]
+    values = {"mu": CUP["mu"], "radius": CUP["radius"], "kappa": CUP["kappa"], "limit": CUP["max_force"]}
+    item = entry(pad, -plate[:3, 2], [0, 0, 15.0], kind="suction", by="cup", x_axis=plate[:3, 0].tolist(), **values)
+    item.unknowns[:3] = plate[:3, :3]
+    return item
+
+
+def well_inside(entries: list[_Entry], matrix: Array, load: Array) -> Array:
     """The balanced unknowns nearest to the guess that keep 0.1 N from every cone and limit."""
+    guess = np.concatenate([item.guess for item in entries])
     x = cp.Variable(len(guess))
     constraints, first = [matrix @ x + load == 0], 0
     for item in entries:
-        record, k = item["record"], len(item["guess"])
+        record, k = item.record, len(item.guess)
         shear, normal = x[first : first + 2], x[first + 2]
         if record["kind"] == "suction":
             constraints += [np.sqrt(3) * cp.abs(shear) <= record["mu"] * normal - 0.1, normal <= record["limit"] - 0.1]
@@ -307,7 +295,7 @@ def build_document(cell: Cell, surfaces: RobotSurfaces) -> dict[str, Any]:
     z_tcp = float(np.interp(GRIPPED, *np.array(table).T))
     T_plate_tcp = transform(R_grip, [0.0, -0.132, 0.0])
     T_plate_right = T_plate_tcp @ inverse(transform(None, [0.0, 0.0, z_tcp]))
-    T_plate_left = transform(R_stick, np.array(PUSH_POINT) + [0.0, 0.01, 0.0] - 0.2944 * down)
+    T_plate_left = transform(R_stick, np.add(PUSH_POINT, [0.0, 0.01, 0.0]) - 0.2944 * down)
 
     def right(plate: Array, back: float = 0.0) -> Array:
         return plate @ T_plate_right @ transform(None, [0.0, 0.0, -back])
@@ -338,9 +326,8 @@ def build_document(cell: Cell, surfaces: RobotSurfaces) -> dict[str, Any]:
     builder.add("approach", 1.0, {"left": lambda s: left(start, 0.05 - 0.05 * s)}, {"grip": grip, "push": None}, "face")
     both = {"grip": grip, "push": push}
     for element, path in (("edge", lambda s: tilted(TILT * s)), ("none", lambda s: raised(LIFT * s))):
-        builder.add(
-            "transfer", 1.4, {"left": lambda s, p=path: left(p(s)), "right": lambda s, p=path: right(p(s))}, both, element
-        )  # fmt: skip
+        paths = {"left": lambda s, p=path: left(p(s)), "right": lambda s, p=path: right(p(s))}
+        builder.add("transfer", 1.4, paths, both, element)
     return {
         "schema_version": "1.0",
         "id": "synthetic",
@@ -429,5 +416,25 @@ def document(honest_document: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def pose_matrix() -> Callable[[list[float]], Array]:
-    return from_pose7
+def true_distance() -> Callable[[Solid, Array, Solid, Array], float]:
+    """Distances by coal, which is exact; each solid's shape is made once."""
+    shapes: dict[Solid, coal.CollisionGeometry] = {}
+
+    def shape_of(solid: Solid) -> coal.CollisionGeometry:
+        if solid not in shapes:
+            points = coal.StdVec_Vec3s()
+            for point in solid.points:
+                points.append(point)
+            length = float(np.linalg.norm(solid.points[-1] - solid.points[0]))
+            hull = solid.part is not None
+            shapes[solid] = coal.Convex.convexHull(points, False, None) if hull else coal.Capsule(solid.radius, length)
+        return shapes[solid]
+
+    def placed(T: Array) -> coal.Transform3s:
+        return coal.Transform3s(T[:3, :3], T[:3, 3])
+
+    def distance(a: Solid, T_a: Array, b: Solid, T_b: Array) -> float:
+        at_a, at_b = placed(T_a @ a.T_frame_shape), placed(T_b @ b.T_frame_shape)
+        return coal.distance(shape_of(a), at_a, shape_of(b), at_b, coal.DistanceRequest(), coal.DistanceResult())
+
+    return distance

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from planners.manipulation.planner import LiftOutcome, LiftPlan, PlateLiftPlanner
+from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 
+import networkx as nx
 import numpy as np
 import pytest
 
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import transform
-from planners.graph.search import RESOLUTION
+from planners.graph.search import ALIVE, DEAD, RESOLUTION, UNKNOWN
 from planners.manipulation.contacts import NO_CONTACT
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
@@ -134,6 +135,23 @@ def test_plans_start_flat_with_one_hand_and_end_in_the_air_with_both(case):
         if POSES.poses[node[0]].contact == NO_CONTACT and node[1] is not None and node[2] is not None
     }  # fmt: skip
     assert {meaning(built, n) for n in np.flatnonzero(built.goal)} == lifted
+
+
+def test_reachable_are_the_nodes_connected_to_a_start_that_is_left(case):
+    """Oracle: networkx."""
+    built, _ = case
+    rng = np.random.default_rng(12)
+    status, dead = built.knowledge.status, built.knowledge.edge_dead
+    status[:], dead[:] = rng.choice([UNKNOWN, ALIVE, DEAD], len(status)), rng.random(len(dead)) < 0.5
+    built.lost_starts.update(built.starts[::2])
+    left = nx.Graph()
+    left.add_nodes_from(np.flatnonzero(status != DEAD).tolist())
+    left.add_edges_from(e for e in built.edge_nodes[~dead].tolist() if set(e) <= set(left.nodes))
+    starts = [n for n in built.starts[1::2] if n in left]
+    expected = set().union(*(nx.node_connected_component(left, n) for n in starts))
+    assert set(built.reachable().tolist()) == expected
+    status[:], dead[:] = UNKNOWN, False
+    built.lost_starts.clear()
 
 
 def test_the_heuristic_never_exceeds_what_an_arc_costs_plus_the_heuristic_behind_it(case):

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from workers.solver_process import main
+from workers.solver_process import COMPILE, main
 from workers.solver_protocol import Request
 
 STEP_SECONDS = 0.05
@@ -48,4 +48,5 @@ def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[s
 
 
 if __name__ == "__main__":
-    main(lambda: solve)
+    if COMPILE not in sys.argv:
+        main(lambda: solve)

@@ -1,0 +1,44 @@
+"""What comes out of planning a plate lift."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from planners.graph.rejections import Rejection, Rejections
+from planners.segment import Segment
+
+
+class LiftOutcome(Enum):
+    """How planning ended. The value is its name in the plan document."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    """Proven: no plan exists."""
+    NOT_FOUND = "not_found"
+    """No plan among the poses and holds that were tried."""
+
+
+@dataclass(frozen=True)
+class SequenceStep:
+    """One node of the sequence found, for reports."""
+
+    pose: int
+    contact: str
+    hands: tuple[int | None, int | None]
+    force: float
+    """Largest contact normal of the hands [N]."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiftPlan:
+    """What came out of planning a plate lift, and what it cost."""
+
+    outcome: LiftOutcome
+    segments: tuple[Segment, ...]
+    steps: tuple[SequenceStep, ...]
+    causes: tuple[Rejection, ...]
+    summary: str
+    rejections: Rejections
+    graph: dict[str, int]
+    search: dict[str, int | float | None]

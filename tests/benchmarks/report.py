@@ -1,0 +1,338 @@
+"""Writes RESULTS.md: the paper's columns beside ours, and what was aimed at beside what was reached."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from statistics import fmean, pstdev
+
+from tests.benchmarks.bench_graph import GraphFigures, PathFigures, SearchFigures
+from tests.benchmarks.bench_paper_method import PaperMethodFigures
+from tests.benchmarks.bench_processes import ProcessFigures
+from tests.benchmarks.bench_tasks import TaskFigures
+from tests.benchmarks.markdown import Cell, cell, table
+from tests.benchmarks.paper_tables import PAPER
+from tests.benchmarks.run import Results
+
+PLANNING_LIMIT, PLANNING_AIM = 3.0, 1.0
+"""[s]"""
+CERTIFICATE_LIMIT, CERTIFICATE_AIM = 5.0, 1.0
+"""[s]"""
+MEMORY_LIMIT = 1024.0
+"""[MiB]"""
+RATE_LIMIT = 100_000.0
+"""Free configurations of the full cell on one core [1/s]."""
+
+COMPARISONS = (
+    ("a free configuration of the full cell", "collision", 1.0, "free_us",
+     (("coal, broad phase", "coal_broadphase_free_us"), ("coal, all pairs", "coal_pairs_free_us"),
+      ("python-fcl, all pairs", "fcl_pairs_free_us"))),
+    ("inverse kinematics, all branches", "kinematics", 1.0, "closed_form_us",
+     (("pinocchio, iterated, one solution", "iteration_us"),)),
+    ("a cone program", "balance", 1.0, "template_us",
+     (("Clarabel, new solver", "new_solver_us"), ("cvxpy, stated anew", "cvxpy_us"))),
+    ("cheapest paths from one start, 300,000 edges", "search", 1e3, "ours_ms",
+     (("scipy dijkstra", "scipy_ms"), ("networkx dijkstra", "networkx_ms"))),
+)  # fmt: skip
+"""What, its kernel, microseconds in the unit of its figures, our figure, and others with theirs."""
+
+
+def report(results: Results, pictures: dict[str, str], *, quick: bool, seconds: float) -> str:
+    """Return the text of RESULTS.md."""
+    heading = "# Benchmark results\n\nWritten by `make bench`; times are wall clock unless they are called CPU."
+    if quick:
+        heading += "\n\n**A quick run, to see that everything works: these figures mean nothing.**"
+    sections = [
+        heading,
+        _machine(results, seconds),
+        _reached(results),
+        _tasks(results, pictures["stages"]),
+        _processes(results),
+        _table_3(results),
+        _table_4(results),
+        _paper_method(results, pictures["comparison"]),
+        _scaling(results, pictures["scaling"]),
+        _kernels(results),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def _machine(results: Results, seconds: float) -> str:
+    rows = [*results.machine.items(), ("length of this run", f"{seconds / 60:.1f} min")]
+    return "## Machine\n\n" + table(("", ""), rows).replace("--:", ":--")
+
+
+def _reached(results: Results) -> str:
+    solved = [task for task in results.tasks if task.name in PAPER]
+    planning = {task.name: task.planning for task in solved}
+    certificate = {task.name: task.certificate for task in solved}
+    memory = {figures.name: figures.peak_mib for figures in results.processes}
+    rows = [
+        _limit("planning [s], slowest of the five tasks", planning, PLANNING_LIMIT, PLANNING_AIM),
+        _limit("certificate [s], slowest of the five tasks", certificate, CERTIFICATE_LIMIT, CERTIFICATE_AIM),
+        _limit("peak memory of a planning process [MiB]", memory, MEMORY_LIMIT, None),
+    ]
+    if "collision" in results.kernels:
+        rate = results.kernels["collision"]["free_per_second"]
+        rows.append(
+            ("free configurations of the full cell per CPU second", f"≥ {RATE_LIMIT:,.0f}", None, rate,
+             _verdict(rate >= RATE_LIMIT), None)
+        )  # fmt: skip
+    solved_and_certified = sum(task.outcome == "solved" and not task.failed_checks for task in solved)
+    rows.append(
+        ("tasks solved and certified", f"{len(solved)} of {len(solved)}", None,
+         f"{solved_and_certified} of {len(solved)}", _verdict(solved_and_certified == len(solved)), None)
+    )  # fmt: skip
+    return "## Aimed at and reached\n\n" + table(("", "limit", "aim", "reached", "limit kept", "aim kept"), rows)
+
+
+def _limit(what: str, values: dict[str, float], limit: float, aim: float | None) -> list[Cell]:
+    worst = max(values, key=values.__getitem__)
+    reached = values[worst]
+    within_aim = None if aim is None else _verdict(reached <= aim)
+    return [what, f"≤ {limit:g}", None if aim is None else f"≤ {aim:g}", f"{cell(reached)} ({worst})",
+            _verdict(reached <= limit), within_aim]  # fmt: skip
+
+
+def _verdict(kept: bool) -> str:
+    return "yes" if kept else "**no**"
+
+
+def _tasks(results: Results, picture: str) -> str:
+    stages = list(dict.fromkeys(stage for task in results.tasks for stage in task.stages))
+    head = ("task", "outcome", "planning", "of it CPU", "slowest run", "certificate", "of it CPU", "total")
+    rows = [
+        (task.name, task.outcome, task.planning, task.planning_cpu, task.slowest_planning, task.certificate,
+         task.certificate_cpu, task.total) for task in results.tasks
+    ]  # fmt: skip
+    parts = [
+        "## Tasks, spec to certified plan",
+        "Seconds, medians, in one warm process with cached kernels. Planning runs from the parsed body to the finished "
+        "document, motion included.",
+        table(head, rows),
+        "Stages of planning:",
+        table(
+            ("task", *stages), [(task.name, *(task.stages.get(stage) for stage in stages)) for task in results.tasks]
+        ),
+        f"![Stages of planning and certificate]({picture})",
+        *_failures(results.tasks),
+    ]
+    return "\n\n".join(parts)
+
+
+def _failures(tasks: Iterable[TaskFigures]) -> list[str]:
+    lines = [f"- {task.name}: {task.summary}" for task in tasks if task.outcome != "solved"]
+    lines += [
+        f"- {task.name}: **the certificate failed** at {', '.join(task.failed_checks)}; the service does not deliver it"
+        for task in tasks
+        if task.failed_checks
+    ]
+    return ["\n".join(lines)] if lines else []
+
+
+def _processes(results: Results) -> str:
+    service = results.service
+    rows = []
+    for figures in results.processes:
+        over_http = (
+            (None, None, None)
+            if service is None
+            else (1e3 * service.accepted[figures.name], service.done[figures.name], service.states[figures.name])
+        )
+        rows.append((figures.name, figures.peak_mib, *over_http))
+    text = (
+        f"A solver process is ready {cell(results.start)} s after its start, kernels cached; one always waits for the "
+        "next job. Peak memory (resident, VmHWM) is that of a process which warms up and solves one task."
+    )
+    if service is not None:
+        text += (
+            f" `liftwright serve` is ready after {cell(service.start)} s. All tasks posted at once take "
+            f"{cell(service.in_a_row)} s each, the start of each job's process included."
+        )
+    head = ("task", "peak memory [MiB]", "POST to 202 [ms]", "202 to done [s]", "ended as")
+    return "\n\n".join(["## Processes and the running service", text, table(head, rows)])
+
+
+def _table_3(results: Results) -> str:
+    lazy = {task.name: task for task in results.tasks}
+    sizes = [row for figures in results.graphs for row in _sizes(figures)]
+    times = [row for figures in results.graphs for row in _times(figures)]
+    examined = [_examined(figures, lazy[figures.name]) for figures in results.graphs]
+    return "\n\n".join(
+        [
+            "## Table III: building the graph",
+            "The whole graph, every node examined, as the paper builds it (`search: full`).",
+            table(
+                ("task", "grips", "pushes", "holds", "DCSG nodes", "DCSG edges", "MSG nodes", "MSG edges"),
+                sizes,
+            ),
+            "Seconds. RV1 is reach and collisions, RV2 the balance of each hold: least, most, mean, standard deviation "
+            "and total. Ours counts the holds of which a node was left to examine; proofs of imbalance found at one "
+            "hold rule out nodes of others, and poses that differ by height alone share an answer.",
+            table(
+                ("task", "DCSG", "RV1", "RV2 min", "max", "mean", "std", "RV2 total", "merge", "all"),
+                times,
+            ),
+            "What the default, lazy search examines instead, the path being the same. Candidates are the nodes that "
+            "each hand reaches by itself.",
+            table(
+                ("task", "poses × holds", "candidates", "examined, full", "examined, lazy", "programs solved, lazy"),
+                examined,
+            ),
+        ]
+    )
+
+
+def _sizes(figures: GraphFigures) -> list[list[Cell]]:
+    paper = PAPER[figures.name]
+    holds = paper.grips + paper.pushes + paper.grips * paper.pushes
+    return [
+        [f"{figures.name}, paper", paper.grips, paper.pushes, holds, paper.dcsg_nodes, paper.dcsg_edges, paper.nodes,
+         paper.edges],
+        [f"{figures.name}, ours", figures.grips, figures.pushes, figures.holds, figures.dcsg_nodes, figures.dcsg_edges,
+         figures.nodes, figures.edges],
+    ]  # fmt: skip
+
+
+def _times(figures: GraphFigures) -> list[list[Cell]]:
+    paper, spent = PAPER[figures.name], figures.balance_seconds
+    own = (min(spent), max(spent), fmean(spent), pstdev(spent), sum(spent))
+    total = figures.dcsg_seconds + figures.reach_seconds + own[4] + figures.merge_seconds
+    return [
+        [f"{figures.name}, paper", paper.dcsg_seconds, paper.reach_seconds, *paper.balance_seconds, paper.merge_seconds,
+         paper.total_seconds - paper.search_seconds],
+        [f"{figures.name}, ours", figures.dcsg_seconds, figures.reach_seconds, *own, figures.merge_seconds, total],
+    ]  # fmt: skip
+
+
+def _examined(figures: GraphFigures, lazy: TaskFigures) -> list[Cell]:
+    everything = figures.dcsg_nodes * figures.holds
+    return [
+        figures.name, everything, figures.candidates, figures.examined, lazy.search.get("examined"),
+        lazy.search.get("balances_solved"),
+    ]  # fmt: skip
+
+
+def _table_4(results: Results) -> str:
+    rows = [row for figures in results.searches for row in _searches(figures)]
+    return "\n\n".join(
+        [
+            "## Table IV: searching the graph",
+            "The search runs from every start to all goals, every node being known. Its path is what the paper "
+            "reports: the cheapest of each start, and of these the one of least force. Ours is checked along its "
+            "edges too, and replaced until its whole motion is found: the checked path, with the seconds of all "
+            "searches, checks and motions. Length counts nodes, force is the largest contact normal of a hand in "
+            "newtons.",
+            table(
+                ("task", "starts", "goals", "search [s]", "length", "contact changes", "force",
+                 "checked length", "contact changes", "force", "paths tried", "checked [s]"),
+                rows,
+            ),
+        ]
+    )  # fmt: skip
+
+
+def _searches(figures: SearchFigures) -> list[list[Cell]]:
+    rows: list[list[Cell]] = []
+    if figures.minimise == "cost":
+        paper = PAPER[figures.name]
+        rows.append(
+            [f"{figures.name}, paper", paper.starts, paper.goals, paper.search_seconds, paper.length,
+             paper.contact_changes, f"{paper.largest_force:.2f}", None, None, None, None, None]
+        )  # fmt: skip
+    rows.append(
+        [f"{figures.name}, least {figures.minimise}", figures.starts, figures.goals, figures.search_seconds,
+         *_path(figures.first), *_path(figures.checked), figures.sequences, figures.checked_seconds]
+    )  # fmt: skip
+    return rows
+
+
+def _path(path: PathFigures | None) -> tuple[Cell, Cell, Cell]:
+    return (None, None, None) if path is None else (path.length, path.contact_changes, f"{path.largest_force:.2f}")
+
+
+def _paper_method(results: Results, picture: str) -> str:
+    ours = {task.name: task.planning_cpu for task in results.tasks}
+    return "\n\n".join(
+        [
+            "## The paper's own method on this machine (extrapolated)",
+            "Each pose with each hold examined by itself. RV1: inverse kinematics by iteration (pinocchio, damped "
+            "least squares, from the start positions) for the poses of each hand, collisions of every solution and "
+            "pair of solutions. RV2: the cone program stated anew in cvxpy and solved, where RV1 leaves a node. "
+            "**Timed on a seeded random sample and extrapolated** to all poses × holds, in CPU seconds; ± is the "
+            "standard error. "
+            "Collisions are asked of our compiled kernel, the first hand that cannot reach ends a node, and merging, "
+            "searching and motion are left out, all in favour of the paper's method. Ours is planning as above, "
+            "motion included, in CPU seconds too; the ratios are of this run: first with RV2 alone, then with both.",
+            table(
+                ("task", "poses × holds", "RV1 sampled", "RV1 [s]", "left by RV1", "RV2 sampled", "RV2 [s]",
+                 "both [s]", "paper printed, all [s]", "ours [s]", "RV2 ÷ ours", "both ÷ ours"),
+                [_extrapolated(figures, ours[figures.name]) for figures in results.paper_method],
+            ),
+            f"![The paper, its method here, and ours]({picture})",
+        ]
+    )  # fmt: skip
+
+
+def _extrapolated(figures: PaperMethodFigures, ours: float) -> list[Cell]:
+    return [
+        figures.name, figures.nodes, figures.sampled,
+        f"{figures.reach_seconds:,.0f} ± {figures.reach_error:,.0f}", figures.reached, figures.programs,
+        f"{figures.cone_seconds:,.0f} ± {figures.cone_error:,.0f}", figures.total, PAPER[figures.name].total_seconds,
+        ours, figures.cone_seconds / ours, figures.total / ours,
+    ]  # fmt: skip
+
+
+def _scaling(results: Results, picture: str) -> str:
+    head = (
+        "task",
+        "contacts",
+        "holds",
+        "poses",
+        "nodes",
+        "edges",
+        "planning [s]",
+        "of it CPU",
+        "memory [MiB]",
+        "outcome",
+    )
+    return "\n\n".join(
+        [
+            "## How cost grows",
+            "Denser contacts cut every step of tilt and azimuth; denser holds put more grips and pushes on the rim. "
+            "Each row is a process of its own, one run, lazy search.",
+            table(head, [_scaled(figures) for figures in results.scaling]),
+            f"![Planning time over the size of the graph]({picture})",
+        ]
+    )
+
+
+def _scaled(figures: ProcessFigures) -> list[Cell]:
+    return [
+        figures.name, f"×{figures.contact_density:g}", f"×{figures.hold_density:g}", figures.poses, figures.nodes,
+        figures.edges, figures.planning, figures.planning_cpu, figures.peak_mib, figures.outcome,
+    ]  # fmt: skip
+
+
+def _kernels(results: Results) -> str:
+    beside = [
+        (what, ours * scale, other, theirs * scale, theirs / ours)
+        for what, kernel, scale, own_member, others in COMPARISONS
+        for other, member in others
+        if (figures := results.kernels.get(kernel)) and (ours := figures[own_member]) and (theirs := figures[member])
+    ]
+    parts = [
+        "## Kernels",
+        "CPU time on one core; the others' figures come from the same run.",
+        table(("", "ours [µs]", "beside", "its [µs]", "its ÷ ours"), beside),
+    ]
+    for name, figures in results.kernels.items():
+        rows = [(_spelt(member), value) for member, value in figures.items()]
+        parts += [f"### {name.capitalize()}", table(("", ""), rows)]
+    return "\n\n".join(parts)
+
+
+def _spelt(member: str) -> str:
+    """Write the name of a figure out, with its unit in brackets."""
+    words = member.split("_")
+    units = {"us": "[µs]", "ms": "[ms]"}
+    return " ".join([*(word for word in words if word not in units), *(units[word] for word in words if word in units)])

@@ -1,0 +1,62 @@
+"""The order of things, with a planner and a certifier that are told what to answer."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.service import task
+
+from planners.certify import Certificate, Check, load_surfaces
+from planners.progress import silent
+from planners.scene.cell import load_cell
+from workers.pipeline import CertificateFailed, Pipeline
+from workers.solver_protocol import REJECTED_VARIABLE, Request
+
+CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
+SURFACES = load_surfaces()
+REQUEST: Request = {"id": "p1", "task": task()}
+
+
+def a_plan(*_: Any) -> dict[str, Any]:
+    cell = {"name": "dual_ur3e_lift"}
+    statistics = {"total_seconds": 0.0, "stages": [{"name": "search", "seconds": 1.0}]}
+    return {"outcome": "solved", "cell": cell, "segments": [{}], "statistics": statistics}
+
+
+def verdict(*, passed: bool) -> Any:
+    return lambda *_: Certificate((Check("friction_cones", passed, -0.5, "N", "segment 3, sample 2"),))
+
+
+def pipeline(*, passed: bool) -> Pipeline:
+    ticks = itertools.count()
+    return Pipeline(CELLS, SURFACES, a_plan, verdict(passed=passed), lambda: float(next(ticks)))
+
+
+def test_a_document_says_whose_it_is_what_made_it_and_how_long_each_stage_took() -> None:
+    document = pipeline(passed=True).solve(REQUEST, silent)
+    assert document["id"] == "p1"
+    assert document["software"]["name"] == "liftwright"
+    assert document["certificate"]["passed"] is True
+    stages = {stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]}
+    assert list(stages) == ["scene", "search", "certify"]
+    assert document["statistics"]["total_seconds"] == 3.0
+
+
+def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(REJECTED_VARIABLE, str(tmp_path / "rejected"))
+    with pytest.raises(CertificateFailed, match=r"friction_cones \(margin -0.5 N at segment 3, sample 2\)"):
+        pipeline(passed=False).solve(REQUEST, silent)
+    kept = json.loads((tmp_path / "rejected" / "p1.json").read_text())
+    assert kept["certificate"]["passed"] is False
+
+
+def test_stages_are_reported_in_order() -> None:
+    seen: list[str] = []
+    pipeline(passed=True).solve(REQUEST, lambda stage, *_: seen.append(stage))
+    assert list(dict.fromkeys(seen)) == ["scene", "certify"]

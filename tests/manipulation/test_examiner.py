@@ -1,0 +1,164 @@
+"""Examined on demand or beforehand, the sequence is the same; and it is the one the objective asks for."""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from planners.graph.rejections import Rejections
+from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
+from planners.manipulation.examiner import NodeExaminer
+from planners.manipulation.graph import HandHold, build_graph
+from planners.manipulation.lift_plan import LiftOutcome
+from planners.manipulation.planner import PlateLiftPlanner
+from tests.manipulation.lift_probe import planner_of, task_body
+from tests.manipulation.test_reach import pairs_of_postures
+
+
+@pytest.fixture(scope="module")
+def full():
+    planner = planner_of(task_body("ab3", search="full"))
+    return planner, planner.plan()
+
+
+@pytest.fixture(scope="module")
+def gentle():
+    planner = planner_of(task_body("ab3", minimise="force"))
+    return planner, planner.plan()
+
+
+def test_a_full_search_examines_every_node_and_a_lazy_one_leaves_some(full, planner):
+    assert not (full[0].graph.knowledge.status == UNKNOWN).any()
+    assert (planner.graph.knowledge.status == UNKNOWN).any()
+
+
+def test_lazy_and_full_give_the_same_sequence_and_the_same_motion(full, solved):
+    plan = full[1]
+    assert [(s.pose, s.hands) for s in plan.steps] == [(s.pose, s.hands) for s in solved.steps]
+    assert plan.search["cost"] == solved.search["cost"]
+    assert len(plan.segments) == len(solved.segments)
+    for ours, theirs in zip(plan.segments, solved.segments, strict=True):
+        assert ours.kind is theirs.kind
+        assert np.array_equal(ours.trajectory.positions, theirs.trajectory.positions)
+        assert np.array_equal(ours.trajectory.time, theirs.trajectory.time)
+
+
+def test_a_lazy_search_knows_of_every_node_what_a_full_one_knows(full, planner):
+    """Nodes mean the same in both graphs as no hold was split."""
+    lazy, whole = planner.graph.knowledge, full[0].graph.knowledge
+    assert planner.counts["splits"] == full[0].counts["splits"] == 0
+    known = lazy.status != UNKNOWN
+    assert known.sum() > 1000
+    assert np.array_equal(lazy.status[known], whole.status[known])
+    alive = lazy.status == ALIVE
+    assert np.abs(lazy.load[alive] - whole.load[alive]).max() * RESOLUTION <= 2e-6
+
+
+def reference(planner: PlateLiftPlanner) -> nx.DiGraph:
+    """What is left of a fully examined graph, every arc with its full cost."""
+    graph, knowledge = planner.graph.graph, planner.graph.knowledge
+    tails = np.repeat(np.arange(graph.node_count), np.diff(graph.row_start))
+    cost = graph.cost + np.where(graph.loaded, knowledge.load[tails] + knowledge.load[graph.head], 0)
+    alive = (knowledge.status[tails] == ALIVE) & (knowledge.status[graph.head] == ALIVE)
+    alive &= ~knowledge.edge_dead[graph.edge]
+    result = nx.DiGraph()
+    result.add_nodes_from(n for n in planner.graph.starts if knowledge.status[n] == ALIVE)
+    result.add_weighted_edges_from(
+        zip(tails[alive].tolist(), graph.head[alive].tolist(), cost[alive].tolist(), strict=True)
+    )
+    return result
+
+
+def open_starts(planner: PlateLiftPlanner) -> list[int]:
+    status = planner.graph.knowledge.status
+    return [n for n in planner.graph.starts if n not in planner.graph.lost_starts and status[n] == ALIVE]
+
+
+def test_the_sequence_is_the_least_forceful_of_the_starts_cheapest_ones():
+    """Oracle: Dijkstra of networkx from every start, before anything is tried out."""
+    planner = planner_of(task_body("ab1", search="full"))
+    planner.build()
+    chosen = planner._best_path()
+    assert chosen is not None
+    arcs = reference(planner)
+    for start in open_starts(planner):
+        distances = nx.single_source_dijkstra_path_length(arcs, start)
+        cheapest = min((d for n, d in distances.items() if planner.graph.goal[n]), default=None)
+        found = planner.paths[start]
+        assert (found and found.cost) == (cheapest and pytest.approx(cheapest * RESOLUTION))
+    paths = [path for path in planner.paths.values() if path is not None]
+    assert len(paths) > 1
+    forces = [max(planner.examiner.largest_force(n) for n in path.nodes) for path in paths]
+    assert chosen is paths[int(np.argmin(forces))]
+
+
+def test_minimised_force_is_no_larger_than_that_of_the_cheapest_sequence(gentle, solved):
+    assert gentle[1].outcome is LiftOutcome.SOLVED
+    assert gentle[1].search["max_force"] <= solved.search["max_force"] + 1e-6
+
+
+def test_minimised_force_is_the_smallest_that_any_sequence_left_over_needs(gentle):
+    """Oracle: the smallest threshold at which networkx still connects a start with a goal."""
+    planner, plan = gentle
+    planner.examiner.examine_all(lambda *_: None)
+    arcs, goal = reference(planner), planner.graph.goal
+    forces = {n: planner.examiner.largest_force(n) for n in arcs}
+    starts = open_starts(planner)
+    for limit in sorted(set(forces.values())):
+        part = arcs.subgraph([n for n in arcs if forces[n] <= limit])
+        if any(goal[m] for n in starts if n in part for m in nx.descendants(part, n)):
+            assert plan.search["max_force"] == pytest.approx(limit, abs=2e-6)
+            return
+    raise AssertionError("no threshold connects start and goal")
+
+
+def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
+    """Oracle: both hands' wrenches from the balance, put through every posture one by one."""
+    graph = planner.graph
+    rng = np.random.default_rng(10)
+    for node in rng.permutation(np.flatnonzero(graph.knowledge.status == ALIVE))[:30]:
+        pose, (grip, push) = int(graph.node_pose[node]), graph.hold_of(int(node))
+        hands = (grip and grip.index, push and push.index)
+        answer, T = planner.balance.at(pose, hands), planner.poses.poses[pose].T_world_plate
+        total = 0.0
+        for hold, reach, table, names in (
+            (grip, planner.pair.first, planner.grip_postures, ("grip_0", "grip_1")),
+            (push, planner.pair.second, planner.push_postures, ("push",)),
+        ):
+            if hold is None:
+                continue
+            origin = T[:3, 3]
+            wrench = np.zeros(6)
+            for contact in (answer.wrench(name) for name in names):
+                point = T[:3, :3] @ contact.T_plate_contact[:3, 3] + T[:3, 3]
+                wrench[:3] += contact.wrench_world[:3]
+                wrench[3:] += contact.wrench_world[3:] + np.cross(point - origin, contact.wrench_world[:3])
+            loads = reach.loads(T, hold.index, int(table[pose, hold.index]) & hold.postures, wrench, origin)
+            total += np.nanmin(loads)
+        assert graph.knowledge.load[node] * RESOLUTION == pytest.approx(total, abs=2e-6)
+
+
+class WillingBalance:
+    """Everything is borne, always by the same wrenches."""
+
+    def __init__(self, planner: PlateLiftPlanner, answer) -> None:
+        self.balance, self.answer = planner.balance_program, answer
+        self.ruled_out = np.zeros_like(planner.balance.ruled_out)
+
+    def at(self, pose, hands):
+        return self.answer
+
+
+def test_a_node_is_dead_when_the_arms_touch_in_every_pair_of_its_postures(planner, solved):
+    """Holds of one posture each, of which the arms are known to touch, or not to."""
+    tables = planner.grip_postures, planner.push_postures
+    answer = next(a for step in solved.steps if "grip_0" in (a := planner.balance.at(step.pose, step.hands)).contacts)
+    assert "push" in answer.contacts
+    for pose, numbers, postures, apart in pairs_of_postures(planner, 9):
+        grip, push = (HandHold(number, 1 << posture) for number, posture in zip(numbers, postures, strict=True))
+        graph = build_graph(planner.poses, (grip,), (push,), *tables, planner.settings.costs)
+        examine = NodeExaminer(graph, WillingBalance(planner, answer), planner.pair, *tables, Rejections(), "cost")
+        (node,) = np.flatnonzero((graph.node_pose == pose) & (graph.node_grip > 0) & (graph.node_push > 0))
+        examine(int(node))
+        assert (graph.knowledge.status[node] == ALIVE) == (apart is not None)
