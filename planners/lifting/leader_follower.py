@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy.linalg import expm
@@ -12,17 +13,18 @@ from planners.errors import LiftwrightError
 
 @dataclass(frozen=True)
 class FollowerGains:
-    """Gains of eq. (11). The paper publishes none; these follow from the figures beside them.
+    """Gains of eq. (11). The paper publishes none; these follow from the plate and the sensor.
 
-    The plant, as the hands feel it, is a spring: the pushing hand's force rises with the height of the hands over
-    the lifter. Its stiffness k is that of cup and grip in series, and `planners.lifting.loop_margin` says how much
-    of it these gains bear at the sensor's rate.
+    The sensor also feels the plate's inertia, two readings late: when the hands speed up, so does the plate, and the
+    force rises. With M_d below the mass that the hand accelerates the loop swings at the sensor's rate, so M_d is the
+    whole plate's mass (a hand accelerates about half of it). B_d trades how far the force drops while following,
+    B_d times the lifter's speed, against damping. `planners.lifting.loop_margin` has the margins.
     """
 
-    inertia: float = 1.6
-    """M_d [kg]. With B_d it makes a filter of 0.08 s: sensor noise of 0.5 N moves the hands by 6 mm/s."""
-    damping: float = 20.0
-    """B_d [Ns/m]: hands that follow a lifter at 50 mm/s bear 1 N less than their goal."""
+    inertia: float = 4.0
+    """M_d [kg]."""
+    damping: float = 28.0
+    """B_d [Ns/m]: hands that follow a lifter at 50 mm/s bear 1.4 N less than their goal."""
     stiffness: float = 0.0
     """K_d [N/m]. It would hold the arms back by K_d times the height."""
     period: float = 0.01
@@ -31,6 +33,11 @@ class FollowerGains:
     def __post_init__(self) -> None:
         if not (self.inertia > 0.0 and self.damping > 0.0 and self.stiffness >= 0.0 and self.period > 0.0):
             raise LiftwrightError("inertia, damping and period must be positive, the stiffness not negative")
+
+    @classmethod
+    def for_plate(cls, mass: float, rate: float = 7.0) -> Self:
+        """Return the gains for a plate of `mass` [kg]: M_d the mass, B_d the mass times `rate` [1/s]."""
+        return cls(inertia=mass, damping=rate * mass)
 
 
 @dataclass(frozen=True)

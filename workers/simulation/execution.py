@@ -14,7 +14,7 @@ from planners.balance.contacts import GripContacts, PushContact
 from planners.collision.placement import Attached
 from planners.geometry.pose import Array, inverse, rotation_angle
 from planners.kinematics.forward import flange_pose
-from planners.lifting.leader_follower import FollowerMotion, LeaderFollower
+from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_goal import LiftGoal, lift_goal
 from planners.lifting.lift_path import LiftPath, lift_path
 from planners.manipulation.workcell import LiftWorkcell
@@ -23,7 +23,7 @@ from planners.scene.scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand, SimulatedHand
 from workers.simulation.lifter import SuctionLifter
 from workers.simulation.recorder import NodeForces, Recorder
-from workers.simulation.reference import Moment, PlanReference, Stage
+from workers.simulation.reference import LEAD, Moment, PlanReference, Stage
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.winch import WinchProfile
 from workers.simulation.world import World
@@ -102,6 +102,9 @@ class Execution:
         self.largest_way_off = np.zeros(2)
         """Of the plate during the manipulation: distance of the cup's place [m] and angle [rad]."""
         self.lift: Lift | None = None
+        self.goal_push = 0.0
+        """F_goal of eq. (11): vertical force of the pushing hand [N]."""
+        self._place0, self._R0 = np.zeros(3), np.eye(3)
         self.time = 0.0
         self._tick = round(settings.sensor.period / settings.step)
         self._record = round(settings.record_period / settings.step)
@@ -125,18 +128,14 @@ class Execution:
 
     def _manipulate(self, report: Callable[[], None]) -> Failure | None:
         reference, step = self.reference, self.settings.step
-        stage = reference.stages[0]
         while self.time < reference.duration - 0.5 * step:
             moment = reference.at(self.time)
-            if moment.stage is not stage:
-                self._note_node(stage)
-                stage = moment.stage
             failure = self._manipulate_step(moment)
             if failure is not None:
                 return failure
+            self._note_node(moment)
             if self._steps % 50 == 0:
                 report()
-        self._note_node(stage)
         return None
 
     def _manipulate_step(self, moment: Moment, goal: Mapping[str, Array] | None = None) -> Failure | None:
@@ -204,9 +203,10 @@ class Execution:
         """Follow the winch: eq. (11) on the pushing hand's vertical force, the same velocity for both hands."""
         lift, s, world = self.lift, self.settings, self.world
         assert lift is not None
-        law, motion = LeaderFollower(s.follower), FollowerMotion()
+        gains = s.follower or FollowerGains.for_plate(self.scene.plate.mass or 1.0)
+        law, motion = LeaderFollower(gains), FollowerMotion()
         fastest = 0.8 * lift.path.largest_speed(np.concatenate([a.velocity_max for a in self.scene.cell.arms.values()]))
-        goal = self._goal_push[2]
+        goal = self.goal_push
         height, stage = 0.0, self.reference.stages[-1]
         end = lift.begin + lift.winch.duration + s.rest
         while self.time < end:
@@ -253,7 +253,6 @@ class Execution:
         world.advance()
         self.time += step
         self._steps += 1
-        self._recent.append(self._forces())
         return self._what_gave_way(stage)
 
     def _what_gave_way(self, stage: Stage) -> Failure | None:
@@ -297,29 +296,26 @@ class Execution:
         middle = points.mean(axis=0)
         for point, wrench in zip(points, fingers, strict=True):
             total[3:] += np.cross(R @ (point - middle), wrench[:3])
-        self._goal_push = wrenches["push"][:3]
+        self.goal_push = float(wrenches["push"][2])
         return goal, {grip_arm: total, push_arm: wrenches["push"], "cup": wrenches["cup"]}
 
-    def _forces(self) -> dict[str, Array]:
-        forces = {hand.arm.name: hand.force for hand in self.hands}
-        return forces | {"cup": self.lifter.force, "support": self._support_force()}
-
-    def _support_force(self) -> Array:
-        """Return the support's force from the last few steps' contacts; asked at nodes only, else zero."""
-        return np.zeros(3)
-
-    def _note_node(self, stage: Stage) -> None:
-        """Compare forces at the end of a motion of the plate."""
-        if stage.kind != "transfer":
+    def _note_node(self, moment: Moment) -> None:
+        """Compare forces at the end of a motion of the plate, before the lifter prepares for what comes next."""
+        stage, step = moment.stage, self.settings.step
+        last = stage is self.reference.stages[-1]
+        due = stage.end - (0.0 if last else min(LEAD, 0.5 * (stage.end - stage.begin)))
+        if stage.kind != "transfer" or not due - _MEAN_TIME < self.time <= due + step:
             return
-        reference = self.reference
-        number = reference.stages.index(stage)
-        sample = int(np.flatnonzero(reference.stage_of == number)[-1])
-        names = [hand.arm.name for hand in self.hands] + ["cup"]
-        planned = {name: reference.wrenches[name][sample, :3] for name in names}
-        planned = {name: force for name, force in planned.items() if not np.isnan(force[0])}
+        forces = {hand.arm.name: hand.force for hand in self.hands}
+        self._recent.append(forces | {"cup": self.lifter.force, "support": self.world.resting_force()})
+        if self.time + step <= due:
+            return
+        planned = moment.planned_forces()
         simulated = {name: np.mean([row[name] for row in self._recent], axis=0) for name in planned}
-        self.nodes.append(NodeForces(number, stage.end, planned, simulated))
+        number = self.reference.stages.index(stage)
+        if not self.nodes or self.nodes[-1].segment != number:
+            self.nodes.append(NodeForces(number, self.time, planned, simulated))
+        self._recent.clear()
 
     def _note_way_off(self, moment: Moment) -> None:
         plate = self.world.plate_motion()

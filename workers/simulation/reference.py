@@ -16,6 +16,10 @@ LEAD = 0.3
 """The lifter begins to change its pull so long before the plan has it change [s]."""
 
 
+BEARERS = ("left", "right", "cup", "support")
+"""Who exerts forces on the plate; "support" is whatever it rests on."""
+
+
 @dataclass(frozen=True, eq=False)
 class Stage:
     """One segment of the plan, as far as hands are concerned."""
@@ -45,8 +49,10 @@ class PlanReference:
     stage_of: NDArray[np.int64]
     """(n,) number of the stage that a sample belongs to."""
     stages: tuple[Stage, ...]
+    planned: Mapping[str, Array]
+    """By `BEARERS`: (n, 6) on the plate about the middle of its contacts, world axes; NaN: touches nothing."""
     wrenches: Mapping[str, Array]
-    """By arm and for "cup": (n, 6) on the plate about the middle of its contacts, world axes; NaN: touches nothing."""
+    """What hands and lifter are told: as planned, but the lifter changes its pull before the plan does."""
     cup_points: Array
     """(n, 3) where the cup pulls, world [m]."""
 
@@ -62,10 +68,8 @@ class PlanReference:
             plate = poses[-1][-1]
         T_world_plate = np.concatenate(poses)
         time = np.concatenate([segment["time"] for segment in segments])
-        wrenches = {
-            name: np.concatenate([_wrenches(segment, name) for segment in segments]) for name in ("left", "right", "cup")
-        }
-        wrenches["cup"] = _begun_before(time, wrenches["cup"], np.cumsum(sizes)[:-1])
+        planned = {name: np.concatenate([_wrenches(segment, name) for segment in segments]) for name in BEARERS}
+        wrenches = planned | {"cup": _begun_before(time, planned["cup"], np.cumsum(sizes)[:-1])}
         return cls(
             time=time,
             positions=np.concatenate([segment["positions"] for segment in segments]),
@@ -73,6 +77,7 @@ class PlanReference:
             T_world_plate=T_world_plate,
             stage_of=np.repeat(np.arange(len(segments)), sizes),
             stages=tuple(_stage(segment) for segment in segments),
+            planned=planned,
             wrenches=wrenches,
             cup_points=T_world_plate[:, :3, :3] @ pad + T_world_plate[:, :3, 3],
         )
@@ -136,12 +141,20 @@ class Moment:
         return (points[self.high] - points[self.low]) / (time[self.high] - time[self.low])
 
     def wrench(self, name: str) -> Array | None:
-        """Return the planned (6,) wrench of an arm or of "cup" on the plate, None when it touches nothing."""
+        """Return the (6,) wrench that an arm or "cup" is told to exert on the plate, None when it touches nothing."""
         value = self._between(self.reference.wrenches[name])
         return None if np.isnan(value[0]) else value
 
+    def planned_forces(self) -> dict[str, Array]:
+        """Return the planned force (3,) of everything that touches the plate [N]."""
+        forces = {name: self._between(rows)[:3] for name, rows in self.reference.planned.items()}
+        return {name: force for name, force in forces.items() if not np.isnan(force[0])}
+
     def _between(self, rows: Array) -> Array:
         return (1.0 - self.part) * rows[self.low] + self.part * rows[self.high]
+
+
+_STANDS = ("support", "environment")
 
 
 def _stage(segment: Mapping[str, Any]) -> Stage:
@@ -157,7 +170,7 @@ def _wrenches(segment: Mapping[str, Any], name: str) -> Array:
     time = np.array(segment["time"])
     sets: dict[int, list[Mapping[str, Any]]] = {}
     for contact in segment["contacts"]:
-        if contact["by"] == name and contact["kind"] != "inertia":
+        if contact["kind"] != "inertia" and (contact["by"] == name or (name, contact["kind"]) == _STANDS):
             sets.setdefault(contact["sample"], []).append(contact)
     if not sets:
         return np.full((len(time), 6), np.nan if name != "cup" else 0.0)

@@ -29,7 +29,7 @@ class ContactSettings:
     """Damping over stiffness of all contacts [s]."""
     pad_aspect: float = 37.5 / 22.0
     """Length over width of a pad: a pad is four points at the soft finger's eccentricity [1]."""
-    least_push: float = 1.5
+    least_push: float = 3.0
     """The stick never presses less while it is to push [N]: planned forces of zero would lose the contact."""
 
 
@@ -134,4 +134,5 @@ class SimulationSettings:
     winch: WinchSettings = field(default_factory=WinchSettings)
     sensor: SensorSettings = field(default_factory=SensorSettings)
     hand: HandSettings = field(default_factory=HandSettings)
-    follower: FollowerGains = field(default_factory=FollowerGains)
+    follower: FollowerGains | None = None
+    """None: those that fit the plate."""
