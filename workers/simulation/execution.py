@@ -90,9 +90,7 @@ class Execution:
         self.gripping = GrippingHand(
             arms[grip_arm], first[grip_arm], settings, rng, (friction.grip, friction.eps), scene.plate.height
         )
-        self.pushing = PushingHand(
-            arms[push_arm], first[push_arm], settings, rng, friction.push, scene.plate.com
-        )
+        self.pushing = PushingHand(arms[push_arm], first[push_arm], settings, rng, friction.push, scene.plate.com)
         self.hands: tuple[SimulatedHand, ...] = (self.gripping, self.pushing)
         self.lifter = SuctionLifter(scene, settings.cup, settings.contact, rng)
         self.recorder = Recorder()

@@ -217,5 +217,3 @@ def _frame(R: Array, position: Array) -> Transform:
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, position
     return T
-
-

@@ -160,9 +160,7 @@ _STANDS = ("support", "environment")
 def _stage(segment: Mapping[str, Any]) -> Stage:
     hold = segment["hold"] or {"grip": None, "push": None}
     time = segment["time"]
-    return Stage(
-        segment["kind"], time[0], time[-1], hold["grip"], hold["push"], segment["contact_state"]["element"]
-    )
+    return Stage(segment["kind"], time[0], time[-1], hold["grip"], hold["push"], segment["contact_state"]["element"])
 
 
 def _wrenches(segment: Mapping[str, Any], name: str) -> Array:
@@ -172,10 +170,11 @@ def _wrenches(segment: Mapping[str, Any], name: str) -> Array:
     for contact in segment["contacts"]:
         if contact["kind"] != "inertia" and (contact["by"] == name or (name, contact["kind"]) == _STANDS):
             sets.setdefault(contact["sample"], []).append(contact)
+    absent = np.full(6, 0.0 if name == "cup" else np.nan)
     if not sets:
-        return np.full((len(time), 6), np.nan if name != "cup" else 0.0)
-    samples = sorted(sets)
-    totals = np.array([_total(sets[sample]) for sample in samples])
+        return np.repeat(absent[None], len(time), axis=0)
+    samples = sorted({contact["sample"] for contact in segment["contacts"]})
+    totals = np.array([_total(sets[sample]) if sample in sets else absent for sample in samples])
     if _leaves_a_stronger_contact(segment) and len(samples) > 1:
         # The first set still counts on the contact that the motion gives up at once.
         totals[0] = totals[1]

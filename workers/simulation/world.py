@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import sys
 import tempfile
@@ -32,6 +33,8 @@ def _quiet() -> Iterator[None]:
     try:
         yield
     finally:
+        # C keeps a buffer of its own.
+        ctypes.CDLL(None).fflush(None)
         os.dup2(kept, 1)
         os.close(kept)
 
@@ -138,8 +141,8 @@ class World:
         """Return the (3,) force of everything that stands still on the plate in the last step [N]."""
         total = np.zeros(3)
         for contact in bullet.getContactPoints(bodyA=self._plate, physicsClientId=self._id):
-            # The normal is on B, pointing to A: it pushes A, the plate.
-            for size, axis in ((contact[9], contact[7]), (contact[10], contact[11]), (contact[12], contact[13])):
+            # The normal points from B to A, the plate; friction is told as it acts on B.
+            for size, axis in ((contact[9], contact[7]), (-contact[10], contact[11]), (-contact[12], contact[13])):
                 total += size * np.array(axis)
         return total
 
