@@ -13,7 +13,8 @@ from planners.contract.lift_document import lift_document
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
 from planners.errors import SceneError
 from planners.manipulation.dense_contacts import ContactSampling
-from planners.manipulation.planner import LiftSettings, PlateLiftPlanner
+from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.planner import PlateLiftPlanner
 from planners.progress import Progress
 from planners.scene.scene import PLANNED_KINDS, PlateLiftScene
 

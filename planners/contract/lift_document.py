@@ -13,7 +13,7 @@ from planners.contract.plan_document import JOINT_NAMES, SCHEMA_VERSION
 from planners.contract.task_spec import PlateLiftTask, write_task
 from planners.geometry.pose import Array, Transform, to_pose7
 from planners.graph.rejections import Rejection
-from planners.manipulation.planner import LiftPlan
+from planners.manipulation.lift_plan import LiftPlan
 from planners.scene.scene import PlateLiftScene
 from planners.segment import ContactSet, Segment, SegmentKind
 

@@ -74,6 +74,19 @@ def area(outline: Array) -> float:
     return 0.5 * float(np.sum(_cross(outline, np.roll(outline, -1, axis=0))))
 
 
+def segment_distance(one: Array, other: Array) -> float:
+    """Return the distance between two straight segments that do not cross, each (2, 2) with its ends as rows [m]."""
+    return min(
+        _point_distance(point, segment) for point, segment in [(p, other) for p in one] + [(p, one) for p in other]
+    )
+
+
+def _point_distance(point: Array, segment: Array) -> float:
+    way = segment[1] - segment[0]
+    part = float(np.clip((point - segment[0]) @ way / (way @ way), 0.0, 1.0))
+    return float(np.linalg.norm(point - segment[0] - part * way))
+
+
 def centroid(outline: Array) -> Array:
     """Return the (2,) centroid of the enclosed area [m]."""
     following = np.roll(outline, -1, axis=0)

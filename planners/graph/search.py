@@ -130,7 +130,7 @@ def cheapest_path(
 
     `examine(node)` must make an unknown node ALIVE with its exact load, or DEAD, in `knowledge`. `heuristic` is a
     consistent lower bound of the remaining cost. With `bottleneck` the path with the smallest largest load is
-    sought instead, and arc costs only decide between equals.
+    sought instead; among such paths arc costs only steer, and their sum need not be the least.
     """
     search = _Search(graph, knowledge, start, heuristic)
     while True:

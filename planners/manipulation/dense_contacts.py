@@ -34,6 +34,8 @@ from planners.manipulation.contacts import (
 
 _FLAT = 1e-9
 """Largest tilt of a plate at rest [rad]."""
+_SAME_HEIGHT = 1e-9
+"""Clearances that differ by less are equal [m]."""
 _LENGTH_STEPS = 32
 """Chords, at least, by which the length of a motion is measured."""
 
@@ -57,9 +59,11 @@ class ContactSampling:
     lifted_azimuths: int = 8
     """Tilt directions off the environment, evenly around from the plate's x axis."""
     goal_height: float = 0.03
-    """Clearance of the lowest vertex in the lower layer off the environment [m]."""
+    """Clearance of the lowest vertex that a plate must reach off the environment [m]: one layer of poses has it."""
+    first_layer: float = 0.03
+    """Clearance of the lowest layer off the environment, where the goal is higher [m]."""
     lifted_step: float = 0.05
-    """Clearance between the two layers off the environment [m]."""
+    """Clearance of one more layer above the goal [m]."""
     com_threshold_per_size: float = 0.15
     """Poses are joined below this displacement of the centre of mass, per square root of the plate's area [m/m]."""
     rotation_threshold: float = math.radians(17.0)
@@ -75,7 +79,8 @@ class ContactSampling:
             raise LiftwrightError("tilts lie between 0 and 90 degrees, smallest first, and there is at least one")
         if min(self.vertex_azimuths, self.lifted_azimuths, self.tilt_density, self.azimuth_density) < 1:
             raise LiftwrightError("numbers of azimuths and densities are at least 1")
-        if min(self.goal_height, self.lifted_step, self.com_threshold_per_size, self.rotation_threshold) <= 0.0:
+        lengths = (self.goal_height, self.first_layer, self.lifted_step, self.com_threshold_per_size)
+        if min(*lengths, self.rotation_threshold) <= 0.0:
             raise LiftwrightError("heights and thresholds are positive")
 
     def scaled(self, density: float) -> ContactSampling:
@@ -311,6 +316,12 @@ class DenseContactStateGraph:
         return tuple(index for index, pose in enumerate(self.poses) if pose.contact == NO_CONTACT)
 
     @cached_property
+    def goals(self) -> tuple[int, ...]:
+        """The numbers of the poses without contact that are as high as the goal."""
+        poses, height = self.poses, self.sampling.goal_height - _SAME_HEIGHT
+        return tuple(index for index in self.lifted if poses[index].clearance >= height)
+
+    @cached_property
     def neighbours(self) -> tuple[NDArray[np.int64], ...]:
         """The sorted numbers of the poses that each pose is joined to."""
         both = np.vstack([self.edges, self.edges[:, ::-1]])
@@ -392,6 +403,15 @@ def _samples(plate: RestingPlate, contact: PrincipalContact, sampling: ContactSa
     return _contact_samples(plate, element, tilts)
 
 
+def _layers(shape: Prism, sampling: ContactSampling) -> list[float]:
+    """Return the clearances of the poses off the environment: near enough to be joined, and one above the goal."""
+    first = min(sampling.first_layer, sampling.goal_height)
+    step = 0.8 * _thresholds(shape, sampling)[0]
+    count = math.ceil((sampling.goal_height - first) / step)
+    layers = np.linspace(first, sampling.goal_height, count + 1).tolist()
+    return [*layers, sampling.goal_height + sampling.lifted_step]
+
+
 def _contact_samples(plate: RestingPlate, element: Element, tilts: Array) -> list[PlatePose]:
     contact = PrincipalContact(element, ENVIRONMENT_FACE)
     vertices = sorted(plate.shape.polyhedron.vertex_indices(element))
@@ -415,13 +435,13 @@ def _cone_tilts(plate: RestingPlate, vertex: int, sampling: ContactSampling) -> 
 
 
 def _lifted_samples(plate: RestingPlate, sampling: ContactSampling) -> list[PlatePose]:
-    """Sample no contact: two layers of clearance, each level and tilted all around, above the place at rest."""
+    """Sample no contact: layers of clearance, each level and tilted all around, above the place at rest."""
     x_axis = plate.T_world_plate[:2, 0]
     azimuths = math.atan2(x_axis[1], x_axis[0]) + sampling.lifted_directions()
     tilts = np.vstack([np.zeros((1, 2)), _polar(sampling.tilts(sampling.lifted_tilts), azimuths)])
     com_xy = np.tile(plate.com_world(plate.T_world_plate)[:2], (len(tilts), 1))
     samples: list[PlatePose] = []
-    for clearance in (sampling.goal_height, sampling.goal_height + sampling.lifted_step):
+    for clearance in _layers(plate.shape, sampling):
         transforms = plate.raised(tilts, np.full(len(tilts), clearance), com_xy)
         samples += [
             PlatePose(NO_CONTACT, tilt, clearance, T, np.empty((0, 3)), 0)

@@ -86,6 +86,17 @@ class ManipulationStateGraph:
         return (self.grips[grip - 1] if grip else None, self.pushes[push - 1] if push else None)
 
 
+def edge_count(
+    poses: DenseContactStateGraph,
+    holds: tuple[tuple[HandHold, ...], tuple[HandHold, ...]],
+    postures: tuple[NDArray[np.uint64], NDArray[np.uint64]],
+) -> int:
+    """Count the edges that `build_graph` would make, without making them."""
+    candidate = _candidates(*holds, *postures)
+    transfers = sum(int(np.count_nonzero(candidate[i] & candidate[j])) for i, j in poses.edges)
+    return transfers + 2 * int(np.count_nonzero(candidate[:, 1:, 1:]))
+
+
 def build_graph(
     poses: DenseContactStateGraph,
     grips: tuple[HandHold, ...],
@@ -122,8 +133,8 @@ def build_graph(
     effort[~is_transit] = np.array([poses.travel(k) for k in range(len(poses.edges))])[motion[~is_transit]]
 
     graph = graph_from_edges(len(node_pose), nodes[:, 0], nodes[:, 1], cost, is_transit, effort)
-    lifted = np.zeros(len(poses.poses), bool)
-    lifted[list(poses.lifted)] = True
+    high = np.zeros(len(poses.poses), bool)
+    high[list(poses.goals)] = True
     single = (node_grip == 0) != (node_push == 0)
     return ManipulationStateGraph(
         poses=poses,
@@ -137,7 +148,7 @@ def build_graph(
         edge_nodes=nodes,
         edge_motion=motion,
         starts=tuple(int(n) for n in np.nonzero((node_pose == poses.flat) & single)[0]),
-        goal=lifted[node_pose] & (node_grip > 0) & (node_push > 0),
+        goal=high[node_pose] & (node_grip > 0) & (node_push > 0),
         heuristic=whole(np.array([_cheapest_lift(costs, r) for r in rank]))[node_pose],
         knowledge=Knowledge.none(graph),
     )

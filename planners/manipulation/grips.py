@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from planners.errors import LiftwrightError
+from planners.geometry.polygon import inward_normals, segment_distance
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array, rotation_z, transform
 from planners.manipulation.rim import RimPatch, RimStation, rim_stations
@@ -78,6 +80,24 @@ class Grip:
     def approach(self) -> Array:
         """(3,) unit direction of the hand's way in."""
         return self.T_plate_tcp[0, :3, 2]
+
+
+def least_opening(plate: Prism, friction: float) -> float:
+    """Return a lower bound of the opening with which two pads can hold a plate anywhere, antipodal with friction [m].
+
+    Two pads hold two faces whose normals are opposite within twice the friction angle. Besides top and bottom these
+    may be sides; where friction reaches 45 degrees even two faces that share an edge.
+    """
+    if friction >= 1.0:
+        return 0.0
+    normals, corners = inward_normals(plate.outline), plate.outline
+    ends = np.roll(corners, -1, axis=0)
+    widths = [plate.height]
+    for i, j in combinations(range(len(corners)), 2):
+        if math.acos(max(-1.0, min(1.0, -float(normals[i] @ normals[j])))) <= 2.0 * math.atan(friction):
+            points = np.array([corners[i], ends[i]]), np.array([corners[j], ends[j]])
+            widths.append(segment_distance(*points))
+    return min(widths)
 
 
 def generate_grips(

@@ -76,10 +76,24 @@ class LiftReport:
         cause = Rejection("capacity", reason, needed=thickness, available=width, unit="m")
         self._lift.rejections.add(cause)
         summary = (
-            f"The plate is {1e3 * thickness:.1f} mm thick and wider than that; the gripper opens {1e3 * width:.1f} mm."
+            f"The plate is {1e3 * thickness:.1f} mm thick; the gripper opens {1e3 * width:.1f} mm, "
+            "and the plate is no narrower from side to side."
         )
         return LiftPlan(
             LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
+        )
+
+    def too_large(self, edges: int) -> LiftPlan:
+        """Report that the graph would not fit into memory: nothing was searched."""
+        limit = self._lift.settings.largest_graph
+        cause = Rejection("sampling", "The graph of all poses and holds is too large", needed=edges, available=limit)
+        self._lift.rejections.add(cause)
+        summary = (
+            f"The graph would have {edges} edges, and {limit} fit into memory: lower contact_density or hold_density, "
+            "or simplify the plate's outline."
+        )
+        return LiftPlan(
+            LiftOutcome.NOT_FOUND, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
         )
 
     def no_path(self) -> LiftPlan:

@@ -27,5 +27,7 @@ class LiftSettings:
     """Choices of postures whose motion is tried before a sequence is given up."""
     sequences: int = 400
     """Sequences that are checked before the planner gives up."""
-    largest_graph: int = 400_000
+    largest_graph: int = 1_600_000
+    """Edges of the graph that fit into 1 GiB of memory: denser samplings are not searched."""
+    largest_split: int = 400_000
     """Nodes above which no hold is split by its postures: then an edge of the sequence is given up instead."""

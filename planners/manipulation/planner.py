@@ -7,6 +7,7 @@ over poses at which the plate could not be held.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from planners.balance.capacity import LiftCapacity
 from planners.balance.contacts import GripContacts, PushContact
-from planners.geometry.polygon import narrowest_width
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection, Rejections
@@ -34,7 +34,8 @@ from planners.manipulation.failures import (
     PairFailure,
     TransitFailure,
 )
-from planners.manipulation.graph import HandHold, build_graph
+from planners.manipulation.graph import HandHold, build_graph, edge_count
+from planners.manipulation.grips import least_opening
 from planners.manipulation.groundwork import balance_program, grips_of, jaw_of, pair_reach, posture_queries, pushes_of
 from planners.manipulation.hold_balance import HoldBalance
 from planners.manipulation.lift_plan import LiftPlan
@@ -77,17 +78,26 @@ class PlateLiftPlanner:
         report = LiftReport(self)
         if not capacity.suffices:
             return report.too_heavy(capacity)
-        if jaw_of(self.workcell).width_max < min(self.prism.height, narrowest_width(self.prism.outline)):
+        if jaw_of(self.workcell).width_max < least_opening(self.prism, self.scene.friction.grip):
             return report.too_thick()
-        self.build()
+        self.find_reach()
+        edges = edge_count(self.poses, self._all_holds(), (self.grip_postures, self.push_postures))
+        if edges > self.settings.largest_graph:
+            return report.too_large(edges)
+        self._merge(*self._all_holds())
         return self.search()
 
     def capacity(self) -> LiftCapacity:
-        """Bound what robot and lifter can carry together off the support."""
-        return self.balance_program.capacity(max(self.settings.sampling.lifted_tilts[:2]))
+        """Bound what robot and lifter can carry together off the support, at whatever tilt."""
+        return self.balance_program.capacity(0.5 * math.pi)
 
     def build(self) -> None:
-        """Find out which hand reaches which pose in which postures, and merge the graph."""
+        """Find the hands' reach and merge the graph, whatever its size."""
+        self.find_reach()
+        self._merge(*self._all_holds())
+
+    def find_reach(self) -> None:
+        """Find out which hand reaches which pose in which postures, and what follows from it."""
         self.pair = pair_reach(self.workcell, self.grips, self.pushes, self.settings.pushes.rolls)
         plates = np.array([pose.T_world_plate for pose in self.poses.poses])
         # The compiled part lets go of the interpreter, so that two threads use two cores.
@@ -105,10 +115,6 @@ class PlateLiftPlanner:
         self.choreographer = Choreographer(
             self.workcell, self.follower, self.balance, np.random.default_rng(self.scene.seed)
         )
-        self._merge(
-            tuple(HandHold(grip.index, ALL_POSTURES) for grip in self.grips),
-            tuple(HandHold(push.index, ALL_POSTURES) for push in self.pushes),
-        )
 
     def search(self) -> LiftPlan:
         """Search the graph until a sequence can be moved along, or nothing is left."""
@@ -124,6 +130,13 @@ class PlateLiftPlanner:
         return report.not_found(f"No sequence could be moved along in {self.settings.sequences} tries.")
 
     # Building.
+
+    def _all_holds(self) -> tuple[tuple[HandHold, ...], tuple[HandHold, ...]]:
+        """Return all grips and pushes, in any posture."""
+        return (
+            tuple(HandHold(grip.index, ALL_POSTURES) for grip in self.grips),
+            tuple(HandHold(push.index, ALL_POSTURES) for push in self.pushes),
+        )
 
     def _forbid_blocked_poses(self, T_world_plates: Array) -> None:
         """Take all holds from the poses at which plate or cup meet something that stands in the cell."""
@@ -240,7 +253,7 @@ class PlateLiftPlanner:
     def _forbid(self, problem: NoAssignment, itinerary: Itinerary) -> None:
         """Apply the failures found; where that takes it, tell holds apart by posture and merge anew."""
         killed = sum(self.failures.add(failure, self.graph) for failure in problem.failures)
-        splits = problem.split if self.graph.graph.node_count <= self.settings.largest_graph else ()
+        splits = problem.split if self.graph.graph.node_count <= self.settings.largest_split else ()
         edge = itinerary.path.edges[-1] if problem.split and not splits else problem.edge
         if edge is not None:
             killed += self.failures.add(EdgeFailure.of(self.graph, edge), self.graph)

@@ -14,6 +14,7 @@ from planners.geometry.polygon import (
     depth_inside,
     inward_normals,
     overlap,
+    segment_distance,
     side_directions,
     side_lengths,
 )
@@ -98,3 +99,16 @@ def test_overlap_with_a_polygon_around_it_is_the_polygon_itself():
 def test_outlines_that_are_not_convex_and_counter_clockwise_are_refused(corners):
     with pytest.raises(ShapeError):
         convex_outline(corners)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_distance_of_sides_is_the_least_of_all_their_points(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(12, 2)) * rng.uniform(0.05, 0.4, 2)
+    outline = points[ConvexHull(points).vertices]
+    parts = np.linspace(0.0, 1.0, 401)[:, None]
+    one, other = outline[:2], outline[2:4] if len(outline) > 3 else outline[[2, 0]]
+    along = [segment[0] + parts * (segment[1] - segment[0]) for segment in (one, other)]
+    brute = float(np.linalg.norm(along[0][:, None] - along[1][None], axis=2).min())
+    assert segment_distance(one, other) <= brute + 1e-12
+    assert segment_distance(one, other) == pytest.approx(brute, abs=2e-3)

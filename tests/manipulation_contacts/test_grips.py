@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import depth_inside
 from planners.geometry.polyhedron import Prism
-from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, given_grips
+from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, given_grips, least_opening
 from planners.scene.given_holds import GivenGrip
 
 JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))
@@ -150,3 +150,16 @@ def test_generated_grips_that_a_task_gives_itself_are_the_same_grips(plate):
 def test_a_sampling_that_means_nothing_is_refused():
     with pytest.raises(LiftwrightError):
         GripSampling(count=0)
+
+
+def test_a_plate_thicker_than_the_opening_may_still_be_held_across_a_sharp_corner():
+    """An equilateral triangle's corner of 60 degrees is held with friction above tan 30 degrees, at any width."""
+    corners = [(0.4 * math.cos(a), 0.4 * math.sin(a)) for a in (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)]
+    triangle = Prism.from_outline(corners, 0.2)
+    assert least_opening(triangle, 0.5) == pytest.approx(0.2)
+    assert least_opening(triangle, 0.6) == pytest.approx(0.0)
+
+
+def test_a_box_is_held_across_its_least_side():
+    assert least_opening(Prism.from_box([0.3, 0.06, 0.1]), 0.5) == pytest.approx(0.06)
+    assert least_opening(Prism.from_box([0.3, 0.2, 0.1]), 0.5) == pytest.approx(0.1)
