@@ -127,7 +127,10 @@ def draw(name: str, simulation: Mapping[str, Any], folder: Path) -> Path:
 
 def table(figures: Sequence[SimulationFigures]) -> str:
     """Return a Markdown table."""
-    head = "| task | lifted of all | without controller | height / reach [m] | largest force difference | dips a lift | CPU / motion |"
+    head = (
+        "| task | lifted of all | without controller | height / reach [m] | largest force difference "
+        "| dips a lift | CPU / motion |"
+    )
     rows = [head, "|---|---|---|---|---|---|---|"]
     for f in figures:
         count = sum(f.controlled.values())

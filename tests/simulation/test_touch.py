@@ -30,9 +30,10 @@ def test_a_hand_where_it_engaged_squeezes_and_does_nothing_else() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_small_motions_are_resisted_by_the_stiffness(seed: int) -> None:
     small = 1e-6 * np.random.default_rng(seed).normal(size=6)
-    touch = pads()
+    # A squeeze adds a stiffness of its own, as it moves along; here it is next to nothing.
+    touch = pads(squeeze=0.2)
     hand = transform(rotation_from_vector(small[3:]), small[:3])
-    assert touch.act(hand, np.zeros(6), REST) == pytest.approx(touch.stiffness() @ small, abs=1e-6)
+    assert touch.act(hand, np.zeros(6), REST) == pytest.approx(touch.stiffness() @ small, rel=1e-3, abs=2e-7)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, from_pose7
 
-
 LEAD = 0.3
 """The lifter begins to change its pull so long before the plan has it change [s]."""
 
@@ -114,12 +113,12 @@ class Moment:
 
     @property
     def positions(self) -> Array:
-        """(12,) [rad]"""
+        """(12,) [rad]."""
         return self._between(self.reference.positions)
 
     @property
     def velocities(self) -> Array:
-        """(12,) [rad/s]"""
+        """(12,) [rad/s]."""
         return self._between(self.reference.velocities)
 
     @property
@@ -129,12 +128,12 @@ class Moment:
 
     @property
     def cup_point(self) -> Array:
-        """(3,) [m]"""
+        """(3,) [m]."""
         return self._between(self.reference.cup_points)
 
     @property
     def cup_velocity(self) -> Array:
-        """(3,) [m/s]"""
+        """(3,) [m/s]."""
         if self.low == self.high:
             return np.zeros(3)
         points, time = self.reference.cup_points, self.reference.time

@@ -13,8 +13,8 @@ class ContactSettings:
     """Rubber on the plate. Engineering choices, where nothing is said."""
 
     friction_factor: float = 1.2
-    """True friction over the one planned with, of all contacts [1]: rubber on acrylic has 0.6, planned with 0.5. A plan of
-    least effort lies on the border of its friction cones, so that any disturbance at all would make it slip."""
+    """True friction over the one planned with, of all contacts [1]: rubber on acrylic has 0.6, planned with 0.5. A
+    plan of least effort lies on the border of its friction cones, so that any disturbance would make it slip."""
     squeeze: float = 60.0
     """Force of the gripper's fingers [N]: internal, no load of the arm; a 2F-85 gives 20 to 235 N."""
     pad_normal_stiffness: float = 30e3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -16,16 +17,17 @@ from workers.simulation.settings import SimulationSettings
 from workers.simulation.world import World
 
 MODEL = (
-    "Plate, table, support and obstacles are rigid bodies in PyBullet; arms are chains of links driven by joint servos.",
+    "Plate, table, support and obstacles are rigid bodies in PyBullet; arms are chains of links driven by servos.",
     "True friction is a stated factor above the planned coefficients, at all contacts; a plan of least effort lies on "
     "the border of its friction cones.",
-    "Pads and tip are springs and dampers within Coulomb friction; the gripper squeezes with a constant internal force.",
+    "Pads and tip are springs and dampers within Coulomb friction; the gripper squeezes with a constant force of its "
+    "own, which is no load of the arm.",
     "In the manipulation hands track the planned wrenches by admittance on a noisy, tared sensor; the stick never "
     "presses less than a stated force.",
     "In the manipulation the lifter is a force source: the planned cup force with a seeded error, at most the cup's "
     "largest force, and the cup's own stiffness about the planned path.",
-    "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift begins; "
-    "both hands follow the pushing hand's vertical force by eq. (11).",
+    "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift "
+    "begins; both hands follow the pushing hand's vertical force by eq. (11).",
 )
 """What is modelled, for a person."""
 _MOTION_EVERY = 2
@@ -75,7 +77,7 @@ def _document(execution: Execution, failure: Failure | None, seed: int) -> dict[
         "motion": _motion(execution),
         "model": list(MODEL),
         "seed": seed,
-        "settings": asdict(execution.settings),
+        "settings": json.loads(json.dumps(asdict(execution.settings))),
     }
 
 

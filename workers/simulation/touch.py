@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from planners.geometry.pose import Array
 
@@ -89,7 +88,9 @@ Anchors are in the plate's axes from the centre of mass.
 
 
 @njit(cache=True, nogil=True)
-def _act(T: NDArray[np.float64], twist, plate, points, anchors, normals, preload, stiffness, slips, forces, places):
+def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
+    T, twist, plate, points, anchors, normals, preload, stiffness, slips, forces, places
+):
     R, com, velocity, spin = plate
     kn, kt, time, mu = stiffness
     total = np.zeros(6)
