@@ -15,6 +15,7 @@ from planners.certify.contact_places import ContactPlaceChecks
 from planners.certify.contact_states import contact_state_checks
 from planners.certify.document_view import MalformedDocument, PlanView, read_document
 from planners.certify.holds import hold_checks
+from planners.certify.infeasibility import infeasibility_check
 from planners.certify.joins import join_checks
 from planners.certify.lift_task import LiftTask, read_lift_task
 from planners.certify.limits import joint_checks
@@ -41,7 +42,8 @@ def certify(
 
     Returns:
         Every check with its smallest margin and where that is. A member that is missing or of the wrong type fails the
-        check `structure`, and nothing else is looked at. Documents without a solution have no other checks.
+        check `structure`, and nothing else is looked at. Of documents without a solution those that call themselves
+        infeasible have their scene and their proof checked; those that found nothing claim nothing.
     """
     settings = settings or CertifySettings()
     try:
@@ -51,10 +53,13 @@ def certify(
     except MalformedDocument as problem:
         return Certificate((Check("structure", False, -1.0, "1", str(problem)),))
     structure = Check("structure", True, 0.0, "1", "the whole document")
-    if plan.outcome != "solved":
+    if plan.outcome == "not_found":
         return Certificate((structure,))
     # Numbers that make no sense overflow to inf or nan, which fail the check that meets them.
     with np.errstate(all="ignore"):
+        if plan.outcome == "infeasible":
+            scene = scene_checks(plan, document, task, reference, settings)
+            return Certificate((structure, *scene, infeasibility_check(plan, task, settings)))
         return Certificate((structure, *_checks(plan, document, task, surfaces, reference, settings)))
 
 
@@ -63,10 +68,9 @@ def _refuse_nonsense(plan: PlanView) -> None:
     if plan.outcome != "solved":
         if plan.segments:
             raise MalformedDocument("/segments", f"a plan that is {plan.outcome} has no segments")
-        if not (plan.explanation or {}).get("summary"):
+        if plan.explanation is None or not plan.explanation.summary:
             raise MalformedDocument("/explanation/summary", f"a plan that is {plan.outcome} says why")
-        return
-    if not plan.segments:
+    elif not plan.segments:
         raise MalformedDocument("/segments", "a solved plan has segments")
     for name in ("plate", plan.support):
         if name not in plan.bodies:

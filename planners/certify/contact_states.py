@@ -17,8 +17,7 @@ _CORNER = 1e-6
 
 def support_height(plan: PlanView) -> float:
     """Return the height of the support's top [m]."""
-    support = plan.bodies[plan.support]
-    return float((support.shape.vertices @ support.T_world_start[2, :3]).max() + support.T_world_start[2, 3])
+    return plan.bodies[plan.support].top
 
 
 def heights(poses: Array, points: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 from typing import Any
 
@@ -24,6 +25,8 @@ ROLES = ("plate", "object", "tool", "support", "obstacle", "table", "frame", "cu
 ELEMENT_SIZES = {"face": range(3, 1000), "edge": range(2, 3), "vertex": range(1, 2), "none": range(1)}
 _UNIT_QUATERNION = 1e-6
 _ABSURD = 1e9
+_LEVEL = math.cos(math.radians(0.1))
+"""Least upward component of the normal of a face that is level; contract."""
 
 
 class MalformedDocument(LiftwrightError):
@@ -81,6 +84,21 @@ class BodyView:
     com: Array
     T_world_start: Transform
     static: bool
+
+    @cached_property
+    def top(self) -> float:
+        """Height of the highest level face that looks up, at the start [m]; -inf if there is none."""
+        up = self.T_world_start[2, :3]
+        planes = np.vstack([part.planes for part in self.shape.parts])
+        level = planes[:, :3] @ up >= _LEVEL
+        # The point of each plane that is nearest to the body's origin.
+        heights = -planes[level, 3] * (planes[level, :3] @ up) + self.T_world_start[2, 3]
+        return float(heights.max(initial=-math.inf))
+
+    @cached_property
+    def lowest(self) -> float:
+        """Height of the lowest vertex at the start [m]."""
+        return float((self.shape.vertices @ self.T_world_start[2, :3]).min() + self.T_world_start[2, 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +185,24 @@ class SegmentView:
         return name if sample is None else f"{name}, sample {sample} (t = {self.time[sample]:.3f} s)"
 
 
+@dataclass(frozen=True)
+class CauseView:
+    """One cause of a plan that has no solution, with its numbers where it has any."""
+
+    reason: str
+    needed: float | None
+    available: float | None
+    unit: str | None
+
+
+@dataclass(frozen=True)
+class ExplanationView:
+    """Why a plan has no solution, or in a sentence how it goes."""
+
+    summary: str
+    causes: tuple[CauseView, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class PlanView:
     """The whole document."""
@@ -174,17 +210,24 @@ class PlanView:
     outcome: str
     task: Mapping[str, Any]
     cell: Mapping[str, Any]
-    explanation: Mapping[str, Any] | None
+    explanation: ExplanationView | None
     gravity: Array
     arms: dict[str, ArmView]
     hands: dict[str, HandView]
     bodies: dict[str, BodyView]
     segments: tuple[SegmentView, ...]
 
-    @property
+    @cached_property
     def support(self) -> str:
-        """Name of the body that the plate rests on."""
-        return "support" if "support" in self.bodies else "table"
+        """Name of the body that the plate rests on at the start.
+
+        Of table and support the one whose top is nearer to the plate's lowest vertex: a support may stand beside.
+        """
+        known = [name for name in ("table", "support") if name in self.bodies]
+        if "plate" not in self.bodies or not known:
+            return "table"
+        lowest = self.bodies["plate"].lowest
+        return min(known, key=lambda name: abs(self.bodies[name].top - lowest))
 
 
 def child(pointer: str, key: str | int) -> str:
@@ -361,8 +404,6 @@ def read_document(document: Any) -> PlanView:
     if tuple(names) != JOINT_NAMES:
         raise MalformedDocument("/joint_names", f"are not {', '.join(JOINT_NAMES)}")
     explanation = root.get("explanation")
-    if explanation is not None:
-        explanation = read_object(explanation, "/explanation")
     arms = read_object(read_member(cell, "arms", "/cell"), "/cell/arms")
     hands = read_object(read_member(cell, "hands", "/cell"), "/cell/hands")
     bodies = read_object(read_member(root, "bodies", ""), "/bodies")
@@ -374,12 +415,39 @@ def read_document(document: Any) -> PlanView:
         outcome=outcome,
         task=task,
         cell=cell,
-        explanation=explanation,
+        explanation=None if explanation is None else _read_explanation(explanation),
         gravity=read_vector(read_member(cell, "gravity", "/cell"), "/cell/gravity", 3),
         arms={arm: _read_arm(arm, read_member(arms, arm, "/cell/arms"), child("/cell/arms", arm)) for arm in ARMS},
         hands=hand_views,
         bodies=body_views,
         segments=tuple(reader.read(i, segment, child("/segments", i)) for i, segment in enumerate(segments)),
+    )
+
+
+def _read_explanation(value: Any) -> ExplanationView:
+    at = "/explanation"
+    explanation = read_object(value, at)
+    where = child(at, "causes")
+    causes = read_list(read_member(explanation, "causes", at), where)
+    return ExplanationView(
+        summary=read_text(read_member(explanation, "summary", at), child(at, "summary")),
+        causes=tuple(_read_cause(cause, child(where, i)) for i, cause in enumerate(causes)),
+    )
+
+
+def _read_cause(value: Any, pointer: str) -> CauseView:
+    cause = read_object(value, pointer)
+
+    def number(key: str) -> float | None:
+        member = read_member(cause, key, pointer)
+        return None if member is None else read_number(member, child(pointer, key))
+
+    unit = read_member(cause, "unit", pointer)
+    return CauseView(
+        reason=read_text(read_member(cause, "reason", pointer), child(pointer, "reason")),
+        needed=number("needed"),
+        available=number("available"),
+        unit=None if unit is None else read_text(unit, child(pointer, "unit")),
     )
 
 

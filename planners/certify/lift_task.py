@@ -63,6 +63,11 @@ class LiftTask:
     start_positions: Array | None
     goal_height: float
 
+    @property
+    def plate(self) -> StatedBody:
+        """The plate."""
+        return self.bodies[0]
+
 
 def read_lift_task(task: Mapping[str, Any]) -> LiftTask:
     """Read the task of a document.
@@ -111,10 +116,12 @@ def _cup(task: Mapping[str, Any]) -> StatedCup:
 
 def _bodies(task: Mapping[str, Any]) -> tuple[StatedBody, ...]:
     plate, at = _object(task, "plate", "/task"), "/task/plate"
+    shape = _object(plate, "shape", at)
+    read_text(read_member(shape, "type", "/task/plate/shape"), "/task/plate/shape/type", ("box", "prism"))
     bodies = [
         StatedBody(
             name="plate",
-            shape=read_shape(read_member(plate, "shape", at), "/task/plate/shape"),
+            shape=read_shape(shape, "/task/plate/shape"),
             T_world_body=_pose(read_member(task, "plate_pose", "/task"), "/task/plate_pose"),
             mass=_positive(plate, "mass", at),
             com=read_vector(read_member(plate, "com", at), "/task/plate/com", 3),

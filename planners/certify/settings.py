@@ -44,6 +44,8 @@ class CertifySettings:
     """Time between two contact sets while a body is held still [s]; contract."""
     inertia_fraction: float = 0.05
     """Part of a body's weight that its acceleration may need without being counted; an engineering choice."""
+    stated_bound: float = 1e-6
+    """Relative difference of a stated bound from the one derived again; rounding of what a document states."""
     goal_slack: float = 1e-4
     """Lowest vertex below the goal height [m]; contract."""
     touch_depth: float = 1e-3

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from planners.balance.balanced import Balanced, Unbalanced
 from planners.collision.model import CollisionQuery
+from planners.collision.placement import Attached
 from planners.geometry.pose import Array, Transform, inverse, rotation_angle
 from planners.graph.rejections import Rejection
 from planners.kinematics.inverse import BRANCHES
@@ -24,8 +26,9 @@ from planners.motion.arm_checker import ArmEdgeChecker
 from planners.motion.blended_path import BlendedPath
 from planners.motion.curve_path import CurvePath
 from planners.motion.limits import JointLimits, RateLimit
-from planners.motion.query import MotionOutcome, MotionQuery, MotionSettings, plan_motion
-from planners.motion.timing import TimingSettings, time_path
+from planners.motion.path import JointPath
+from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings, plan_motion
+from planners.motion.timing import TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, hold_still
 from planners.segment import ContactSet, GripHold, PushHold, Segment, SegmentKind
 
@@ -52,15 +55,23 @@ class PaceSettings:
     """Longest time between two contact sets while the plate rests [s]: the document's rule is 0.25 s."""
 
 
+PERSISTENCE = 4
+"""A search for a free motion that was exhausted is tried once more with this many times its iterations."""
+
+Step = Literal["arrival", "departure", "parking", "transfer", "rest"]
+"""What a path gets stuck at: a hand comes, goes, or is put out of the way; the plate moves, or rests."""
+
+
 @dataclass(frozen=True)
 class Stuck:
     """Why a path with these postures cannot be moved along."""
 
     rejection: Rejection
+    step: Step
     hand: Hand | None
-    """The hand that could not come or go; None when a motion of the plate failed."""
+    """The hand that could not come, go or be parked; None for the plate."""
     place: int
-    """On the path: of the node at whose pose the hand moves, or where the motion starts."""
+    """On the path: of the node that has the hold of a hand that comes or goes; else of the edge that fails."""
 
 
 @dataclass(eq=False)
@@ -70,6 +81,8 @@ class _Stage:
     q: Array
     T_world_plate: Transform
     pose: int
+    edge: int = 0
+    """Of the path, that is being realised."""
     holding: dict[Hand, Engagement] = field(default_factory=dict)
     loose: list[Hand] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
@@ -128,7 +141,9 @@ class _Run:
             for engagement in self._changing(lambda e: e.first == 0):
                 self._arrive(engagement)
             for place, step in enumerate(self.itinerary.motions):
+                self.stage.edge = place
                 if step is not None:
+                    self._park_loose_arms()
                     self._transfer(place, *step)
                     continue
                 for engagement in self._changing(lambda e, here=place: e.goes and e.last == here):
@@ -155,16 +170,15 @@ class _Run:
         """Bring a hand to the plate: free motion, straight approach, and for the gripper the closing of the fingers."""
         hand, arm = engagement.hand, self.plan.arm_of(engagement.hand)
         joints, track = self.workcell.joints(arm), self.tracks[engagement]
+        coming = _Errand("arrival", hand, engagement.first)
         goals = track.windings(self.workcell.arm(arm).position_min, self.workcell.arm(arm).position_max)
         if not len(goals):
-            raise self._stuck(hand, engagement.first, "no turn of the joints keeps them within limits while it holds")
-        goals = self._clear_approaches(arm, hand, track, goals)
-        if not len(goals):
-            raise self._stuck(hand, engagement.first, "the other arm is in the way of the approach")
-        standoff = track.approach[-1] + goals
-        chosen = self._free_motion(arm, standoff, hand, engagement.first)
+            raise coming.stuck("transit", "no turn of the joints keeps them within limits while it holds")
+        # All windings look the same to collisions.
+        self._refuse_touch(self._straight_query(arm), self._with_arm(arm, track.approach), coming, "the approach")
+        chosen = self._free_motion(arm, track.approach[-1] + goals, coming)
         track.turn(goals[chosen])
-        self._straight(arm, hand, track, track.approach[::-1], SegmentKind.APPROACH)
+        self._straight(arm, track, track.approach[::-1], SegmentKind.APPROACH, coming)
         self.stage.q[joints] = track.approach[0]
         if hand == "grip":
             self._fingers(arm, SegmentKind.GRIP)
@@ -179,45 +193,58 @@ class _Run:
         del self.stage.holding[hand]
         if hand == "grip":
             self._fingers(arm, SegmentKind.RELEASE)
-        query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, {arm, *self._holding_arms()})
-        if not query.path(self._with_arm(arm, track.retreat)).free:
-            raise self._stuck(hand, engagement.last, "the other arm is in the way of the retreat")
-        self._straight(arm, hand, track, track.retreat, SegmentKind.RETREAT)
+        self._straight(arm, track, track.retreat, SegmentKind.RETREAT, _Errand("departure", hand, engagement.last))
         self.stage.loose.append(hand)
 
-    def _park_loose_arms(self, place: int) -> None:
+    def _park_loose_arms(self) -> None:
         """Bring arms that hold nothing back to where they started."""
         for hand in list(self.stage.loose):
             arm = self.plan.arm_of(hand)
             home = self.workcell.scene.start_positions[self.workcell.joints(arm)]
-            self._free_motion(arm, home[None], hand, place)
+            self._free_motion(arm, home[None], _Errand("parking", hand, self.stage.edge))
             self.stage.loose.remove(hand)
 
-    def _clear_approaches(self, arm: str, hand: Hand, track: EngagementTrack, goals: Array) -> Array:
-        """Keep the windings if the approach is clear of the other arm; all windings look the same to collisions."""
-        query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, {arm, *self._holding_arms()})
-        return goals if query.path(self._with_arm(arm, track.approach)).free else goals[:0]
-
-    def _free_motion(self, arm: str, goals: Array, hand: Hand, place: int) -> int:
+    def _free_motion(self, arm: str, goals: Array, errand: _Errand) -> int:
         """Move one arm through free space to one of the goals; return which."""
         query = self.workcell.moving_arm_query(arm, self.stage.T_world_plate, self._holding_arms())
-        joints, data = self.workcell.joints(arm), self.workcell.arm(arm)
+        joints = self.workcell.joints(arm)
         checker = ArmEdgeChecker(query, self.stage.q.copy(), joints)
-        self.plan.motion_queries += 1
-        result = plan_motion(
-            MotionQuery(
-                self.stage.q[joints].copy(), goals, data.position_min, data.position_max, checker, data.velocity_max
-            ),
-            self.plan.motion_settings,
-            self.plan.rng,
-        )
+        result = self._search(arm, goals, checker)
         if result.outcome is not MotionOutcome.FOUND or result.path is None or result.goal_index is None:
             detail = self._why(query, result.outcome, goals, arm)
-            raise self._stuck(hand, place, f"free motion of the {hand} hand: {result.outcome.value}{detail}")
+            raise errand.stuck("transit", f"free motion of the {errand.hand} hand: {result.outcome.value}{detail}")
         path = BlendedPath.through(result.path, checker)
         limits = JointLimits(self.plan.limits.velocity[joints], self.plan.limits.acceleration[joints])
-        self._add(SegmentKind.TRANSIT, (arm,), self._of_both(time_path(path, limits, self.plan.timing), joints))
+        self._add(SegmentKind.TRANSIT, (arm,), self._of_both(self._timed(path, limits, (), errand), joints))
         return result.goal_index
+
+    def _search(self, arm: str, goals: Array, checker: ArmEdgeChecker) -> MotionResult:
+        """Look for a free motion of one arm; where the search was exhausted, once more with more iterations."""
+        data, settings = self.workcell.arm(arm), self.plan.motion_settings
+        start = self.stage.q[self.workcell.joints(arm)].copy()
+        query = MotionQuery(start, goals, data.position_min, data.position_max, checker, data.velocity_max)
+        self.plan.motion_queries += 1
+        result = plan_motion(query, settings, self.plan.rng)
+        if result.outcome is MotionOutcome.ITERATIONS_EXHAUSTED:
+            self.plan.motion_queries += 1
+            patient = replace(settings, max_iterations=PERSISTENCE * settings.max_iterations)
+            result = plan_motion(query, patient, self.plan.rng)
+        return result
+
+    def _timed(self, path: JointPath, limits: JointLimits, rates: tuple[RateLimit, ...], errand: _Errand) -> Trajectory:
+        """Put time along a path; a branch of the inverse kinematics may end or turn over between its samples."""
+        try:
+            return time_path(path, limits, self.plan.timing, rates)
+        except TimingError as error:
+            raise errand.stuck("transfer" if errand.hand is None else "transit", str(error)) from error
+
+    def _refuse_touch(self, query: CollisionQuery, Q: Array, errand: _Errand, way: str) -> None:
+        """Get stuck unless the polyline through Q (n, 12) keeps clear of everything."""
+        found = query.path(Q)
+        if not found.free:
+            one, other = query.pair_names(found.pair)
+            stage = "transfer" if errand.hand is None else "transit"
+            raise errand.stuck(stage, f"{one} and {other} would touch on {way}")
 
     def _why(self, query: CollisionQuery, outcome: MotionOutcome, goals: Array, arm: str) -> str:
         """Name the bodies in the way, where an end of a motion is what collides."""
@@ -228,7 +255,12 @@ class _Run:
         pair = int(query.first_collision(q)[0])
         return "" if pair < 0 else f" ({' and '.join(query.pair_names(pair))})"
 
-    def _straight(self, arm: str, hand: Hand, track: EngagementTrack, coarse: Array, kind: SegmentKind) -> None:
+    def _straight_query(self, arm: str, share: float = 1.0) -> CollisionQuery:
+        """Query a straight way of a hand that is next to the plate; `share` of the margin is kept."""
+        hands = {arm, *self._holding_arms()}
+        return self.workcell.moving_arm_query(arm, self.stage.T_world_plate, hands, share)
+
+    def _straight(self, arm: str, track: EngagementTrack, coarse: Array, kind: SegmentKind, errand: _Errand) -> None:
         """Move a hand along its straight way; `coarse` (n, 6) runs from start to end of it."""
         ends = track.carrier_ends if kind is SegmentKind.RETREAT else track.carrier_ends[::-1]
         start, end = (self.stage.T_world_plate @ transform for transform in ends)
@@ -242,7 +274,11 @@ class _Run:
 
         pace = self.plan.pace
         rate = RateLimit(np.ones_like, pace.approach_speed, pace.approach_acceleration)
-        self._add(kind, (arm,), time_path(CurvePath(at, way), self.plan.limits, self.plan.timing, [rate]))
+        trajectory = self._timed(CurvePath(at, way), self.plan.limits, (rate,), errand)
+        name = "the straight way to the plate" if kind is SegmentKind.APPROACH else "the straight way off the plate"
+        query = self._straight_query(arm, self.workcell.settings.executed_share)
+        self._refuse_touch(query, trajectory.positions, errand, name)
+        self._add(kind, (arm,), trajectory)
         self.stage.q[joints] = coarse[-1]
 
     def _fingers(self, arm: str, kind: SegmentKind) -> None:
@@ -253,7 +289,6 @@ class _Run:
 
     def _transfer(self, place: int, number: int, forth: bool) -> None:
         """Move the plate along one motion of the graph with all hands that hold it."""
-        self._park_loose_arms(place)
         motion = self.follower.motion(number)
         tracks = {self.plan.arm_of(h): self.tracks[e] for h, e in self.stage.holding.items()}
         coarse = {arm: track.along(place) for arm, track in tracks.items()}
@@ -269,11 +304,15 @@ class _Run:
         pace = self.plan.pace
         corners = self.follower.poses.plate.shape.polyhedron.vertices
         rate = RateLimit(lambda s: _corner_speed(poses, corners, s), pace.plate_speed, pace.plate_acceleration)
-        trajectory = time_path(CurvePath(at, 1.0, stops), self.plan.limits, self.plan.timing, [rate])
+        errand = _Errand("transfer", None, place)
+        trajectory = self._timed(CurvePath(at, 1.0, stops), self.plan.limits, (rate,), errand)
+        carrier = min(tracks)
+        plate = Attached(carrier, tracks[carrier].T_flange_plate)
+        self._refuse_touch(self.workcell.transfer_query(plate, tracks), trajectory.positions, errand, "the way")
         T_world_plate = poses(np.clip(trajectory.path_parameter, 0.0, 1.0))
         end = motion.end if forth else motion.start
         self.stage.pose = self.itinerary.poses[place + 1]
-        sets = self._sets_in_motion(place, motion, T_world_plate, (self.itinerary.poses[place], self.stage.pose))
+        sets = self._sets_in_motion(motion, T_world_plate, (self.itinerary.poses[place], self.stage.pose), errand)
         grip, push = self._holds()
         self.stage.segments.append(
             Segment(
@@ -293,26 +332,25 @@ class _Run:
         self.stage.T_world_plate = end.T_world_plate
 
     def _sets_in_motion(
-        self, place: int, motion: PlateMotion, T_world_plate: Array, ends: tuple[int, int]
+        self, motion: PlateMotion, T_world_plate: Array, ends: tuple[int, int], errand: _Errand
     ) -> tuple[ContactSet, ...]:
         """Balance the plate at both ends, in their own contacts, and often enough in between."""
         hands = self._hands()
-        chosen = [ContactSet(0, self._balanced(self.balance_at(ends[0], hands), place))]
+        chosen = [ContactSet(0, self._balanced(self.balance_at(ends[0], hands), errand))]
         last = len(T_world_plate) - 1
         for sample in _every(T_world_plate, self.follower.poses.plate.com_world(T_world_plate), self.plan.pace):
             answer = self.plan.balance.solve(T_world_plate[sample], motion.contact_points, hands)
-            chosen.append(ContactSet(sample, self._balanced(answer, place)))
-        chosen.append(ContactSet(last, self._balanced(self.balance_at(ends[1], hands), place)))
+            chosen.append(ContactSet(sample, self._balanced(answer, errand)))
+        chosen.append(ContactSet(last, self._balanced(self.balance_at(ends[1], hands), errand)))
         return tuple(chosen)
 
     def balance_at(self, pose: int, hands: HandPair) -> Balanced | Unbalanced:
         """Return the remembered balance at a pose of the graph."""
         return self.plan.balance.at(pose, hands)
 
-    def _balanced(self, answer: Balanced | Unbalanced, place: int) -> Balanced:
+    def _balanced(self, answer: Balanced | Unbalanced, errand: _Errand) -> Balanced:
         if isinstance(answer, Unbalanced):
-            reason = "the plate cannot be held at a sample of the timed motion"
-            raise _GotStuck(Stuck(Rejection("transfer", reason), None, place))
+            raise errand.stuck("transfer", "the plate cannot be held at a sample of the timed motion")
         return answer
 
     # Bookkeeping.
@@ -322,10 +360,8 @@ class _Run:
         pose = self.follower.poses.poses[self.stage.pose]
         count = len(trajectory.time)
         grip, push = self._holds()
-        step = self.plan.pace.set_pause
-        answer = self._balanced(self.balance_at(self.stage.pose, self._hands()), 0)
-        marks = np.searchsorted(trajectory.time, np.arange(0.0, trajectory.time[-1], step))
-        samples = sorted({0, count - 1, *(max(0, int(mark) - 1) for mark in marks)})
+        resting = _Errand("rest", None, self.stage.edge)
+        answer = self._balanced(self.balance_at(self.stage.pose, self._hands()), resting)
         self.stage.segments.append(
             Segment(
                 kind=kind,
@@ -337,7 +373,7 @@ class _Run:
                 trajectory=trajectory,
                 widths={self.workcell.gripper: self._width_over(kind, trajectory)},
                 T_world_body=np.repeat(self.stage.T_world_plate[None], count, axis=0),
-                contact_sets=tuple(ContactSet(sample, answer) for sample in samples),
+                contact_sets=tuple(ContactSet(k, answer) for k in _at_rest(trajectory.time, self.plan.pace.set_pause)),
             )
         )
         self.stage.q = trajectory.positions[-1].copy()
@@ -400,8 +436,18 @@ class _Run:
         q[:, joints], v[:, joints], a[:, joints] = trajectory.positions, trajectory.velocities, trajectory.accelerations
         return replace(trajectory, positions=q, velocities=v, accelerations=a)
 
-    def _stuck(self, hand: Hand, place: int, reason: str) -> _GotStuck:
-        return _GotStuck(Stuck(Rejection("transit", reason), hand, place))
+
+@dataclass(frozen=True)
+class _Errand:
+    """What is being done, for the report if it fails."""
+
+    step: Step
+    hand: Hand | None
+    place: int
+
+    def stuck(self, stage: str, reason: str) -> _GotStuck:
+        """Return what to raise."""
+        return _GotStuck(Stuck(Rejection(stage, reason), self.step, self.hand, self.place))
 
 
 class _GotStuck(Exception):
@@ -426,6 +472,15 @@ def _corner_speed(poses: Callable[[Array], Array], corners: Array, s: Array) -> 
     low, high = np.clip(s - h, 0.0, 1.0), np.clip(s + h, 0.0, 1.0)
     ends = [np.einsum("nij,vj->nvi", T[:, :3, :3], corners) + T[:, None, :3, 3] for T in (poses(low), poses(high))]
     return np.linalg.norm(ends[1] - ends[0], axis=2).max(axis=1) / (high - low)
+
+
+def _at_rest(time: Array, pause: float) -> Iterator[int]:
+    """Yield the first sample, the last, and in between the farthest ones that are no longer than a pause apart."""
+    sample, last = 0, len(time) - 1
+    while sample < last:
+        yield sample
+        sample = max(sample + 1, int(np.searchsorted(time, time[sample] + pause, side="right")) - 1)
+    yield last
 
 
 def _every(T_world_plate: Array, com_world: Array, pace: PaceSettings) -> Iterator[int]:

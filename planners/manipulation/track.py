@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse
+from planners.kinematics.inverse import BRANCHES
 from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
 from planners.manipulation.reach import HandReach
 
@@ -76,6 +77,11 @@ class EngagementTrack:
         self.approach = self.approach + turns
         self.retreat = self.retreat + turns
         self.motions = {place: along + turns for place, along in self.motions.items()}
+
+    @property
+    def T_flange_plate(self) -> Transform:
+        """Where the hand holds the plate."""
+        return inverse(self.reach.T_plate_flange[self.hold, self.posture // BRANCHES])
 
     def along(self, place: int) -> Array:
         """Return (m, 6) along the motion that starts at a place."""

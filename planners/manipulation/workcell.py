@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from planners.collision.model import CollisionModel, CollisionQuery, PairChoice, PairMask
-from planners.collision.placement import Fixed, Placement, Upright
+from planners.collision.placement import Attached, Fixed, Placement, Upright
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Transform
+from planners.geometry.pose import Transform, transform
 from planners.geometry.shapes import placed
 from planners.manipulation.reach import PlateQuery
 from planners.scene.arm import Arm
+from planners.scene.clashes import arm_frames, gaps_below, placed_body
 from planners.scene.hand import Gripper, Pusher
 from planners.scene.scene import PlateLiftScene
 
@@ -29,8 +32,10 @@ class ClearanceSettings:
     """Between bodies that have nothing to do with one another [m]: at 1 mm plans were seen to touch."""
     finger_margin: float = 0.0
     """Between the plate and the parts of the fingers next to the pads that hold it [m]."""
-    finger_opening: float = 0.008
-    """Gap between each pad and the plate while the gripper approaches and leaves [m]."""
+    executed_share: float = 0.5
+    """Part of all margins that timed motion must keep at its samples: motion is planned at fewer."""
+    rounding: float = 1e-6
+    """What stands closer than its margin at the start must not come closer than then, by more than this [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +53,13 @@ class LiftWorkcell:
     settings: ClearanceSettings = field(default_factory=ClearanceSettings)
     holding: CollisionModel = field(init=False)
     open: CollisionModel = field(init=False)
+    start_margins: dict[tuple[str, str], float] = field(init=False)
+    """Of bodies that the task puts closer together than the margin [m]."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "holding", self._model(self.grip_width))
         object.__setattr__(self, "open", self._model(self.open_width))
+        object.__setattr__(self, "start_margins", self._margins_at_start())
 
     @property
     def cable_frame(self) -> str:
@@ -80,8 +88,7 @@ class LiftWorkcell:
     @property
     def open_width(self) -> float:
         """Opening of the gripper while it holds nothing [m]."""
-        widest = self.gripping_hand.width_max
-        return min(self.grip_width + 2.0 * self.settings.finger_opening, widest)
+        return self.scene.start_widths[self.gripper]
 
     def arm(self, name: str) -> Arm:
         """Return an arm by name."""
@@ -101,23 +108,47 @@ class LiftWorkcell:
         return PlateQuery(query, query.frame_index(PLATE_FRAME))
 
     def query(
-        self, model: CollisionModel, only: PairChoice | PairMask, plate: Placement, *, hands: Iterable[str]
+        self,
+        model: CollisionModel,
+        only: PairChoice | PairMask,
+        plate: Placement,
+        *,
+        hands: Iterable[str],
+        share: float = 1.0,
     ) -> CollisionQuery:
-        """Query `model` with the plate placed; the hands of the arms in `hands` hold or touch it."""
+        """Query `model` with the plate placed; the hands of the arms in `hands` hold or touch it.
+
+        Of all margins a share is kept.
+        """
         touching, fingers = self._contacts(hands)
+        margins = self.start_margins | {(finger, "plate"): self.settings.finger_margin for finger in fingers}
         return model.scene(
             {PLATE_FRAME: plate, self.cable_frame: Upright(PLATE_FRAME, self.scene.cup.cable_anchor)},
             allowed=touching,
-            margin=self.settings.margin,
-            margins={(finger, "plate"): self.settings.finger_margin for finger in fingers},
+            margin=share * self.settings.margin,
+            margins={names: share * margin for names, margin in margins.items()},
             only=only,
         )
 
-    def moving_arm_query(self, arm: str, T_world_plate: Transform, hands: Iterable[str]) -> CollisionQuery:
+    def moving_arm_query(
+        self, arm: str, T_world_plate: Transform, hands: Iterable[str], share: float = 1.0
+    ) -> CollisionQuery:
         """Query the motion of one arm while plate and other arm stand still; the gripper is open unless it holds."""
         hands = frozenset(hands)
         model = self.holding if self.gripper in hands and arm != self.gripper else self.open
-        return self.query(model, self.with_arm(arm), Fixed(T_world_plate), hands=hands)
+        return self.query(model, self.with_arm(arm), Fixed(T_world_plate), hands=hands, share=share)
+
+    def transfer_query(self, plate: Attached, hands: Iterable[str]) -> CollisionQuery:
+        """Query timed motion of the plate, and the arms that hold it, among all else; `plate` rides on one of them."""
+        hands = frozenset(hands)
+        model = self.holding if self.gripper in hands else self.open
+
+        choices = [self.lifted, *(self.with_idle(arm) for arm in hands)]
+
+        def chosen(a: CollisionBody, b: CollisionBody) -> bool:
+            return any(choice(a, b) for choice in choices)
+
+        return self.query(model, chosen, plate, hands=hands, share=self.settings.executed_share)
 
     def with_arm(self, arm: str) -> PairChoice:
         """Choose all pairs that have a body of an arm."""
@@ -171,6 +202,16 @@ class LiftWorkcell:
             hand = self.gripping_hand.bodies(arm, self.grip_width)
             fingers += [body.name for body in hand if "finger" in body.name and body.name not in pads]
         return touching, fingers
+
+    def _margins_at_start(self) -> dict[tuple[str, str], float]:
+        """Measure the gaps below the margin of everything that could meet, at the start."""
+        scene, settings = self.scene, self.settings
+        frames = arm_frames(scene.cell, scene.start_positions) | {"world": np.eye(4), PLATE_FRAME: scene.T_world_plate}
+        anchor = scene.T_world_plate[:3, :3] @ scene.cup.cable_anchor + scene.T_world_plate[:3, 3]
+        frames[self.cable_frame] = transform(position=anchor)
+        placed_bodies = [placed_body(body, frames[body.frame], None) for body in self.open.bodies]
+        gaps = gaps_below(placed_bodies, settings.margin, self.open.pair_index)
+        return {names: max(0.0, gap - settings.rounding) for names, gap in gaps.items()}
 
     def _model(self, width: float) -> CollisionModel:
         scene = self.scene

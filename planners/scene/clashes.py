@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from planners.collision.distance import distance
 from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 from planners.scene.cell import Cell
 
@@ -49,13 +49,19 @@ def placed_body(body: CollisionBody, T_world_frame: Array, pointer: str | None) 
     return PlacedBody(body.name, pointer, shapes, lowest, highest)
 
 
-def placed_arms(cell: Cell, positions: Array, widths: dict[str, float]) -> list[PlacedBody]:
-    """Place the bodies of both arms and hands at joint `positions` (12,) [rad] and finger openings `widths` [m]."""
-    frames = {"world": _IDENTITY}
+def arm_frames(cell: Cell, positions: Array) -> dict[str, Transform]:
+    """Return T_world_frame of all frames of both arms at joint `positions` (12,) [rad], by name."""
+    frames: dict[str, Transform] = {}
     for arm, q in zip(("left", "right"), (positions[:6], positions[6:]), strict=True):
         poses = np.empty((7, 4, 4))
         link_frames(cell.arms[arm].dh, cell.arms[arm].T_world_base, np.ascontiguousarray(q), poses)
         frames |= {f"{arm}/{i}": poses[i] for i in range(7)}
+    return frames
+
+
+def placed_arms(cell: Cell, positions: Array, widths: dict[str, float]) -> list[PlacedBody]:
+    """Place the bodies of both arms and hands at joint `positions` (12,) [rad] and finger openings `widths` [m]."""
+    frames = arm_frames(cell, positions)
     moving = (body for body in cell.collision_bodies(widths) if body.frame != "world")
     return [placed_body(body, frames[body.frame], "/start_positions") for body in moving]
 
@@ -73,18 +79,38 @@ def refuse_overlaps(
     Raises:
         BodiesOverlap: for the first pair, in the order given, that touches or overlaps.
     """
+    for a, b in _near(group, others, 0.0):
+        if _sorted_names(a, b) not in allowed and gap(a, b) <= 0.0:
+            raise BodiesOverlap(a, b)
+
+
+def gaps_below(
+    bodies: Sequence[PlacedBody], within: float, pairs: Container[tuple[str, str]]
+) -> dict[tuple[str, str], float]:
+    """Return the gaps [m] of those sorted pairs of names that are closer together than `within` [m]."""
+    near = ((a, b) for a, b in _near(bodies, bodies, within) if _sorted_names(a, b) in pairs)
+    gaps = {_sorted_names(a, b): gap(a, b) for a, b in near}
+    return {names: width for names, width in gaps.items() if width < within}
+
+
+def gap(a: PlacedBody, b: PlacedBody) -> float:
+    """Return how far two bodies are apart [m]; not above 0 where they touch or overlap."""
+    return min(distance(s, _IDENTITY, t, _IDENTITY) for s in a.shapes for t in b.shapes)
+
+
+def _near(
+    group: Sequence[PlacedBody], others: Sequence[PlacedBody], within: float
+) -> Iterator[tuple[PlacedBody, PlacedBody]]:
+    """Yield the pairs whose boxes are no farther apart; of a list with itself each pair once."""
     if not group or not others:
         return
     low, high = np.array([b.lowest for b in group]), np.array([b.highest for b in group])
     other_low, other_high = np.array([b.lowest for b in others]), np.array([b.highest for b in others])
-    near = np.all((low[:, None] <= other_high[None]) & (other_low[None] <= high[:, None]), axis=2)
+    near = np.all((low[:, None] <= other_high[None] + within) & (other_low[None] <= high[:, None] + within), axis=2)
     if group is others:
         near = np.triu(near, k=1)
-    for i, j in np.argwhere(near):
-        a, b = group[i], others[j]
-        if (min(a.name, b.name), max(a.name, b.name)) not in allowed and _overlap(a, b):
-            raise BodiesOverlap(a, b)
+    yield from ((group[i], others[j]) for i, j in np.argwhere(near))
 
 
-def _overlap(a: PlacedBody, b: PlacedBody) -> bool:
-    return any(distance(s, _IDENTITY, t, _IDENTITY) <= 0.0 for s in a.shapes for t in b.shapes)
+def _sorted_names(a: PlacedBody, b: PlacedBody) -> tuple[str, str]:
+    return (a.name, b.name) if a.name < b.name else (b.name, a.name)

@@ -29,6 +29,9 @@ from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, 
 PLANNED_KINDS = ("plate_lift",)
 """The kinds of task that can be planned."""
 PLANNED_LIFTERS: tuple[Literal["paper", "cable"], ...] = ("paper", "cable")
+FINGER_GAP = 0.008
+"""Between each pad and the plate while the gripper is open around it [m]: fully open fingers would need more room
+under a tilted plate."""
 RESERVED_NAMES = frozenset({"plate", "support", "table", "cup", "cable", "tool", "world", "left", "right"})
 
 
@@ -55,7 +58,8 @@ class PlateLiftScene:
     start_positions: Array
     """(12,), left arm first [rad]."""
     start_widths: dict[str, float]
-    """Opening of each gripper at the start [m]: fully open."""
+    """Opening of each gripper at the start, and whenever it holds nothing [m]: `FINGER_GAP` to either side of the
+    plate, or as far as it opens."""
     seed: int
     given_grips: tuple[GivenGrip, ...] | None
     """Grips to use; None: generated ones."""
@@ -112,7 +116,7 @@ def build_scene(
         hand_force_limit=task.hand_force_limit,
         obstacles=tuple(place_obstacle(i, obstacle) for i, obstacle in enumerate(task.obstacles)),
         start_positions=_start_positions(task, cell),
-        start_widths={name: arm.hand.width_max for name, arm in cell.arms.items() if isinstance(arm.hand, Gripper)},
+        start_widths={name: _open_around(plate, cell) for name in cell.gripper_arms},
         seed=task.seed,
         given_grips=settle_grips(task.options, plate, _gripper(cell)),
         given_pushes=settle_pushes(task.options, plate),
@@ -141,6 +145,10 @@ def _gripper(cell: Cell) -> Gripper:
     hand = cell.arms[cell.gripper_arms[0]].hand
     assert isinstance(hand, Gripper)
     return hand
+
+
+def _open_around(plate: Plate, cell: Cell) -> float:
+    return min(plate.height + 2.0 * FINGER_GAP, _gripper(cell).width_max)
 
 
 def _check_names(obstacles: Iterable[Obstacle], cell: Cell) -> None:

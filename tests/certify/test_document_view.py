@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from planners.certify import RobotSurfaces, certify
+from planners.geometry.pose import rotation_x, to_pose7, transform
 
 Document = dict[str, Any]
 UNREAD = {"id", "seed", "software", "certificate", "simulation", "statistics", "explanation"}
@@ -40,10 +41,24 @@ def parent_of(document: Document, path: tuple[Any, ...]) -> Any:
 def test_nonsense_anywhere_is_answered_with_a_certificate(
     seed: int, honest_document: Document, surfaces: RobotSurfaces
 ) -> None:
+    answer_nonsense(honest_document, UNREAD, seed, surfaces)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nonsense_in_a_plan_without_a_solution_is_answered_with_a_certificate(
+    seed: int, honest_document: Document, surfaces: RobotSurfaces
+) -> None:
+    cause = {"reason": "too heavy", "needed": 70.0, "available": 59.0, "unit": "N", "where": "capacity"}
+    explanation = {"summary": "because", "causes": [cause]}
+    unsolved = honest_document | {"outcome": "infeasible", "segments": [], "explanation": explanation}
+    answer_nonsense(unsolved, UNREAD - {"explanation"}, seed, surfaces)
+
+
+def answer_nonsense(honest: Document, unread: set[str], seed: int, surfaces: RobotSurfaces) -> None:
     rng = np.random.default_rng(seed)
-    places = [path for path in paths(honest_document) if path[0] not in UNREAD]
+    places = [path for path in paths(honest) if path[0] not in unread]
     for _ in range(30):
-        document = copy.deepcopy(honest_document)
+        document = copy.deepcopy(honest)
         path = places[rng.integers(len(places))]
         parent_of(document, path)[path[-1]] = NONSENSE[rng.integers(len(NONSENSE))]
         certificate = certify(document, surfaces)
@@ -92,9 +107,64 @@ def test_a_string_among_the_positions_is_named_by_its_path(document: Document, s
 def test_a_plan_without_a_solution_needs_a_reason_and_no_motion(
     outcome: str, document: Document, surfaces: RobotSurfaces
 ) -> None:
+    def structure() -> bool:
+        return certify(document, surfaces).checks[0].passed
+
     document["outcome"] = outcome
-    assert not certify(document, surfaces).passed
+    assert not structure()
     document["segments"] = []
-    assert certify(document, surfaces).passed
+    assert structure()
+    document["explanation"] = {"summary": "", "causes": []}
+    assert not structure()
     document["explanation"] = None
-    assert not certify(document, surfaces).passed
+    assert not structure()
+
+
+def stand_on_the_table(document: Document) -> None:
+    """Make the block under the plate the table, what was the table a part of the cell, and put a board beside it."""
+    bodies = document["bodies"]
+    board = {"shape": {"type": "box", "size": [0.05, 0.1, 0.4]}, "pose": [0.75, 0.0, 1.294, 1.0, 0.0, 0.0, 0.0]}
+    bodies["floor"] = bodies["table"] | {"role": "frame"}
+    bodies["table"] = bodies["support"] | {"role": "table"}
+    bodies["support"] = bodies["support"] | board
+    document["task"]["support"] = board
+    for segment in document["segments"]:
+        if segment["contact_state"]["with"] is not None:
+            segment["contact_state"]["with"] = "table"
+        for contact in segment["contacts"]:
+            if contact["by"] == "support":
+                contact["by"] = "table"
+
+
+def test_a_plate_on_the_table_passes_beside_a_support_that_it_does_not_rest_on(
+    document: Document, surfaces: RobotSurfaces
+) -> None:
+    stand_on_the_table(document)
+    certificate = certify(document, surfaces)
+    assert {check.name: check.where for check in certificate.failures} == {}
+
+
+def test_a_support_beside_the_plate_bears_nothing(document: Document, surfaces: RobotSurfaces) -> None:
+    stand_on_the_table(document)
+    for contact in document["segments"][3]["contacts"]:
+        if contact["kind"] == "environment":
+            contact["by"] = "support"
+    (failure,) = certify(document, surfaces).failures
+    assert failure.name == "contact_points"
+    assert "plate rests on table" in failure.where
+
+
+def test_a_tilted_board_as_high_as_the_plate_is_no_support(document: Document, surfaces: RobotSurfaces) -> None:
+    """Its highest edge is nearer to the plate's lowest face than the table is, but no face of it is."""
+    stand_on_the_table(document)
+    document["bodies"]["table"]["pose"][2] -= 2e-4
+    board = document["bodies"]["support"]
+    turn = transform(rotation_x(np.radians(20.0)))
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * np.array([0.05, 0.1, 0.1]) / 2
+    reach = float((corners @ turn[2, :3]).max())
+    document["task"]["support"] = {
+        "shape": {"type": "box", "size": [0.05, 0.1, 0.1]},
+        "pose": to_pose7(transform(turn[:3, :3], [0.75, 0.0, 1.244 - reach])),
+    }
+    board |= document["task"]["support"]
+    assert certify(document, surfaces).passed

@@ -6,9 +6,13 @@ import re
 import subprocess
 import tomllib
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
 
 ROOT = Path(__file__).resolve().parents[2]
 BINARY = {".png", ".jpg", ".stl", ".obj", ".glb", ".npz"}
@@ -47,11 +51,14 @@ def test_every_path_that_tool_settings_name_exists() -> None:
 
 
 def test_every_dependency_is_locked_within_its_range() -> None:
-    lines = (ROOT / "constraints.txt").read_text().lower().replace("_", "-").splitlines()
-    locked = dict(line.split("==") for line in lines if "==" in line)
-    wanted = [*PROJECT["project"]["dependencies"], *PROJECT["project"]["optional-dependencies"]["dev"]]
-    names = [re.split(r"[\[<>=~!]", requirement)[0].lower() for requirement in wanted]
-    assert [name for name in names if name not in locked] == []
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = (line.partition("==") for line in lines if "==" in line)
+    locked = {canonicalize_name(name): Version(version) for name, _, version in pinned}
+    extras = PROJECT["project"]["optional-dependencies"].values()
+    wanted = [Requirement(text) for text in [*PROJECT["project"]["dependencies"], *chain(*extras)]]
+    names = {requirement.name: canonicalize_name(requirement.name) for requirement in wanted}
+    assert [each.name for each in wanted if names[each.name] not in locked] == []
+    assert [str(each) for each in wanted if locked[names[each.name]] not in each.specifier] == []
 
 
 def test_the_changelog_begins_with_the_version() -> None:

@@ -1,0 +1,121 @@
+"""What proves that no plan exists, derived again from the task.
+
+There are two proofs. A lifted plate touches nothing but hands and cup, so a weight above the sum of what these can
+bear cannot be lifted. And a plan ends with the plate gripped between two parallel faces, so a plate whose every pair of
+parallel faces is farther apart than a gripper opens cannot be gripped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.certify.body_shape import BodyShape
+from planners.certify.certificate import Check, Finding
+from planners.certify.document_view import CauseView, PlanView
+from planners.certify.lift_task import LiftTask, StatedCup
+from planners.certify.settings import CertifySettings
+
+_WEIGHTLESS = 1e-12
+"""Stands for no weight at all, so that shares of it are numbers [N]."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What the plate needs against the most that there can be."""
+
+    needed: float
+    needed_as_stated: tuple[float, ...]
+    """What a document may name as needed: every one of them would have to be met."""
+    available: float
+
+    @property
+    def missing(self) -> float:
+        """Part of the need that cannot be met; the claim is proven where it is positive."""
+        return 1.0 - self.available / self.needed
+
+
+def infeasibility_check(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
+    """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers.
+
+    A cause may overstate what is available, as long as it is still less than what is needed; never understate it.
+    """
+    bounds = {"N": weight_bound(plan, task), "m": opening_bound(plan, task)}
+    finding = Finding("infeasibility", "1")
+    kind, best = max(bounds.items(), key=lambda item: item[1].missing)
+    finding.note(
+        best.missing - settings.join,
+        f"/explanation: {best.needed:.6g} {kind} needed, {best.available:.6g} {kind} available",
+    )
+    causes = () if plan.explanation is None else plan.explanation.causes
+    stated = [_cause(cause, index, bounds, finding, settings) for index, cause in enumerate(causes)]
+    if not any(stated):
+        finding.require(False, "/explanation/causes", "none states what makes the task infeasible")
+    return finding.check()
+
+
+def _cause(cause: CauseView, index: int, bounds: dict[str, Bound], finding: Finding, settings: CertifySettings) -> bool:
+    """Compare a cause's numbers with those derived again; return whether it has any."""
+    if cause.needed is None or cause.available is None:
+        return False
+    where = f"/explanation/causes/{index}"
+    bound = bounds.get(cause.unit or "")
+    if bound is None:
+        finding.require(False, f"{where}/unit", f"nothing infeasible is measured in {cause.unit!r}")
+        return False
+    off = min(abs(cause.needed - needed) / bound.needed for needed in bound.needed_as_stated)
+    finding.note(settings.stated_bound - off, f"{where}/needed: {cause.needed:.6g}, not {bound.needed:.6g}")
+    understated = (bound.available - cause.available) / bound.needed
+    finding.note(
+        settings.stated_bound - understated, f"{where}/available: {cause.available:.6g}, not {bound.available:.6g}"
+    )
+    finding.note(1.0 - cause.available / bound.needed, f"{where}/available: {cause.available:.6g} would suffice")
+    return True
+
+
+def weight_bound(plan: PlanView, task: LiftTask) -> Bound:
+    """Return the plate's weight and a bound of all vertical force on a plate in the air [N]."""
+    weight = max(_WEIGHTLESS, (task.plate.mass or 0.0) * float(np.linalg.norm(plan.gravity)))
+    hands = sum(_hand_force(hand.kind, task) for hand in plan.hands.values())
+    return Bound(weight, (weight,), largest_lift(task.cup, task.lifter_model) + hands)
+
+
+def largest_lift(cup: StatedCup, model: str) -> float:
+    """Return the largest vertical force of the lifter on a plate at any tilt [N].
+
+    Tilted by t, a pull p and a shear s along the plate have the vertical part p cos t + s sin t, whose largest value
+    over t is hypot(p, s). By (5f) sqrt(3)|s_x| and sqrt(3)|s_y| are at most mu p, thus s at most sqrt(2/3) mu p; in the
+    model `dexnet` mu (V - p) stands for mu p, and the value is convex in p, so largest at an end of 0 <= p <= V.
+    """
+    shear = math.sqrt(2.0 / 3.0) * cup.mu
+    if model == "cable":
+        return cup.max_force
+    if model == "dexnet":
+        return cup.max_force * max(1.0, shear)
+    return cup.max_force * math.hypot(1.0, shear)
+
+
+def _hand_force(kind: str, task: LiftTask) -> float:
+    """Return the largest norm of one hand's net force: its limit, or what its normals and their friction allow [N]."""
+    contacts, friction = (2, task.friction["grip"]) if kind == "gripper" else (1, task.friction["push"])
+    return min(task.net_limit, contacts * task.normal_limit * math.hypot(1.0, friction))
+
+
+def opening_bound(plan: PlanView, task: LiftTask) -> Bound:
+    """Return how far a gripper must open for the plate, between whatever faces, and how far one opens [m]."""
+    assert task.plate.shape is not None
+    widths = face_distances(task.plate.shape)
+    open_widths = [float(hand.tcp_table[-1, 0]) for hand in plan.hands.values() if hand.tcp_table is not None]
+    return Bound(min(widths), widths, max(open_widths, default=0.0))
+
+
+def face_distances(shape: BodyShape) -> tuple[float, float]:
+    """Return thickness (along z) and the narrowest width from side to side of a prism [m].
+
+    The width of a convex outline is smallest square to one of its sides.
+    """
+    normals = np.vstack([part.planes[:, :3] for part in shape.parts])
+    sides = normals[np.abs(normals[:, 2]) < 0.5]
+    return float(np.ptp(shape.vertices[:, 2])), float(np.ptp(shape.vertices @ sides.T, axis=0).min())
