@@ -63,7 +63,7 @@ class LiftPath:
 def lift_path(
     arms: Mapping[str, Arm],
     start: Array,
-    query: CollisionQuery,
+    query: CollisionQuery | None,
     settings: LiftPathSettings | None = None,
 ) -> LiftPath:
     """Follow both arms up from a posture until a joint, a branch of the inverse kinematics or a collision ends it.
@@ -71,7 +71,7 @@ def lift_path(
     Args:
         arms: left first.
         start: (12,) joint positions [rad].
-        query: collisions of arms, plate and cup with one another and with what stands around.
+        query: collisions of arms, plate and cup with one another and with what stands around; None: not looked at.
         settings: how finely to look.
     """
     settings = settings or LiftPathSettings()
@@ -86,7 +86,7 @@ def lift_path(
             if not step <= settings.largest_joint_step:  # NaN included
                 end = f"the {riser.arm.name} arm does not reach higher in this posture"
                 break
-        else:
+        if query is not None and end.startswith("nothing"):
             pair = int(query.first_collision(row[None])[0])
             if pair >= 0:
                 end = "{} would touch {}".format(*query.pair_names(pair))

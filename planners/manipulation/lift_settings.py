@@ -23,6 +23,9 @@ class LiftSettings:
     grips: GripSampling = field(default_factory=GripSampling)
     pushes: PushSampling = field(default_factory=PushSampling)
     costs: TransitionCost = field(default_factory=TransitionCost)
+    rise_heights: tuple[float, ...] = (0.09, 0.18)
+    """Over its end both hands must be able to carry the plate straight up, if that is possible at all; looked at
+    there [m]. The cooperative lift goes on where the plan ends."""
     assignments: int = 6
     """Choices of postures whose motion is tried before a sequence is given up."""
     sequences: int = 400

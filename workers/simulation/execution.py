@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
@@ -16,7 +16,7 @@ from planners.geometry.pose import Array, inverse, rotation_angle
 from planners.kinematics.forward import flange_pose
 from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_goal import LiftGoal, lift_goal
-from planners.lifting.lift_path import LiftPath, lift_path
+from planners.lifting.lift_path import LiftPath, LiftPathSettings, lift_path
 from planners.manipulation.workcell import LiftWorkcell
 from planners.progress import Progress
 from planners.scene.scene import PlateLiftScene
@@ -177,10 +177,10 @@ class Execution:
 
     def _prepare_lift(self, goal: LiftGoal, moment: Moment, cup: Array) -> Failure | None:
         scene, gripper = self.scene, self.gripping.arm
-        start = moment.positions + self._corrections
+        start = moment.positions
         workcell = LiftWorkcell(scene, gripper.name, self.pushing.arm.name)
         T_world_flange = flange_pose(gripper.dh, gripper.T_world_base, start[self.gripping.joints].copy())
-        carried = Attached(gripper.name, inverse(T_world_flange) @ self.world.plate_pose())
+        carried = Attached(gripper.name, inverse(T_world_flange) @ moment.reference.T_world_plate[moment.low])
         arms = {gripper.name, self.pushing.arm.name}
         query = workcell.query(
             workcell.holding,
@@ -188,7 +188,10 @@ class Execution:
             carried,
             hands=tuple(arms),
         )
-        path = lift_path(scene.cell.arms, start, query)
+        planned = lift_path(scene.cell.arms, start, query)
+        # The hands start from where their force control has put them, some millimetres off the plan.
+        reach = LiftPathSettings(largest_height=planned.height)
+        path = replace(lift_path(scene.cell.arms, start + self._corrections, None, reach), end=planned.end)
         travel = max(0.0, path.height - self.settings.headroom)
         winch = WinchProfile.draw(travel, self.settings.step, self._rng, self.settings.winch)
         self.lift = Lift(self.time, goal, path, winch)
