@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from planners.balance.balanced import Balanced
-from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
-from planners.balance.solver import Balance
+from planners.balance.contacts import GripContacts, PushContact
 from planners.geometry.pose import Array
+from planners.manipulation.groundwork import balance_program
 from planners.scene.scene import PlateLiftScene
 
 CUP_RESERVES = (0.2, 0.15, 0.1, 0.05, 0.0)
@@ -47,21 +47,7 @@ def lift_goal(
         The goal, or None if the hands and the cup do not bear the plate even without reserve.
     """
     for reserve in reserves:
-        answer = _balance(scene, reserve).solve(rotation_world_plate, np.empty((0, 3)), grip, push)
+        answer = balance_program(scene, reserve).solve(rotation_world_plate, np.empty((0, 3)), grip, push)
         if isinstance(answer, Balanced):
             return LiftGoal(answer, reserve)
     return None
-
-
-def _balance(scene: PlateLiftScene, reserve: float) -> Balance:
-    placed, friction, limit = scene.cup, scene.friction, scene.hand_force_limit
-    cup = Cup(placed.T_plate_cup, placed.radius, placed.max_force, placed.mu, placed.kappa)
-    return Balance(
-        scene.plate.mass or 0.0,
-        scene.plate.com,
-        replace(cup, max_force=(1.0 - reserve) * cup.max_force),
-        Friction(friction.grip, friction.push, friction.environment, friction.eps),
-        HandForceLimit(limit.normal, limit.net),
-        scene.lifter_model,
-        float(-scene.cell.gravity[2]),
-    )

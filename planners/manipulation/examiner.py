@@ -68,7 +68,7 @@ class NodeExaminer:
         knowledge.load[node] = whole(round(load / _LOAD_STEP) * _LOAD_STEP)
         knowledge.status[node] = ALIVE
         if self.rising is not None and self.graph.goal[node] and grip is not None and push is not None:
-            self.graph.goal[node] = self.rising.together(pose, grip, push)
+            self.graph.goal[node] = self.rising.bears(pose, grip, push)
 
     def largest_force(self, node: int) -> float:
         """Return the largest contact normal of the hands at an examined node [N]."""

@@ -113,8 +113,9 @@ class PlateLiftPlanner:
         queries = posture_queries(self.workcell, self.lifted)
         self.follower = PostureFollower(self.poses, self.pair, queries, (self.grips, self.pushes), reach)
         self.follower.rising = RisingReach.find(
-            self.poses, self.pair, self.lifted, np.array(self.settings.rise_heights)
-        )
+            self.balance, self.pair, self.lifted, self.settings.rise_heights,
+            balance_program(self.scene, self.settings.cup_reserve),
+        )  # fmt: skip
         self.failures = Failures(self.balance)
         self.choreographer = Choreographer(
             self.workcell, self.follower, self.balance, np.random.default_rng(self.scene.seed)
