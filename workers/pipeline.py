@@ -1,4 +1,4 @@
-"""The things a plan goes through: TaskSpec, scene, plan, certificate, document."""
+"""The things a plan goes through: TaskSpec, scene, plan, certificate, simulation, document."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from typing import Any, Self
 import numpy as np
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
-from planners.contract.task_spec import read_task
+from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.errors import LiftwrightError
 from planners.plan import plan
 from planners.progress import Progress, silent
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
+from workers.simulation.simulate import simulate
 from workers.software import describe_software
 from workers.solver_protocol import REJECTED_VARIABLE, Request
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel a job needs."""
-FEW_HOLDS = {"hold_density": 0.25}
+FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
 """With so few holds the reference task is answered soon, and nearly all kernels are loaded."""
 
 
@@ -46,6 +47,7 @@ class Pipeline:
     """The robots' meshes, which the certificate checks against."""
     plan: Callable[..., dict[str, Any]] = plan
     certify: Callable[..., Certificate] = certify
+    simulate: Callable[..., dict[str, Any]] = simulate
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
 
@@ -64,7 +66,7 @@ class Pipeline:
         self.solve({"id": "compile", "task": reference_task()}, silent)
 
     def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
-        """Return the certified plan document of a task, or the document that says why there is no plan.
+        """Return the certified and simulated plan document of a task, or the document that says why there is no plan.
 
         Raises:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
@@ -84,10 +86,16 @@ class Pipeline:
         document["certificate"] = self.certify(document, self.surfaces, reference).to_document()
         progress("certify", 1, 1)
         _require_passed(document)
+        certified = self.clock()
+        simulated = document["outcome"] == "solved" and isinstance(task, PlateLiftTask) and task.options.simulate
+        if simulated:
+            document["simulation"] = self.simulate(document, scene, progress, task.seed)
         ended = self.clock()
         stages = document["statistics"]["stages"]
         stages.insert(0, {"name": "scene", "seconds": built - begun})
-        stages.append({"name": "certify", "seconds": ended - planned})
+        stages.append({"name": "certify", "seconds": certified - planned})
+        if simulated:
+            stages.append({"name": "simulate", "seconds": ended - certified})
         document["statistics"]["total_seconds"] = ended - begun
         return document
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 STAGE_SHARES: Mapping[str, float] = {
-    "scene": 0.05,
-    "sample": 0.05,
-    "reach": 0.15,
-    "merge": 0.05,
-    "examine": 0.10,
-    "search": 0.15,
-    "motion": 0.25,
-    "certify": 0.20,
+    "scene": 0.03,
+    "sample": 0.03,
+    "reach": 0.09,
+    "merge": 0.03,
+    "examine": 0.06,
+    "search": 0.09,
+    "motion": 0.15,
+    "certify": 0.12,
+    "simulate": 0.40,
 }
 """About how much of a job's time each stage takes, in order [1]. They sum to one."""
 UNCOUNTED_HALF = 20.0

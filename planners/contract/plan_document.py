@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, JsonValue, SkipValidation, model_validator
+from pydantic import Field, JsonValue, SkipValidation, model_validator
 from pydantic_core import PydanticCustomError
 
 from planners.contract.shapes import Box, Cylinder, Prism
@@ -308,14 +308,92 @@ class ForceCurve(StrictModel):
     value: Numbers
 
 
+class NodeComparison(StrictModel):
+    """Forces on the plate at the end of one of the plan's motions, shortly before the lifter prepares the next."""
+
+    segment: int
+    time: Real
+    planned: dict[str, Vector]
+    """By "left", "right", "cup", "support"."""
+    simulated: dict[str, Vector]
+    largest_difference: Real
+    """Largest norm of a difference [N]."""
+
+
+class SimulatedManipulation(StrictModel):
+    """How well the simulated manipulation kept to its plan."""
+
+    nodes: list[NodeComparison]
+    largest_difference: Real
+    """[N]"""
+    largest_difference_of_weight: Real
+    """The same over the plate's weight [1]."""
+    largest_distance: Real
+    """Of the pad from its planned place [m]."""
+    largest_angle: Real
+    """Of the plate from its planned orientation [rad]."""
+
+
+class SimulatedLift(StrictModel):
+    """The cooperative lift, as prepared and as it went."""
+
+    begin: Real
+    """On the time axis of the curves, which begins with the plan's [s]."""
+    height: Real
+    """How far up the plate came, over the plan's last pose [m]."""
+    reachable_height: Real
+    """How far up both arms can go with the plate [m]."""
+    end_of_reach: str
+    """What ends the way up."""
+    goal_force: Real
+    """F_goal of paper B, eq. (11): vertical force of the pushing hand [N]."""
+    cup_reserve: Real
+    """Part of the cup's largest force that F_goal keeps back [1]."""
+    lifter_travel: Real
+    lifter_seconds: Real
+    controlled: bool
+    """Whether the hands followed by force."""
+
+
+class ForceDips(StrictModel):
+    """How often both hands together bore less than the minimum during the lift."""
+
+    count: int
+    seconds: Real
+    lowest: Real | None
+    """Smallest sum of both hands' vertical forces [N]."""
+
+
+class SimulatedMotion(StrictModel):
+    """What moved after the plan's last sample, for playing it back."""
+
+    time: Numbers
+    positions: Rows
+    plate: Rows
+    """Poses [x, y, z, w, x, y, z]."""
+
+
 class Simulation(StrictModel):
-    """The cooperative lift that follows the plan. Further members are explained where they are written."""
+    """The plan executed in physics, and the cooperative lift that follows it."""
 
-    model_config = ConfigDict(extra="allow")
-
-    outcome: str
+    outcome: Literal["lifted", "slipped", "cup_lost", "overload"]
+    time: Real
+    """When it ended [s]."""
+    cause: str | None
+    """What gave way."""
     force_curves: list[ForceCurve]
+    """Forces of hands are vertical, upward on the plate."""
     minimum_total_force: Real | None
+    """Weight less the cup's largest force: what both hands together must bear [N]."""
+    lift: SimulatedLift | None
+    dips: ForceDips
+    manipulation: SimulatedManipulation
+    motion: SimulatedMotion
+    model: list[str]
+    """What is modelled, in sentences."""
+    seed: int
+    settings: dict[str, JsonValue]
+    """All assumptions, SI units."""
 
 
 class StageTime(StrictModel):

@@ -122,6 +122,8 @@ class PlateLiftOptions(StrictModel):
     """The paper's path cost, or the largest contact normal along the path."""
     search: Literal["lazy", "full"] = "lazy"
     """Solve balances only where the search goes, or build the whole graph first. The plan is the same."""
+    simulate: Annotated[bool, Field(strict=True)] = True
+    """Execute the plan in physics afterwards. That a simulation fails is told, and leaves the plan as it is."""
     contact_density: Factor = 1.0
     """Number of sampled plate poses, relative to the default."""
     hold_density: Factor = 1.0

@@ -11,7 +11,7 @@ import numpy as np
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
 from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
-from planners.manipulation.failures import Failure, Hand, MotionFailure, PairFailure, TransitFailure
+from planners.manipulation.failures import Failure, Hand, MotionFailure, PairFailure, RiseFailure, TransitFailure
 from planners.manipulation.graph import HandHold
 from planners.manipulation.reach import bits
 from planners.manipulation.track import EngagementTrack
@@ -46,6 +46,7 @@ class PostureAssigner:
 
     def __init__(self, follower: PostureFollower, itinerary: Itinerary, start_positions: Array) -> None:
         self.follower, self.itinerary, self.start_positions = follower, itinerary, start_positions
+        self._rising = follower.rising
 
     @cached_property
     def _factors(self) -> dict[Engagement, list[tuple[int, Failure]]]:
@@ -62,6 +63,11 @@ class PostureAssigner:
                 pose = itinerary.poses[place]
                 survivors = follower.approach(pose, hand, index)
                 yield survivors, TransitFailure(pose, hand, index, survivors)
+        if self._rising is not None and not engagement.goes:
+            pose = itinerary.poses[engagement.last]
+            sets = self._rising.grips if hand == "grip" else self._rising.pushes
+            survivors = int(sets[pose, index])
+            yield survivors, RiseFailure(pose, hand, index, survivors)
         for place in range(engagement.first, engagement.last):
             step = itinerary.motions[place]
             if step is not None:
@@ -187,7 +193,10 @@ class PostureAssigner:
             step = self.itinerary.motions[place] if place < last else None
             if step is not None and not self.follower.together(step[0], one, two):
                 return False
-        return True
+        if self._rising is None or grip[0].goes or push[0].goes:
+            return True
+        holds = HandHold(one[0], 1 << one[1]), HandHold(two[0], 1 << two[1])
+        return self._rising.together(self.itinerary.poses[last], *holds)
 
 
 def _conflict(postures: int, factors: list[tuple[int, Failure]]) -> list[tuple[int, Failure]]:

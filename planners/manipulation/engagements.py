@@ -21,6 +21,7 @@ from planners.manipulation.graph import HandHold, ManipulationStateGraph
 from planners.manipulation.grips import Grip
 from planners.manipulation.pushes import Push
 from planners.manipulation.reach import HandReach, PairReach, PlateQuery
+from planners.manipulation.rising import RisingReach
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,8 @@ class PostureFollower:
         self._together: dict[tuple[int, int, int, int, int], bool] = {}
         self._samples: dict[int, Array] = {}
         self._blocked: dict[int, tuple[str, str] | None] = {}
+        self.rising: RisingReach | None = None
+        """What both hands must keep to at the end so that the lift can go on; None: nothing."""
 
     def hand(self, hand: Hand) -> HandReach:
         """Return a hand's reach."""

@@ -15,6 +15,7 @@ from planners.graph.search import ALIVE, DEAD, UNKNOWN, whole
 from planners.manipulation.graph import HandHold, ManipulationStateGraph
 from planners.manipulation.hold_balance import HandPair, HoldBalance, describe
 from planners.manipulation.reach import PairReach
+from planners.manipulation.rising import RisingReach
 
 Objective = Literal["cost", "force"]
 _LOAD_STEP = 1e-6
@@ -28,7 +29,7 @@ class NodeExaminer:
     for `minimise="force"`, the largest contact normal of its hands.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what it looks into, and what it writes down
         self,
         graph: ManipulationStateGraph,
         balance: HoldBalance,
@@ -37,10 +38,11 @@ class NodeExaminer:
         push_postures: NDArray[np.uint64],
         rejections: Rejections,
         minimise: Objective,
+        rising: RisingReach | None = None,
     ) -> None:
         self.graph, self.balance, self.pair = graph, balance, pair
         self.grip_postures, self.push_postures = grip_postures, push_postures
-        self.rejections, self.minimise = rejections, minimise
+        self.rejections, self.minimise, self.rising = rejections, minimise, rising
         self.examined = 0
         self._grip_row = _rows(graph.grips)[graph.node_grip]
         self._push_row = _rows(graph.pushes)[graph.node_push]
@@ -65,6 +67,8 @@ class NodeExaminer:
         load = answer.largest_hand_normal if self.minimise == "force" else self._torque(pose, grip, push, answer)
         knowledge.load[node] = whole(round(load / _LOAD_STEP) * _LOAD_STEP)
         knowledge.status[node] = ALIVE
+        if self.rising is not None and self.graph.goal[node] and grip is not None and push is not None:
+            self.graph.goal[node] = self.rising.bears(pose, grip, push)
 
     def largest_force(self, node: int) -> float:
         """Return the largest contact normal of the hands at an examined node [N]."""

@@ -78,6 +78,23 @@ class TransitFailure:
 
 
 @dataclass(frozen=True)
+class RiseFailure:
+    """From a goal pose only some postures of a hand go straight up.
+
+    It kills nothing: which nodes are goals is said when a graph is built, from `RisingReach`.
+    """
+
+    pose: int
+    hand: Hand
+    index: int
+    survivors: int
+
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
+        """Return which edges it kills: none."""
+        return np.zeros(len(graph.edge_motion), bool)
+
+
+@dataclass(frozen=True)
 class PairFailure:
     """No posture of a grip goes with any of a push: along a motion, or when one of the hands comes or goes."""
 
@@ -152,7 +169,7 @@ class _NodeKey:
         )
 
 
-Failure = EdgeFailure | MotionFailure | BlockedMotion | TransitFailure | PairFailure | LoneTransitFailure
+Failure = EdgeFailure | MotionFailure | BlockedMotion | TransitFailure | PairFailure | LoneTransitFailure | RiseFailure
 
 
 class Failures:

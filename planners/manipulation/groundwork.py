@@ -18,13 +18,13 @@ from planners.manipulation.workcell import LiftWorkcell
 from planners.scene.scene import PlateLiftScene
 
 
-def balance_program(scene: PlateLiftScene) -> Balance:
-    """State the balance program (5) of a scene."""
+def balance_program(scene: PlateLiftScene, cup_reserve: float = 0.0) -> Balance:
+    """State the balance program (5) of a scene, with part of the cup's largest force kept back [1]."""
     cup, friction, limit = scene.cup, scene.friction, scene.hand_force_limit
     return Balance(
         scene.plate.mass or 0.0,
         scene.plate.com,
-        Cup(cup.T_plate_cup, cup.radius, cup.max_force, cup.mu, cup.kappa),
+        Cup(cup.T_plate_cup, cup.radius, (1.0 - cup_reserve) * cup.max_force, cup.mu, cup.kappa),
         Friction(friction.grip, friction.push, friction.environment, friction.eps),
         HandForceLimit(limit.normal, limit.net),
         scene.lifter_model,

@@ -23,6 +23,12 @@ class LiftSettings:
     grips: GripSampling = field(default_factory=GripSampling)
     pushes: PushSampling = field(default_factory=PushSampling)
     costs: TransitionCost = field(default_factory=TransitionCost)
+    rise_heights: tuple[float, ...] = (0.09, 0.18)
+    """Over its end both hands must be able to carry the plate straight up, if that is possible at all; looked at
+    there [m]. The cooperative lift goes on where the plan ends."""
+    cup_reserve: float = 0.15
+    """Part of the cup's largest force that the end of a plan does without, likewise [1]: while the plate is lifted,
+    the lifter jerks."""
     assignments: int = 6
     """Choices of postures whose motion is tried before a sequence is given up."""
     sequences: int = 400

@@ -41,6 +41,7 @@ from planners.manipulation.hold_balance import HoldBalance
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_report import LiftReport
 from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.rising import RisingReach
 from planners.manipulation.workcell import LiftWorkcell
 from planners.progress import Progress
 from planners.scene.scene import PlateLiftScene
@@ -111,6 +112,10 @@ class PlateLiftPlanner:
         reach: dict[Hand, NDArray[np.uint64]] = {"grip": self.grip_postures, "push": self.push_postures}
         queries = posture_queries(self.workcell, self.lifted)
         self.follower = PostureFollower(self.poses, self.pair, queries, (self.grips, self.pushes), reach)
+        self.follower.rising = RisingReach.find(
+            self.balance, self.pair, self.lifted, self.settings.rise_heights,
+            balance_program(self.scene, self.settings.cup_reserve),
+        )  # fmt: skip
         self.failures = Failures(self.balance)
         self.choreographer = Choreographer(
             self.workcell, self.follower, self.balance, np.random.default_rng(self.scene.seed)
@@ -121,6 +126,11 @@ class PlateLiftPlanner:
         report = LiftReport(self)
         for _ in range(self.settings.sequences):
             path = self._best_path()
+            if path is None and self.follower.rising is not None:
+                # Better a plan that ends low than none.
+                self.follower.rising = None
+                self._merge(*self._all_holds())
+                continue
             if path is None:
                 return report.no_path()
             itinerary = Itinerary.of(self.graph, path)
@@ -151,9 +161,12 @@ class PlateLiftPlanner:
         self.progress("merge", 0, 1)
         self.graph = build_graph(self.poses, grips, pushes, self.grip_postures, self.push_postures, self.settings.costs)
         self.failures.apply(self.graph)
+        rising = self.follower.rising
+        if rising is not None:
+            rising.choose_goals(self.graph)
         self.examiner = NodeExaminer(
             self.graph, self.balance, self.pair, self.grip_postures, self.push_postures, self.rejections,
-            self.settings.minimise,
+            self.settings.minimise, rising,
         )  # fmt: skip
         self.counts["merges"] += 1
         if self.settings.full:

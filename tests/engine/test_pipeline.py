@@ -31,9 +31,14 @@ def verdict(*, passed: bool) -> Any:
     return lambda *_: Certificate((Check("friction_cones", passed, -0.5, "N", "segment 3, sample 2"),))
 
 
+def a_slip(_document: Any, _scene: Any, progress: Any, seed: int) -> dict[str, Any]:
+    progress("simulate", 1, 1)
+    return {"outcome": "slipped", "seed": seed}
+
+
 def pipeline(*, passed: bool) -> Pipeline:
     ticks = itertools.count()
-    return Pipeline(CELLS, SURFACES, a_plan, verdict(passed=passed), lambda: float(next(ticks)))
+    return Pipeline(CELLS, SURFACES, a_plan, verdict(passed=passed), a_slip, lambda: float(next(ticks)))
 
 
 def test_a_document_says_whose_it_is_what_made_it_and_how_long_each_stage_took() -> None:
@@ -42,8 +47,8 @@ def test_a_document_says_whose_it_is_what_made_it_and_how_long_each_stage_took()
     assert document["software"]["name"] == "liftwright"
     assert document["certificate"]["passed"] is True
     stages = {stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]}
-    assert list(stages) == ["scene", "search", "certify"]
-    assert document["statistics"]["total_seconds"] == 3.0
+    assert list(stages) == ["scene", "search", "certify", "simulate"]
+    assert document["statistics"]["total_seconds"] == 4.0
 
 
 def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_looked_at(
@@ -59,4 +64,16 @@ def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_lo
 def test_stages_are_reported_in_order() -> None:
     seen: list[str] = []
     pipeline(passed=True).solve(REQUEST, lambda stage, *_: seen.append(stage))
-    assert list(dict.fromkeys(seen)) == ["scene", "certify"]
+    assert list(dict.fromkeys(seen)) == ["scene", "certify", "simulate"]
+
+
+def test_a_simulation_that_fails_is_told_and_the_plan_is_delivered() -> None:
+    document = pipeline(passed=True).solve({"id": "p1", "task": {**task(), "seed": 7}}, silent)
+    assert document["simulation"] == {"outcome": "slipped", "seed": 7}
+
+
+def test_a_task_may_leave_the_simulation_out() -> None:
+    body = {**task(), "options": {"simulate": False}}
+    document = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
+    assert "simulation" not in document
+    assert [stage["name"] for stage in document["statistics"]["stages"]] == ["scene", "search", "certify"]

@@ -1,0 +1,1 @@
+"""Lifting the plate together with a lifter that somebody else operates: paper B, Section VI."""

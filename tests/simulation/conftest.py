@@ -1,0 +1,43 @@
+"""One plan, executed and lifted once."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import pytest
+
+from planners.contract.task_spec import read_task
+from planners.plan import plan
+from planners.progress import silent
+from planners.scene.scene import PlateLiftScene, build_scene
+from workers.simulation.simulate import simulate
+
+TASK = Path(__file__).resolve().parents[2] / "assets" / "tasks" / "pb1.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    scene: PlateLiftScene
+    document: dict[str, Any]
+    simulation: dict[str, Any]
+    stages: list[tuple[str, float]]
+
+
+@pytest.fixture(scope="session")
+def run() -> Run:
+    """PB1, the shortest of the papers' tasks."""
+    task = read_task(json.loads(TASK.read_text()))
+    scene = build_scene(task)
+    document = plan(task, scene, silent, perf_counter) | {"id": "pb1"}
+    seen: list[tuple[str, float]] = []
+    simulation = simulate(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
+    return Run(scene, document, simulation, seen)
+
+
+@pytest.fixture(scope="session")
+def scene(run: Run) -> PlateLiftScene:
+    return run.scene

@@ -1,0 +1,117 @@
+"""The winch, the cup and the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners.geometry.pose import Array
+from workers.simulation.force_sensor import ForceSensor
+from workers.simulation.lifter import SuctionLifter
+from workers.simulation.settings import ContactSettings, CupSettings, SensorSettings, WinchSettings
+from workers.simulation.winch import WinchProfile
+
+STEP = 0.002
+WINCH = WinchSettings()
+
+
+def profile(seed: int, travel: float = 0.3) -> WinchProfile:
+    return WinchProfile.draw(travel, STEP, np.random.default_rng(seed), WINCH)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_winch_goes_up_to_its_travel_and_never_down(seed: int) -> None:
+    heights = profile(seed).heights
+    assert heights[0] == 0.0
+    assert heights[-1] == pytest.approx(0.3)
+    assert np.diff(heights).min() >= 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_winch_is_uneven_but_not_faster_than_its_motor(seed: int) -> None:
+    winch = profile(seed)
+    speeds = np.diff(winch.heights) / STEP
+    assert speeds.max() <= max(WINCH.speed[1], WINCH.jerk_speed) + 1e-9
+    assert np.abs(np.diff(speeds[:-1])).max() <= WINCH.acceleration * STEP + 1e-9
+    assert (speeds[100:] < 1e-9).any()
+    assert speeds.std() > 0.2 * winch.mean_speed
+
+
+def test_the_same_seed_gives_the_same_lifter_and_another_a_different_one() -> None:
+    assert np.array_equal(profile(1).heights, profile(1).heights)
+    assert profile(1).duration != profile(2).duration
+
+
+def lifter(scene, **changes: float) -> SuctionLifter:
+    return SuctionLifter(scene, replace(CupSettings(), **changes), ContactSettings(), np.random.default_rng(0))
+
+
+def hang(cup: SuctionLifter, scene, force: Array) -> tuple:
+    """Attach it to a level plate that is pulled upwards."""
+    plate = (np.eye(3), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+    place, velocity = cup.place(plate)
+    cup.give(np.concatenate([force, np.zeros(3)]), place, velocity, plate, STEP)
+    cup.hang(plate, np.zeros(3))
+    return plate
+
+
+def test_a_cup_at_rest_keeps_its_force_and_stretches_by_its_travel_at_its_limit(scene) -> None:
+    cup = lifter(scene, error=0.0)
+    plate = hang(cup, scene, np.array([0.0, 0.0, 0.5 * cup.limit]))
+    cup.hoist(0.0, 0.0, plate)
+    assert cup.force == pytest.approx([0.0, 0.0, 0.5 * cup.limit])
+    cup.hoist(0.5 * CupSettings().travel, 0.0, plate)
+    assert cup.pull == pytest.approx(cup.limit)
+
+
+def test_a_cup_never_pushes(scene) -> None:
+    cup = lifter(scene, error=0.0)
+    plate = hang(cup, scene, np.array([0.0, 0.0, 5.0]))
+    cup.hoist(-0.1, 0.0, plate)
+    assert cup.pull == 0.0
+
+
+@pytest.mark.parametrize(("over", "steps"), [(1.05, 101), (1.29, 101), (1.31, 1)])
+def test_a_cup_lets_go_a_fifth_of_a_second_over_its_limit_or_at_once_far_above(scene, over, steps) -> None:
+    cup = lifter(scene, error=0.0)
+    plate = hang(cup, scene, np.array([0.0, 0.0, 0.5 * cup.limit]))
+    lasted = 0
+    while True:
+        cup.hoist((over - 0.5) * CupSettings().travel, 0.0, plate)
+        lasted += 1
+        if cup.lets_go(STEP) is not None:
+            break
+    assert abs(lasted - steps) <= 1
+
+
+def test_a_short_jerk_is_borne(scene) -> None:
+    cup = lifter(scene, error=0.0)
+    plate = hang(cup, scene, np.array([0.0, 0.0, 0.5 * cup.limit]))
+    for over in (1.2, 0.5) * 5:
+        for _ in range(90):
+            cup.hoist((over - 0.5) * CupSettings().travel, 0.0, plate)
+            assert cup.lets_go(STEP) is None
+
+
+def test_the_force_source_errs_by_its_error_and_ends_at_the_cups_limit(scene) -> None:
+    cup = lifter(scene, error_time=0.01)
+    plate = (np.eye(3), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+    place, velocity = cup.place(plate)
+    for wanted in (0.5, 0.99):
+        pulls = []
+        for _ in range(3000):
+            cup.give(np.array([0, 0, wanted * cup.limit, 0, 0, 0.0]), place, velocity, plate, STEP)
+            pulls.append(cup.pull / cup.limit)
+        assert max(pulls) <= 1.0
+        if wanted == 0.5:
+            assert np.std(pulls) == pytest.approx(0.5 * CupSettings().error, rel=0.3)
+
+
+def test_a_tared_sensor_reads_the_force_with_noise_alone() -> None:
+    sensor = ForceSensor(np.random.default_rng(4), SensorSettings())
+    readings = np.array([sensor.read(np.array([1.0, -2.0, 15.0])) for _ in range(4000)])
+    assert readings.std(axis=0) == pytest.approx(np.full(3, 0.5), rel=0.1)
+    left = 4.0 * SensorSettings().force_noise / np.sqrt(SensorSettings().tare_readings)
+    assert np.abs(readings.mean(axis=0) - [1.0, -2.0, 15.0]).max() < left

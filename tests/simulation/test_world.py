@@ -1,0 +1,61 @@
+"""The cell in PyBullet."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planners.kinematics.forward import flange_pose, jacobian
+from workers.simulation.settings import SimulationSettings
+from workers.simulation.world import World
+
+SETTINGS = SimulationSettings()
+
+
+def advance(world: World, scene, seconds: float, force=None) -> None:
+    for _ in range(round(seconds / SETTINGS.step)):
+        world.drive(scene.start_positions, np.zeros(12))
+        if force is not None:
+            world.push_hand("left", force, world.hand("left", np.eye(4))[0][:3, 3])
+        world.advance()
+
+
+def test_the_plate_rests_where_it_was_put_and_the_support_bears_its_weight(scene) -> None:
+    with World(scene, SETTINGS) as world:
+        advance(world, scene, 0.5)
+        assert world.plate_pose() == pytest.approx(scene.T_world_plate, abs=3e-4)
+        assert world.resting_force() == pytest.approx([0.0, 0.0, scene.plate.mass * 9.81], abs=0.05)
+        assert world.touching_arms() == ()
+
+
+def test_arms_that_are_told_to_stand_stand(scene) -> None:
+    with World(scene, SETTINGS) as world:
+        advance(world, scene, 0.3)
+        assert world.positions == pytest.approx(scene.start_positions, abs=1e-3)
+
+
+def test_a_force_on_a_hand_is_borne_by_the_joints_through_the_jacobian(scene) -> None:
+    """And so the arm in PyBullet has the kinematics of the plan: torques differ by J^T F, links' weights aside."""
+    arm = scene.cell.arms["left"]
+    force = np.array([3.0, -2.0, 8.0])
+    with World(scene, SETTINGS) as world:
+        advance(world, scene, 0.4)
+        before = world.torque_use[:6] * arm.torque_max
+        advance(world, scene, 0.4, force)
+        after = world.torque_use[:6] * arm.torque_max
+    q = scene.start_positions[:6]
+    at = flange_pose(arm.dh, arm.T_world_base, q)[:3, 3].copy()
+    expected = -jacobian(arm.dh, arm.T_world_base, q, at)[:3].T @ force
+    assert after - before == pytest.approx(expected, abs=0.15)
+
+
+def test_a_wrench_on_the_plate_moves_it_as_newton_says(scene) -> None:
+    mass = scene.plate.mass
+    with World(scene, SETTINGS) as world:
+        world.push_plate(np.array([2.0, 0.0, mass * 9.81 + 40.0, 0.0, 0.0, 0.1]))
+        world.drive(scene.start_positions, np.zeros(12))
+        world.advance()
+        _, _, velocity, spin = world.plate_motion()
+        assert velocity == pytest.approx(np.array([2.0, 0.0, 40.0]) / mass * SETTINGS.step, rel=1e-3, abs=1e-6)
+        x, y, _ = np.ptp(scene.plate.solid.convex.vertices, axis=0)
+        assert spin[2] == pytest.approx(0.1 / (mass / 12.0 * (x * x + y * y)) * SETTINGS.step, rel=1e-3)

@@ -1,0 +1,1 @@
+"""A plan executed in physics, and the cooperative lift that follows it."""

@@ -1,0 +1,123 @@
+"""An arm with its hand as a URDF, so that PyBullet has the very kinematics of the plan."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.scene.arm import Arm
+from planners.scene.hand import Gripper
+from planners.scene.meshes import Hull, hull_with_faces
+
+TOUCHING_PARTS = ("pad", "finger", "tip")
+"""Parts of hands that touch the plate on purpose: their contact is modelled apart, see `touch`."""
+_LEAST_INERTIA = 1e-4
+"""[kg m^2]"""
+
+
+def write_arm_urdf(arm: Arm, folder: Path) -> Path:
+    """Write an arm with its hand, meshes beside it, and return the file.
+
+    Link i of the file moves with joint i, before the fixed part `Tz(d) Tx(a) Rx(alpha)` of its table row; bodies are
+    moved over accordingly.
+    """
+    links = [_link(arm, 0, np.eye(4), folder)]
+    T_joint_frame = np.eye(4)
+    for i in range(6):
+        a, alpha, d, theta0 = arm.dh[i]
+        # T_parent_joint: what the row before left over, then this joint's zero.
+        T_parent_joint = T_joint_frame @ transform(rotation_z(theta0))
+        T_joint_frame = transform(rotation_x(alpha), [a, 0.0, d])
+        links.append(_joint(arm, i, T_parent_joint))
+        links.append(_link(arm, i + 1, T_joint_frame, folder))
+    path = folder / f"{arm.name}.urdf"
+    path.write_text(f'<?xml version="1.0"?>\n<robot name={quoteattr(arm.name)}>\n' + "\n".join(links) + "\n</robot>\n")
+    return path
+
+
+def flange_from_link(arm: Arm) -> Transform:
+    """Return `T_link6_flange`."""
+    a, alpha, d, _ = arm.dh[5]
+    return transform(rotation_x(alpha), [a, 0.0, d])
+
+
+def _link(arm: Arm, number: int, T_link_frame: Transform, folder: Path) -> str:
+    link = arm.robot.links[number]
+    hulls: dict[str, Hull] = {link.name: hull_with_faces(link.points)}
+    masses = [(link.mass or 2.0, link.points.mean(axis=0))]
+    if number == 6:
+        hulls |= {name: hull_with_faces(points) for name, points in _hand_points(arm)}
+        masses.append((arm.hand.mass, arm.hand.com))
+    names = [_write_hull(hull, T_link_frame, folder / f"{arm.name}_{name}.obj") for name, hull in hulls.items()]
+    shapes = "".join(
+        f"<collision><geometry><mesh filename={quoteattr(name)}/></geometry></collision>" for name in names
+    )
+    return f'<link name="link_{number}">{_inertial(masses, T_link_frame)}{shapes}</link>'
+
+
+def _hand_points(arm: Arm) -> Iterable[tuple[str, Array]]:
+    bodies = arm.hand_bodies(None) if not isinstance(arm.hand, Gripper) else arm.hand.bodies(arm.name, 0.0)
+    for body in bodies:
+        part = body.name.removeprefix(f"{arm.name}_")
+        if part.startswith(TOUCHING_PARTS):
+            continue
+        for shape in body.shapes:
+            yield part, _thickened(shape.vertices, shape.radius)
+
+
+def _thickened(vertices: Array, radius: float) -> Array:
+    """Return corners whose hull encloses a rounded shape about as well as its mesh would."""
+    if radius <= 0.0:
+        return vertices
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float) / np.sqrt(3.0)
+    directions = np.vstack([np.eye(3), -np.eye(3), corners])
+    return (vertices[:, None] + radius * directions[None]).reshape(-1, 3)
+
+
+def _joint(arm: Arm, i: int, T_parent_joint: Transform) -> str:
+    robot = arm.robot
+    return (
+        f'<joint name="joint_{i}" type="revolute"><parent link="link_{i}"/><child link="link_{i + 1}"/>'
+        f'{_origin(T_parent_joint)}<axis xyz="0 0 1"/>'
+        f'<limit lower="{robot.position_min[i]:.9g}" upper="{robot.position_max[i]:.9g}" '
+        f'effort="{robot.torque_max[i]:.9g}" velocity="{robot.velocity_max[i]:.9g}"/></joint>'
+    )
+
+
+def _inertial(masses: list[tuple[float, Array]], T_link_frame: Transform) -> str:
+    total = sum(mass for mass, _ in masses)
+    center = sum(mass * place for mass, place in masses) / total
+    place = T_link_frame[:3, :3] @ center + T_link_frame[:3, 3]
+    # Point masses about their common centre, and a ball of 5 cm for their own size: the joints are driven stiffly.
+    spread = sum(mass * float((p - center) @ (p - center)) for mass, p in masses)
+    inertia = max(_LEAST_INERTIA, spread + total * 0.4 * 0.05**2)
+    return (
+        f'<inertial><origin xyz="{_three(place)}"/><mass value="{total:.9g}"/>'
+        f'<inertia ixx="{inertia:.9g}" iyy="{inertia:.9g}" izz="{inertia:.9g}" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+
+
+def _write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:
+    vertices = hull[0] @ T_link_frame[:3, :3].T + T_link_frame[:3, 3]
+    lines = [f"v {_three(vertex)}" for vertex in vertices]
+    lines += ["f " + " ".join(str(index + 1) for index in face) for face in hull[1]]
+    path.write_text("\n".join(lines) + "\n")
+    return path.name
+
+
+def _origin(T: Transform) -> str:
+    R = T[:3, :3]
+    yaw_pitch_roll = (
+        np.arctan2(R[2, 1], R[2, 2]),
+        -np.arcsin(np.clip(R[2, 0], -1.0, 1.0)),
+        np.arctan2(R[1, 0], R[0, 0]),
+    )
+    return f'<origin xyz="{_three(T[:3, 3])}" rpy="{_three(yaw_pitch_roll)}"/>'
+
+
+def _three(values: Iterable[float]) -> str:
+    return " ".join(f"{value:.12g}" for value in values)

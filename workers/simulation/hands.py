@@ -1,0 +1,219 @@
+"""A hand in the simulation: its contact with the plate, its force sensor, and how it tracks a wrench."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from planners.geometry.pose import Array, Transform, inverse
+from planners.kinematics.forward import flange_pose, jacobian
+from planners.scene.arm import Arm
+from planners.scene.hand import Gripper
+from workers.simulation.force_sensor import ForceSensor
+from workers.simulation.reference import Stage
+from workers.simulation.settings import SimulationSettings
+from workers.simulation.touch import PlateMotion, Touch
+
+_FADE = 0.05
+"""How fast a feed-forward correction is taken on [s]."""
+_CLEAR = 0.004
+"""A stick further than this from the plate has left it [m]."""
+
+
+class SimulatedHand:
+    """One arm's hand. Subclasses say how it gets hold of the plate.
+
+    Admittance: the hand is commanded to where it should be by the plan, plus how far its compliance gives way under
+    the planned wrench, plus an integral of the measured force error over a damping, which leaks.
+    """
+
+    def __init__(self, arm: Arm, first_joint: int, settings: SimulationSettings, rng: np.random.Generator) -> None:
+        self.arm, self.settings = arm, settings
+        self.joints = slice(first_joint, first_joint + 6)
+        self.sensor = ForceSensor(rng, settings.sensor)
+        self.reading = np.zeros(3)
+        """(3,) last reading of the sensor: force on the plate, world axes [N]."""
+        self.touch: Touch
+        self.T_flange_hand: Transform
+        self._forward, self._trim = np.zeros(6), np.zeros(3)
+        self._away = 0.0
+
+    @property
+    def force(self) -> Array:
+        """(3,) true force on the plate, world axes [N]."""
+        return self.touch.forces.sum(axis=0)
+
+    @property
+    def pressed(self) -> bool:
+        """Whether it presses on the plate anywhere."""
+        return self.touch.engaged and bool(np.any(self.touch.forces))
+
+    @property
+    def slip(self) -> float:
+        """How far it has slid on the plate since it got hold of it [m]."""
+        return float(self.touch.slips.mean()) if self.touch.engaged else 0.0
+
+    def sense(self) -> None:
+        """Take a reading."""
+        self.reading = self.sensor.read(self.force)
+
+    def track(self, wrench: Array | None, R_world_plate: Array) -> None:
+        """Take one period of the admittance towards a planned wrench (6,), world axes; None: bear nothing."""
+        period, s = self.settings.sensor.period, self.settings.hand
+        wanted = np.zeros(6)
+        if wrench is not None and self.touch.engaged:
+            wanted = _give_way(self.touch.stiffness(), wrench, R_world_plate)
+            self._trim += period * ((wrench[:3] - self.reading) / s.damping - s.leak * self._trim)
+            size = float(np.linalg.norm(self._trim))
+            self._trim *= min(1.0, s.largest_correction / size) if size > 0.0 else 1.0
+        else:
+            self._trim *= 1.0 - period / 0.2
+        self._forward += (1.0 - math.exp(-period / _FADE)) * (wanted - self._forward)
+
+    def correction(self, positions: Array) -> Array:
+        """Return the (6,) joint corrections at the planned joint positions (6,) [rad]."""
+        twist = self._forward.copy()
+        twist[:3] += self._trim
+        if not np.any(twist):
+            return np.zeros(6)
+        q = np.ascontiguousarray(positions)
+        T = flange_pose(self.arm.dh, self.arm.T_world_base, q) @ self.T_flange_hand
+        J = jacobian(self.arm.dh, self.arm.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
+        return J.T @ np.linalg.solve(J @ J.T + 1e-5 * np.eye(6), twist)
+
+    def lost(self, expected: bool, step: float) -> str | None:
+        """Say how the hand has lost the plate, None while it has not; `expected`: whether it should have it now."""
+        s = self.settings.hand
+        if not expected:
+            self._away = 0.0
+            return None
+        self._away = 0.0 if self.pressed else self._away + step
+        if self._away > s.lost_time:
+            return f"the {self.arm.name} hand lost touch with the plate"
+        if self.slip > s.largest_slip:
+            return f"the {self.arm.name} hand slid {1e3 * self.slip:.0f} mm on the plate"
+        return None
+
+
+class GrippingHand(SimulatedHand):
+    """Two pads with four points each; the fingers close on the plate wherever it is, and squeeze."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        first_joint: int,
+        settings: SimulationSettings,
+        rng: np.random.Generator,
+        friction: tuple[float, float],
+        width: float,
+    ) -> None:
+        """Take the plan's friction coefficient and eccentricity [1, m], and the plate's thickness [m]."""
+        super().__init__(arm, first_joint, settings, rng)
+        contact, (mu, eps) = settings.contact, friction
+        assert isinstance(arm.hand, Gripper)
+        self.T_flange_hand = arm.hand.T_flange_tcp(width)
+        along = eps / math.hypot(1.0, 1.0 / contact.pad_aspect)
+        patch = [(sx * along / contact.pad_aspect, sz * along) for sx in (-1, 1) for sz in (-1, 1)]
+        points = np.array([[x, side * 0.5 * width, z] for side in (-1.0, 1.0) for x, z in patch])
+        self.touch = Touch(
+            points,
+            normal=0.25 * contact.pad_normal_stiffness,
+            tangential=0.25 * contact.pad_tangential_stiffness,
+            damping_time=contact.damping_time,
+            mu=contact.friction_factor * mu,
+        )
+
+    def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
+        """Close and open the fingers as the plan says."""
+        holds = stage.grip is not None
+        part = (time - stage.begin) / max(stage.end - stage.begin, 1e-9)
+        if stage.kind == "grip":
+            holds, squeeze = part > 0.6, min(1.0, max(0.0, (part - 0.6) / 0.3))
+        elif stage.kind == "release":
+            holds, squeeze = part < 0.3, max(0.0, 1.0 - part / 0.3)
+        else:
+            squeeze = 1.0
+        if holds and not self.touch.engaged:
+            R, com = plate[0], plate[1]
+            T_plate_hand = inverse(_frame(R, com)) @ T_world_hand
+            y = T_plate_hand[:3, 1]
+            self.touch.engage(T_plate_hand, np.repeat([y, -y], 4, axis=0))
+        elif not holds and self.touch.engaged:
+            self.touch.release()
+            self.sensor.tare()
+        if self.touch.engaged:
+            self.touch.preload[:] = 0.25 * self.settings.contact.squeeze * squeeze
+
+
+class PushingHand(SimulatedHand):
+    """A round tip against one face of the plate."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        first_joint: int,
+        settings: SimulationSettings,
+        rng: np.random.Generator,
+        mu: float,
+        plate_com: Array,
+    ) -> None:
+        """Take the plan's friction coefficient and the plate's centre of mass (3,), plate frame."""
+        super().__init__(arm, first_joint, settings, rng)
+        contact = settings.contact
+        self.T_flange_hand = arm.hand.T_flange_tcp  # pyright: ignore
+        self._com, self._radius = plate_com, arm.hand.tip_radius  # pyright: ignore
+        self._hold: Mapping[str, Any] | None = None
+        self.touch = Touch(
+            np.zeros((1, 3)),
+            normal=contact.tip_normal_stiffness,
+            tangential=contact.tip_tangential_stiffness,
+            damping_time=contact.damping_time,
+            mu=contact.friction_factor * mu,
+        )
+
+    def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
+        """Watch the face that is to be pushed; there is contact where the tip is beyond it."""
+        R, com = plate[0], plate[1]
+        if stage.push is not None and stage.push is not self._hold:
+            normal = np.array(stage.push["normal"])
+            if self._hold is None or stage.push["point"] != self._hold["point"]:
+                T_plate_hand = inverse(_frame(R, com)) @ T_world_hand
+                face = np.array(stage.push["point"]) - self._com
+                tip = T_plate_hand[:3, 3] + self._radius * normal
+                self.touch.engage_at((tip + ((face - tip) @ normal) * normal)[None], normal[None])
+            self._hold = stage.push
+        if not self.touch.engaged:
+            return
+        n = R @ self.touch.normals[0]
+        self.touch.points[0] = T_world_hand[:3, :3].T @ (self._radius * n)
+        if stage.push is None:
+            gap = -float((T_world_hand[:3, 3] + self._radius * n - com - R @ self.touch.anchors[0]) @ n)
+            if gap > _CLEAR:
+                self.touch.release()
+                self.sensor.tare()
+                self._hold = None
+
+    def track(self, wrench: Array | None, R_world_plate: Array) -> None:
+        """Track a planned push; the stick never presses less than it must to stay in touch."""
+        if wrench is not None and self.touch.engaged:
+            n = R_world_plate @ self.touch.normals[0]
+            missing = self.settings.contact.least_push - float(wrench[:3] @ n)
+            if missing > 0.0:
+                wrench = wrench + np.concatenate([missing * n, np.zeros(3)])
+        super().track(wrench, R_world_plate)
+
+
+def _give_way(stiffness: Array, wrench: Array, R_world_plate: Array) -> Array:
+    """Return the (6,) small motion by which a compliance gives way to a wrench, world axes."""
+    R = np.zeros((6, 6))
+    R[:3, :3] = R[3:, 3:] = R_world_plate
+    return R @ (np.linalg.pinv(stiffness, rcond=1e-8) @ (R.T @ wrench))
+
+
+def _frame(R: Array, position: Array) -> Transform:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, position
+    return T

@@ -1,0 +1,123 @@
+"""The lifter's cup on the plate: a force source while the plate is manipulated, a winch while it is lifted."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planners.geometry.pose import Array
+from planners.scene.scene import PlateLiftScene
+from workers.simulation.settings import ContactSettings, CupSettings
+from workers.simulation.touch import PlateMotion
+
+
+class SuctionLifter:
+    """A cup that pulls at one point of the plate, and lets go when it has to.
+
+    While the plate is manipulated it gives the planned wrench with an error that wanders, and its own compliance pulls
+    it towards the planned path (a force without any stiffness would tip the plate: a plate on its edge gets lighter
+    the steeper it stands). While it is lifted it is a spring to a head that the winch moves: in all three directions
+    for the paper's lifter, along the cable only for a cable.
+    """
+
+    def __init__(
+        self, scene: PlateLiftScene, settings: CupSettings, contact: ContactSettings, rng: np.random.Generator
+    ) -> None:
+        """Attach it."""
+        cup = scene.cup
+        self._settings, self._rng, self._cable = settings, rng, scene.lifter_model == "cable"
+        self._arm = cup.T_plate_cup[:3, 3] - scene.plate.com
+        self._outward = -cup.T_plate_cup[:3, 2]
+        self._mu, self._radius = contact.friction_factor * cup.mu, cup.radius
+        self.limit = cup.max_force
+        """[N]"""
+        self.stiffness = cup.max_force / settings.travel
+        """[N/m]"""
+        self.pull = 0.0
+        """Outward along the pad's normal; for a cable its tension [N]."""
+        self.force = np.zeros(3)
+        """(3,) on the plate, world axes [N]."""
+        self.slid = 0.0
+        """How far the pad has slid on the plate during the lift [m]."""
+        self._error = rng.normal(scale=settings.error)
+        self._over = 0.0
+        self._hung: tuple[Array, Array, Array] | None = None
+
+    def place(self, plate: PlateMotion) -> tuple[Array, Array]:
+        """Return the pad's place (3,) and its velocity (3,), world."""
+        R, com, velocity, spin = plate
+        arm = R @ self._arm
+        return com + arm, velocity + np.cross(spin, arm)
+
+    def give(self, wrench: Array, point: Array, velocity: Array, plate: PlateMotion, step: float) -> Array:
+        """Act as the force source for one step and return the (6,) wrench on the plate about its centre of mass.
+
+        Args:
+            wrench: (6,) planned, about the pad, world axes.
+            point: (3,) where the pad should be.
+            velocity: (3,) how it should move.
+            plate: how the plate is.
+            step: [s].
+        """
+        s = self._settings
+        decay = math.exp(-step / s.error_time)
+        self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.normal()
+        place, moves = self.place(plate)
+        loaded = min(1.0, float(np.linalg.norm(wrench[:3])) / (0.2 * self.limit))
+        force = (1.0 + self._error) * wrench[:3]
+        force = force + loaded * self.stiffness * (point - place + s.damping_time * (velocity - moves))
+        return self._exert(force, wrench[3:], plate, s.saturation * self.limit)[0]
+
+    def hang(self, plate: PlateMotion, torque: Array) -> None:
+        """Begin the lift: from now on the head is where the winch has it, and the force now is the force at rest."""
+        place, _ = self.place(plate)
+        self._hung = (self.force.copy(), place, torque)
+
+    def hoist(self, height: float, speed: float, plate: PlateMotion) -> Array:
+        """Act as a spring to the head at a height over where the lift began; return the (6,) wrench as in `give`."""
+        assert self._hung is not None
+        force0, place0, torque = self._hung
+        place, moves = self.place(plate)
+        lag, rate = place0 - place, -moves
+        lag[2] += height
+        rate[2] += speed
+        if self._cable:
+            # The trolley follows above the cup: the cable stays upright.
+            lag[:2] = rate[:2] = 0.0
+        force = force0 + self.stiffness * (lag + self._settings.damping_time * rate)
+        wrench, excess = self._exert(force, torque, plate, math.inf)
+        force0 -= excess
+        self.slid += float(np.linalg.norm(excess)) / self.stiffness
+        return wrench
+
+    def lets_go(self, step: float) -> str | None:
+        """Say why the cup lets go after a step, None while it holds."""
+        s = self._settings
+        self._over = self._over + step if self.pull > self.limit else 0.0
+        if self.pull > s.burst * self.limit:
+            return f"the cup was pulled with {self.pull:.1f} N, more than {s.burst:g} times its {self.limit:g} N"
+        if self._over > s.grace:
+            return f"the cup was over its {self.limit:g} N for {s.grace:g} s"
+        if self.slid > self._radius:
+            return "the cup slid off its place on the plate"
+        return None
+
+    def _exert(self, force: Array, torque: Array, plate: PlateMotion, most: float) -> tuple[Array, Array]:
+        """Keep a force within what the cup can bear; return the wrench about the centre of mass, and what slid away."""
+        R = plate[0]
+        if self._cable:
+            self.pull = min(max(0.0, float(force[2])), most)
+            self.force = np.array([0.0, 0.0, self.pull])
+            arm = R @ self._arm
+            return np.concatenate([self.force, np.cross(arm, self.force)]), np.zeros(3)
+        outward = R @ self._outward
+        self.pull = min(max(0.0, float(force @ outward)), most)
+        across = force - (force @ outward) * outward
+        size, grip = float(np.linalg.norm(across)), self._mu * self.pull
+        excess = across * max(0.0, 1.0 - grip / size) if size > 0.0 else np.zeros(3)
+        self.force = self.pull * outward + across - excess
+        twist = float(torque @ outward)
+        twist = float(np.clip(twist, -self._radius * grip, self._radius * grip))
+        arm = R @ self._arm
+        return np.concatenate([self.force, np.cross(arm, self.force) + twist * outward]), excess

@@ -1,0 +1,80 @@
+"""What is kept of a simulation: curves over time, and the forces at the plan's nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from planners.geometry.pose import Array
+
+UNITS = {
+    "pushing hand": "N",
+    "gripping hand": "N",
+    "both hands": "N",
+    "suction load": "N",
+    "commanded velocity": "m/s",
+    "lifter velocity": "m/s",
+    "plate height": "m",
+    "lifter height": "m",
+    "plate tilt": "deg",
+}
+"""Curves by name. Forces of hands are vertical, upward on the plate; heights count from where the lift begins."""
+_DIGITS = {"N": 3, "m/s": 5, "m": 5, "deg": 3}
+
+
+@dataclass
+class Recorder:
+    """Collects one row at a time."""
+
+    time: list[float] = field(default_factory=list)
+    rows: list[tuple[float, ...]] = field(default_factory=list)
+
+    def add(self, time: float, **values: float) -> None:
+        """Keep the values of all curves, named as in `UNITS` with underscores, at a time [s]."""
+        self.time.append(time)
+        self.rows.append(tuple(values[name.replace(" ", "_")] for name in UNITS))
+
+    def column(self, name: str, since: float = -np.inf) -> Array:
+        """Return one curve's values from a time on."""
+        index = list(UNITS).index(name)
+        return np.array([row[index] for time, row in zip(self.time, self.rows, strict=True) if time >= since])
+
+    def curves(self) -> list[dict[str, Any]]:
+        """Return the curves of a plan document."""
+        time = [round(value, 4) for value in self.time]
+        return [
+            {
+                "name": name,
+                "unit": unit,
+                "time": time,
+                "value": [round(row[i], _DIGITS[unit]) + 0.0 for row in self.rows],
+            }
+            for i, (name, unit) in enumerate(UNITS.items())
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class NodeForces:
+    """Forces at the end of one of the plan's motions, planned and simulated; means over the last moments."""
+
+    segment: int
+    time: float
+    planned: dict[str, Array]
+    simulated: dict[str, Array]
+    """By "left", "right", "cup", "support": (3,) on the plate, world axes [N]."""
+
+    def largest_difference(self) -> float:
+        """Return the largest norm of a difference [N]."""
+        return max(float(np.linalg.norm(self.simulated[name] - force)) for name, force in self.planned.items())
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of a plan document."""
+        return {
+            "segment": self.segment,
+            "time": self.time,
+            "planned": {name: np.round(force, 3).tolist() for name, force in self.planned.items()},
+            "simulated": {name: np.round(force, 3).tolist() for name, force in self.simulated.items()},
+            "largest_difference": round(self.largest_difference(), 3),
+        }

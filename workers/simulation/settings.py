@@ -1,0 +1,138 @@
+"""What the simulation assumes beyond the task: material, sensor, robot and lifter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from planners.lifting.leader_follower import FollowerGains
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Rubber on the plate. Engineering choices, where nothing is said."""
+
+    friction_factor: float = 1.2
+    """True friction over the one planned with, of all contacts [1]: rubber on acrylic has 0.6, planned with 0.5. A
+    plan of least effort lies on the border of its friction cones, so that any disturbance would make it slip."""
+    squeeze: float = 60.0
+    """Force of the gripper's fingers [N]: internal, no load of the arm; a 2F-85 gives 20 to 235 N."""
+    pad_normal_stiffness: float = 30e3
+    """Of one pad with its finger [N/m]."""
+    pad_tangential_stiffness: float = 15e3
+    """[N/m]"""
+    tip_normal_stiffness: float = 20e3
+    """Of the stick's rubber tip [N/m]."""
+    tip_tangential_stiffness: float = 10e3
+    """[N/m]"""
+    damping_time: float = 0.004
+    """Damping over stiffness of all contacts [s]."""
+    pad_aspect: float = 37.5 / 22.0
+    """Length over width of a pad: a pad is four points at the soft finger's eccentricity [1]."""
+    least_push: float = 3.0
+    """The stick never presses less while it is to push [N]: planned forces of zero would lose the contact."""
+
+
+@dataclass(frozen=True)
+class CupSettings:
+    """The suction cup on its lifter."""
+
+    travel: float = 0.02
+    """Stretch of cup and suspension under the cup's largest force [m]: 1 N/mm for 20 N, 3 N/mm for 60 N."""
+    damping_time: float = 0.02
+    """Damping over stiffness [s]."""
+    error: float = 0.03
+    """Standard deviation of the force that the lifter gives during the manipulation, of the planned one [1]."""
+    error_time: float = 1.0
+    """How fast that error changes [s]."""
+    saturation: float = 1.0
+    """During the manipulation the lifter's force ends at this part of the cup's largest [1]."""
+    grace: float = 0.2
+    """A cup lets go when it is over its limit for so long [s]."""
+    burst: float = 1.3
+    """Or at once above this multiple of its limit [1]."""
+
+
+@dataclass(frozen=True)
+class WinchSettings:
+    """How somebody operates the lifter's switch: moves and holds, never the same speed, all drawn from the seed."""
+
+    speed: tuple[float, float] = (0.02, 0.05)
+    """Of one move [m/s]."""
+    move: tuple[float, float] = (0.3, 1.5)
+    """Duration of a move [s]."""
+    hold: tuple[float, float] = (0.2, 0.8)
+    """Duration of a hold [s]."""
+    hold_chance: float = 0.5
+    """That a move is followed by a hold instead of another speed [1]."""
+    acceleration: float = 0.5
+    """When the switch is pressed or let go [m/s^2]."""
+    jerk_chance: float = 0.3
+    """That a move begins with a jerk [1]."""
+    jerk_speed: float = 0.08
+    """[m/s]"""
+    jerk_time: float = 0.06
+    """[s]"""
+
+
+@dataclass(frozen=True)
+class SensorSettings:
+    """FT300 [facts of its maker; noise an engineering choice]."""
+
+    period: float = 0.01
+    """[s]"""
+    force_noise: float = 0.5
+    """Standard deviation [N]."""
+    force_bias: float = 5.0
+    """Standard deviation of the offset before taring [N]."""
+    tare_readings: int = 50
+    """Readings that are averaged when the hand bears nothing [1]."""
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """How a hand tracks its planned wrench during the manipulation, and when it has failed."""
+
+    damping: float = 1500.0
+    """Of the admittance: a force error of 15 N moves the hand by 10 mm/s [Ns/m]."""
+    leak: float = 0.3
+    """Rate at which a correction dies away [1/s]: what cannot be tracked does not wander off."""
+    largest_correction: float = 0.012
+    """Of the hand's place by feedback [m]."""
+    servo_gain: float = 0.4
+    """Part of a joint's position error that is made good in one period of the robot [1]."""
+    largest_slip: float = 0.012
+    """A hand that slid further on the plate has slipped [m]."""
+    lost_time: float = 0.25
+    """A hand that should hold and has not touched for so long has slipped [s]."""
+    overload: float = 1.5
+    """A hand's net force over its limit at which the robot stops, when held for `overload_time` [1]."""
+    overload_time: float = 0.2
+    """[s]"""
+    largest_turn: float = math.radians(20.0)
+    """A plate turned further from where it should be counts as slipped [rad]."""
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """Everything, with the simulation's own step."""
+
+    step: float = 0.002
+    """Of physics and joint control [s]: UR3e, 500 Hz."""
+    settle: float = 1.5
+    """Between the manipulation and the lift, for the hands to take on the goal forces [s]."""
+    rest: float = 1.0
+    """After the lifter has stopped [s]."""
+    headroom: float = 0.015
+    """The lifter is stopped so far below the highest place that both arms reach [m]."""
+    record_period: float = 0.02
+    """Of the curves [s]."""
+    controlled: bool = True
+    """Whether the hands follow by force; otherwise they rise with the lifter's mean speed, blind."""
+    contact: ContactSettings = field(default_factory=ContactSettings)
+    cup: CupSettings = field(default_factory=CupSettings)
+    winch: WinchSettings = field(default_factory=WinchSettings)
+    sensor: SensorSettings = field(default_factory=SensorSettings)
+    hand: HandSettings = field(default_factory=HandSettings)
+    follower: FollowerGains | None = None
+    """None: those that fit the plate."""

@@ -1,0 +1,141 @@
+"""From a certified plan to the `simulation` of its document."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from planners.geometry.pose import Array, to_pose7
+from planners.progress import Progress
+from planners.scene.scene import PlateLiftScene
+from workers.simulation.execution import Execution, Failure, SimulationOutcome
+from workers.simulation.settings import SimulationSettings
+from workers.simulation.world import World
+
+MODEL = (
+    "Plate, table, support and obstacles are rigid bodies in PyBullet; arms are chains of links driven by servos.",
+    "True friction is a stated factor above the planned coefficients, at all contacts; a plan of least effort lies on "
+    "the border of its friction cones.",
+    "Pads and tip are springs and dampers within Coulomb friction; the gripper squeezes with a constant force of its "
+    "own, which is no load of the arm.",
+    "In the manipulation hands track the planned wrenches by admittance on a noisy, tared sensor; the stick never "
+    "presses less than a stated force.",
+    "In the manipulation the lifter is a force source: the planned cup force with a seeded error, at most the cup's "
+    "largest force, and the cup's own stiffness about the planned path.",
+    "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift "
+    "begins; both hands follow the pushing hand's vertical force by eq. (11).",
+)
+"""What is modelled, for a person."""
+_MOTION_EVERY = 2
+"""Of the recorded instants, how many apart the motion of the lift is kept."""
+_DIGITS = 6
+
+
+def simulate(
+    document: Mapping[str, Any],
+    scene: PlateLiftScene,
+    progress: Progress,
+    seed: int,
+    settings: SimulationSettings | None = None,
+) -> dict[str, Any]:
+    """Execute a plan in physics, then lift; that something gives way is an answer.
+
+    Args:
+        document: a solved plan.
+        scene: that it was planned in.
+        progress: told of stage "simulate".
+        seed: of sensor noise, of the lifter's force error and of its profile.
+        settings: what is assumed.
+
+    Returns:
+        The `simulation` member of a plan document.
+    """
+    settings = settings or SimulationSettings()
+    with World(scene, settings) as world:
+        execution = Execution(document, scene, world, settings, np.random.default_rng(seed))
+        failure = execution.run(progress)
+    return _document(execution, failure, seed)
+
+
+def _document(execution: Execution, failure: Failure | None, seed: int) -> dict[str, Any]:
+    scene = execution.scene
+    weight = (scene.plate.mass or 0.0) * float(-scene.cell.gravity[2])
+    least = weight - scene.cup.max_force
+    return {
+        "outcome": (SimulationOutcome.LIFTED if failure is None else failure.outcome).value,
+        "time": round(execution.time, _DIGITS),
+        "cause": None if failure is None else failure.cause,
+        "force_curves": execution.recorder.curves(),
+        "minimum_total_force": least,
+        "lift": _lift(execution),
+        "dips": _dips(execution, least),
+        "manipulation": _manipulation(execution, weight),
+        "motion": _motion(execution),
+        "model": list(MODEL),
+        "seed": seed,
+        "settings": json.loads(json.dumps(asdict(execution.settings))),
+    }
+
+
+def _lift(execution: Execution) -> dict[str, Any] | None:
+    """Tell how the lift was prepared and how far it came; None when it was not come to."""
+    lift = execution.lift
+    if lift is None:
+        return None
+    height = execution.recorder.column("plate height", lift.begin)
+    return {
+        "begin": round(lift.begin, _DIGITS),
+        "height": round(float(height.max(initial=0.0)), _DIGITS),
+        "reachable_height": round(lift.path.height, _DIGITS),
+        "end_of_reach": lift.path.end,
+        "goal_force": execution.goal_push,
+        "cup_reserve": lift.goal.cup_reserve,
+        "lifter_travel": round(float(lift.winch.heights[-1]), _DIGITS),
+        "lifter_seconds": round(lift.winch.duration, _DIGITS),
+        "controlled": execution.settings.controlled,
+    }
+
+
+def _dips(execution: Execution, least: float) -> dict[str, Any]:
+    """Count how often, and say how long, both hands together bore less than the minimum during the lift."""
+    if execution.lift is None:
+        return {"count": 0, "seconds": 0.0, "lowest": None}
+    total = execution.recorder.column("both hands", execution.lift.begin)
+    below = total < least
+    begins = int(np.count_nonzero(below & ~np.concatenate([[False], below[:-1]])))
+    return {
+        "count": begins,
+        "seconds": round(float(below.sum()) * execution.settings.record_period, _DIGITS),
+        "lowest": round(float(total.min()), _DIGITS) if len(total) else None,
+    }
+
+
+def _manipulation(execution: Execution, weight: float) -> dict[str, Any]:
+    """Compare the manipulation with its plan."""
+    differences = [node.largest_difference() for node in execution.nodes]
+    off = execution.largest_way_off
+    return {
+        "nodes": [node.document() for node in execution.nodes],
+        "largest_difference": round(max(differences, default=0.0), _DIGITS),
+        "largest_difference_of_weight": round(max(differences, default=0.0) / weight, _DIGITS),
+        "largest_distance": round(float(off[0]), _DIGITS),
+        "largest_angle": round(float(off[1]), _DIGITS),
+    }
+
+
+def _motion(execution: Execution) -> dict[str, Any]:
+    """Return what moved after the plan's last sample, for playing it back."""
+    rows = [row for row in execution.motion if row[0] > execution.reference.duration][::_MOTION_EVERY]
+
+    def rounded(values: Array | list[float]) -> list[float]:
+        return (np.round(values, _DIGITS) + 0.0).tolist()
+
+    return {
+        "time": [round(time, _DIGITS) for time, _, _ in rows],
+        "positions": [rounded(positions) for _, positions, _ in rows],
+        "plate": [rounded(to_pose7(T)) for _, _, T in rows],
+    }

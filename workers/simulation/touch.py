@@ -1,0 +1,143 @@
+"""Compliant contacts with friction between a hand and the plate: what pads and tip do, in one compiled step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from planners.geometry.pose import Array
+
+
+class Touch:
+    """Points of one hand on the plate, each a spring and damper within its friction cone.
+
+    A point of the hand is tied to an anchor on the plate. Along the inward normal the spring only presses; across it
+    the anchor is dragged along where friction ends, so that sliding is Coulomb friction and sticking is elastic.
+    """
+
+    def __init__(self, points: Array, *, normal: float, tangential: float, damping_time: float, mu: float) -> None:
+        """Prepare `points` (n, 3) in the hand's frame [m]; stiffness of each [N/m], damping over stiffness [s]."""
+        count = len(points)
+        self.points = np.ascontiguousarray(points)
+        self._stiffness = np.array([normal, tangential, damping_time, mu])
+        self.anchors = np.zeros((count, 3))
+        self.normals = np.zeros((count, 3))
+        self.preload = np.zeros(count)
+        self.slips = np.zeros(count)
+        """(n,) how far each point has slid on the plate since it was engaged [m]."""
+        self.forces = np.zeros((count, 3))
+        """(n,) that the points exert on the plate now, world axes [N]."""
+        self.places = np.zeros((count, 3))
+        """(n, 3) where they act, world [m]."""
+        self.engaged = False
+
+    def engage(self, T_plate_hand: Array, normals: Array) -> None:
+        """Tie the points to the plate where they are, with the inward `normals` (n, 3), plate frame."""
+        self.anchors = self.points @ T_plate_hand[:3, :3].T + T_plate_hand[:3, 3]
+        self.engage_at(self.anchors, normals)
+
+    def engage_at(self, anchors: Array, normals: Array) -> None:
+        """Tie the points to `anchors` (n, 3) on the plate, with the inward `normals` (n, 3), plate frame."""
+        self.anchors = np.ascontiguousarray(anchors, dtype=float)
+        self.normals = np.ascontiguousarray(normals, dtype=float)
+        self.slips[:] = 0.0
+        self.engaged = True
+
+    def release(self) -> None:
+        """Let go."""
+        self.engaged = False
+        self.preload[:] = 0.0
+        self.forces[:] = 0.0
+
+    def stiffness(self) -> Array:
+        """Return the (6, 6) stiffness against small motions of the hand about the hand's origin, plate axes."""
+        normal, tangential = self._stiffness[:2]
+        K = np.zeros((6, 6))
+        # The points' places on the plate, about their middle.
+        for arm, n in zip(self.anchors - self.anchors.mean(axis=0), self.normals, strict=True):
+            k = tangential * np.eye(3) + (normal - tangential) * np.outer(n, n)
+            G = np.zeros((6, 3))
+            G[:3] = np.eye(3)
+            G[3:] = np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
+            K += G @ k @ G.T
+        return K
+
+    def act(self, T_world_hand: Array, hand_twist: Array, plate: PlateMotion) -> Array:
+        """Compute all forces and return their (6,) total on the plate about its centre of mass, world axes.
+
+        Args:
+            T_world_hand: (4, 4).
+            hand_twist: (6,) velocity of the hand's origin and angular velocity, world axes.
+            plate: where the plate is and how it moves.
+        """
+        if not self.engaged:
+            return np.zeros(6)
+        return _act(
+            T_world_hand, hand_twist, plate, self.points, self.anchors, self.normals, self.preload, self._stiffness,
+            self.slips, self.forces, self.places,
+        )  # fmt: skip
+
+
+PlateMotion = tuple[Array, Array, Array, Array]
+"""(3, 3) rotation, (3,) centre of mass in the world, (3,) its velocity, (3,) angular velocity, world axes.
+
+Anchors are in the plate's axes from the centre of mass.
+"""
+
+
+@njit(cache=True, nogil=True)
+def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
+    T, twist, plate, points, anchors, normals, preload, stiffness, slips, forces, places
+):
+    R, com, velocity, spin = plate
+    kn, kt, time, mu = stiffness
+    total = np.zeros(6)
+    hand, wrist = np.empty(3), np.empty(3)
+    d, v, n, a, f = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(points.shape[0]):
+        for j in range(3):
+            wrist[j] = T[j, 0] * points[i, 0] + T[j, 1] * points[i, 1] + T[j, 2] * points[i, 2]
+            hand[j] = wrist[j] + T[j, 3]
+            a[j] = R[j, 0] * anchors[i, 0] + R[j, 1] * anchors[i, 1] + R[j, 2] * anchors[i, 2]
+            n[j] = R[j, 0] * normals[i, 0] + R[j, 1] * normals[i, 1] + R[j, 2] * normals[i, 2]
+            d[j] = hand[j] - com[j] - a[j]
+        for j in range(3):
+            k, m = (j + 1) % 3, (j + 2) % 3
+            v[j] = twist[j] + twist[3 + k] * wrist[m] - twist[3 + m] * wrist[k]
+            v[j] -= velocity[j] + spin[k] * a[m] - spin[m] * a[k]
+        depth, speed = 0.0, 0.0
+        for j in range(3):
+            depth += d[j] * n[j]
+            speed += v[j] * n[j]
+        press = max(0.0, preload[i] + kn * (depth + time * speed))
+        size = 0.0
+        for j in range(3):
+            d[j] -= depth * n[j]
+            v[j] -= speed * n[j]
+            f[j] = kt * (d[j] + time * v[j])
+            size += f[j] * f[j]
+        size = math.sqrt(size)
+        if size > mu * press:
+            scale = mu * press / size
+            slid = 0.0
+            stretch = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+            # The spring is left as long as friction bears it; the rest of the way the anchor slides.
+            keep = min(1.0, mu * press / (kt * stretch)) if stretch > 0.0 else 1.0
+            for j in range(3):
+                f[j] *= scale
+                moved = (1.0 - keep) * d[j]
+                slid += moved * moved
+                for k in range(3):
+                    anchors[i, k] += R[j, k] * moved
+            if press > 0.0:
+                slips[i] += math.sqrt(slid)
+        for j in range(3):
+            forces[i, j] = press * n[j] + f[j]
+            places[i, j] = hand[j]
+        for j in range(3):
+            k, m = (j + 1) % 3, (j + 2) % 3
+            total[j] += forces[i, j]
+            total[3 + j] += (hand[k] - com[k]) * forces[i, m] - (hand[m] - com[m]) * forces[i, k]
+    return total

@@ -1,0 +1,62 @@
+"""The lifter that somebody else operates: a switch that is pressed and let go, unevenly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from planners.geometry.pose import Array
+from workers.simulation.settings import WinchSettings
+
+
+@dataclass(frozen=True, eq=False)
+class WinchProfile:
+    """Height of the lifter over time, drawn before the lift begins: it takes no notice of the robot."""
+
+    step: float
+    """[s]"""
+    heights: Array
+    """(n,) never falling, from 0 [m]."""
+
+    @classmethod
+    def draw(cls, travel: float, step: float, rng: np.random.Generator, settings: WinchSettings) -> Self:
+        """Draw moves, holds and jerks until the lifter has risen by `travel` [m]; it stops there."""
+        speed, heights = 0.0, [0.0]
+        wanted = [0.0] * round(rng.uniform(*settings.hold) / step)
+        while heights[-1] < travel:
+            if not wanted:
+                wanted = _next_press(step, rng, settings)
+            change = settings.acceleration * step
+            speed += float(np.clip(wanted.pop() - speed, -change, change))
+            heights.append(min(heights[-1] + speed * step, travel))
+        return cls(step, np.array(heights))
+
+    @property
+    def duration(self) -> float:
+        """Until the lifter stands for good [s]."""
+        return self.step * (len(self.heights) - 1)
+
+    @property
+    def mean_speed(self) -> float:
+        """Over the whole lift, holds included [m/s]."""
+        return float(self.heights[-1] / self.duration) if self.duration > 0.0 else 0.0
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Return height [m] and speed [m/s]."""
+        index = min(round(time / self.step), len(self.heights) - 1)
+        after = min(index + 1, len(self.heights) - 1)
+        return float(self.heights[index]), float(self.heights[after] - self.heights[index]) / self.step
+
+
+def _next_press(step: float, rng: np.random.Generator, settings: WinchSettings) -> list[float]:
+    """Return wanted speeds, last first: perhaps a jerk, a move, perhaps a hold."""
+    speed = rng.uniform(*settings.speed)
+    move = [speed] * round(rng.uniform(*settings.move) / step)
+    jerk = rng.random() < settings.jerk_chance
+    if jerk:
+        move = [settings.jerk_speed] * round(settings.jerk_time / step) + move
+    if rng.random() < settings.hold_chance:
+        move += [0.0] * round(rng.uniform(*settings.hold) / step)
+    return move[::-1]
