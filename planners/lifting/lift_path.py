@@ -94,7 +94,7 @@ def lift_path(
             rows.append(row)
             continue
         break
-    return LiftPath(settings.step * np.arange(len(rows)), np.array(rows), end)
+    return LiftPath(settings.step * np.arange(len(rows), dtype=float), np.array(rows), end)
 
 
 class _Riser:

@@ -1,0 +1,58 @@
+"""Plans end where both hands can carry the plate on, straight up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from planners.balance.balanced import Balanced
+from planners.graph.search import ALIVE
+from planners.kinematics.forward import flange_pose
+from planners.manipulation.graph import HandHold
+from planners.manipulation.groundwork import balance_program
+from planners.manipulation.reach import BRANCHES, bits
+
+
+@pytest.fixture(scope="module")
+def rising(planner):
+    return planner.follower.rising
+
+
+def test_postures_that_rise_put_the_hand_where_the_raised_plate_is(planner, rising) -> None:
+    """Asked of forward kinematics."""
+    checked = 0
+    for reach, sets in ((planner.pair.first, rising.grips), (planner.pair.second, rising.pushes)):
+        goals, holds = np.nonzero(sets)
+        for goal, hold in list(zip(goals.tolist(), holds.tolist(), strict=True))[::25]:
+            for plate in rising.T_world_plates[goal]:
+                for posture in bits(int(sets[goal, hold])):
+                    q = np.ascontiguousarray(reach.follow(plate[None], hold, posture)[0])
+                    wanted = plate @ reach.T_plate_flange[hold, posture // BRANCHES]
+                    assert flange_pose(reach.arm.dh, reach.arm.T_world_base, q) == pytest.approx(wanted, abs=1e-6)
+                    checked += 1
+    assert checked > 20
+
+
+def test_only_poses_at_the_goals_height_are_risen_from(planner, rising) -> None:
+    elsewhere = np.setdiff1d(np.arange(len(planner.poses.poses)), planner.poses.goals)
+    assert not rising.grips[elsewhere].any()
+    assert not rising.pushes[elsewhere].any()
+
+
+def test_goals_that_were_examined_are_borne_with_the_cups_reserve(planner) -> None:
+    graph = planner.graph
+    reserved = balance_program(planner.scene, planner.settings.cup_reserve)
+    nodes = np.flatnonzero(graph.goal & (graph.knowledge.status == ALIVE))
+    assert len(nodes)
+    for node in nodes[:20]:
+        grip, push = graph.hold_of(int(node))
+        rotation = planner.poses.poses[graph.node_pose[node]].T_world_plate[:3, :3]
+        contacts = planner.balance.grips[grip.index], planner.balance.pushes[push.index]
+        answer = reserved.solve(rotation, np.empty((0, 3)), *contacts)
+        assert isinstance(answer, Balanced)
+        assert answer.suction_force <= (1.0 - planner.settings.cup_reserve) * planner.scene.cup.max_force + 1e-6
+
+
+def test_a_hold_without_rising_postures_does_not_bear(planner, rising) -> None:
+    goal = planner.poses.goals[0]
+    assert not rising.together(goal, HandHold(0, 0), HandHold(0, 0))
