@@ -14,8 +14,9 @@ from app.errors import install_error_handlers
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
-from app.routes import capabilities, plans, probes
+from app.routes import capabilities, plans, probes, viewer
 from app.settings import ServiceSettings
+from app.viewer.theatre import Theatre
 from planners.scene.cell import Cell, known_cells, load_cell
 from workers.database import open_database
 from workers.job_queue import JobQueue
@@ -39,12 +40,14 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         store = PlanStore(database)
         app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
+        app.state.theatre = Theatre(app.state.desk, app.state.cells, settings.data_dir / "drawings")
         worker = Worker(settings, database, queue, store) if with_worker else None
         try:
             if worker is not None:
                 await worker.start()
             yield
         finally:
+            await app.state.theatre.close()
             if worker is not None:
                 await worker.stop()
             queue.close()
@@ -61,7 +64,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     )
     app.state.settings = settings
     install_error_handlers(app)
-    for router in (plans.router, capabilities.router, probes.router):
+    for router in (plans.router, viewer.router, capabilities.router, probes.router):
         app.include_router(router)
     install_openapi(app)
     return app

@@ -109,7 +109,8 @@ def _tell(address: str, plan: dict[str, Any]) -> bool:
     where = address + plan["links"]["document"]
     with urlopen(where) as answer:
         document = json.load(answer)
-    print(f"\n{summarise(document)}\n{'document:':<16}{where}")
+    viewer = address + plan["links"]["view"]
+    print(f"\n{summarise(document)}\n{'document:':<16}{where}\n{'viewer:':<16}{viewer}")
     return document["outcome"] == "solved" and document["certificate"]["passed"]
 
 

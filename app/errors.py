@@ -110,6 +110,22 @@ class NotReady(ServiceError):
     headers = {"Retry-After": "2"}  # noqa: RUF012 - read only
 
 
+class TheatreFull(ServiceError):
+    """There are too many watchers."""
+
+    headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} people are watching already; close a viewer and try again")
+
+
+class CellNotDrawn(ServiceError):
+    """A plan was made in a cell that this service has no drawings of."""
+
+    def __init__(self, name: str, known: Sequence[str]) -> None:
+        super().__init__(f"the plan was made in the cell {name!r}; drawings exist of {', '.join(known)}")
+
+
 @dataclass(frozen=True)
 class Answer:
     """How one kind of error is answered."""
@@ -123,6 +139,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
     PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
+    CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
     AlreadyFinished: Answer(HTTPStatus.CONFLICT, "Already finished"),
     NotFinished: Answer(HTTPStatus.CONFLICT, "Not finished"),
     BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),
@@ -133,6 +150,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
+    TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
 }
 

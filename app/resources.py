@@ -38,6 +38,8 @@ class PlanLinks(Resource):
     document: str
     events: str
     cancel: str
+    view: str
+    recording: str
 
 
 class PlanResource(Resource):
@@ -112,6 +114,8 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
                 "document": f"{address}/document",
                 "events": f"{address}/events",
                 "cancel": f"{address}/cancel",
+                "view": f"{address}/view",
+                "recording": f"{address}/recording.html",
             },
         }
     )

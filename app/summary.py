@@ -32,7 +32,7 @@ def summarise(document: Mapping[str, Any]) -> str:
 def contact_states(document: Mapping[str, Any]) -> list[str]:
     """Return the contact states a plan goes through, in words, each once in a row."""
     states = (segment["contact_state"] for segment in document["segments"])
-    words = (_contact_word(state) for state in states if state is not None)
+    words = (contact_word(state) for state in states if state is not None)
     return [word for word, _ in groupby(words)]
 
 
@@ -41,17 +41,18 @@ def largest_hand_force(document: Mapping[str, Any]) -> tuple[float, str]:
     return max(_hand_forces(document), default=(0.0, "no hand"))
 
 
+def contact_word(state: Mapping[str, Any]) -> str:
+    """Return one contact state of a plan document in words."""
+    if state["element"] == "none":
+        return "no contact"
+    return f"{state['element']} {state['index']} on {state['with']}"
+
+
 def _hand_forces(document: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
     for segment in document["segments"]:
         for contact in segment["contacts"]:
             if contact["by"] in document["cell"]["arms"]:
                 yield float(np.dot(contact["wrench"][:3], contact["normal"])), contact["by"]
-
-
-def _contact_word(state: Mapping[str, Any]) -> str:
-    if state["element"] == "none":
-        return "no contact"
-    return f"{state['element']} {state['index']} on {state['with']}"
 
 
 def _explain(document: Mapping[str, Any]) -> str:

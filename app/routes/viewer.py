@@ -1,0 +1,108 @@
+"""/viewer/: the page, its files, and the two connections of whoever watches."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path, PurePath
+from typing import Annotated
+from urllib.parse import urlsplit
+
+import viser
+from anyio import to_thread
+from fastapi import APIRouter, Depends, HTTPException, Request, WebSocket
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
+
+from app.plan_desk import PlanDesk
+from app.resources import ProblemDocument
+from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
+from app.viewer.theatre import Theatre
+from app.viewer.watch import POLICY_VIOLATION, relay_scene, watch
+
+FILES = frozenset({*STYLES, *LIVE_SCRIPTS})
+PROBLEM = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
+
+router = APIRouter(tags=["viewer"])
+
+
+def _theatre(request: Request) -> Theatre:
+    return request.app.state.theatre
+
+
+def _desk(request: Request) -> PlanDesk:
+    return request.app.state.desk
+
+
+@router.get("/v1/plans/{plan_id}/view", status_code=307, summary="Watch a plan", responses={404: PROBLEM})
+def view_plan(plan_id: str, desk: Annotated[PlanDesk, Depends(_desk)]) -> Response:
+    """Go to the viewer with this plan loaded; if its job still runs, the viewer waits for it."""
+    return RedirectResponse(f"/viewer/?plan={desk.plan(plan_id).id}")
+
+
+@router.get(
+    "/v1/plans/{plan_id}/recording.html",
+    response_class=HTMLResponse,
+    summary="Fetch a recording",
+    responses={404: PROBLEM},
+)
+async def get_recording(plan_id: str, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
+    """Return one page that plays the plan with its curves, offline; it takes some seconds to make."""
+    page = await to_thread.run_sync(theatre.record, plan_id, limiter=theatre.recorders)
+    name = f"liftwright-{plan_id}.html"
+    return HTMLResponse(page, headers={"Content-Disposition": f'inline; filename="{name}"'})
+
+
+@router.get("/viewer", include_in_schema=False)
+def to_viewer() -> Response:
+    """Go to the page; its files are beside it."""
+    return RedirectResponse("/viewer/")
+
+
+@router.get("/viewer/", response_class=HTMLResponse, summary="Watch plans")
+def get_viewer() -> Response:
+    """Return the viewer's page."""
+    return HTMLResponse(live_page())
+
+
+@router.get("/viewer/scene/{key}/", include_in_schema=False)
+def get_scene_page(key: str, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
+    """Return viser's own page, which draws the scene of a room."""
+    if theatre.room(key) is None:
+        raise HTTPException(404, "this scene is closed")
+    return FileResponse(_viser_page(), media_type="text/html", headers={"Cache-Control": "max-age=86400"})
+
+
+@router.get("/viewer/{name}", include_in_schema=False)
+def get_file(name: str) -> Response:
+    """Return a style or script of the page."""
+    if name not in FILES:
+        raise HTTPException(404, f"the viewer has no file {name!r}")
+    return Response(static_text(name), media_type=MEDIA_TYPES[PurePath(name).suffix])
+
+
+@router.websocket("/viewer/watch")
+async def watch_plans(socket: WebSocket) -> None:
+    """Open a room for as long as the page is open."""
+    if await _is_from_here(socket):
+        await watch(socket, socket.app.state.theatre)
+
+
+@router.websocket("/viewer/scene/{key}")
+async def watch_scene(socket: WebSocket, key: str) -> None:
+    """Relay the scene of a room."""
+    room = socket.app.state.theatre.room(key)
+    if await _is_from_here(socket):
+        await (socket.close(POLICY_VIOLATION, "this scene is closed") if room is None else relay_scene(socket, room))
+
+
+async def _is_from_here(socket: WebSocket) -> bool:
+    """Tell whether a page of this service connects; close the connection of a page of somebody else."""
+    origin = socket.headers.get("origin")
+    if origin is None or urlsplit(origin).netloc == socket.headers.get("host"):
+        return True
+    await socket.close(POLICY_VIOLATION, "only pages of this service may connect")
+    return False
+
+
+@cache
+def _viser_page() -> Path:
+    return Path(viser.__file__).parent / "client" / "build" / "index.html"

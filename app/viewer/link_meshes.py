@@ -1,0 +1,214 @@
+"""Meshes light enough for a browser: read with their materials, thinned out, written as binary glTF.
+
+Vertices that share a cell of a grid become one, at the point that fits the planes of the faces around them best
+(Lindstrom, "Out-of-core simplification of large polygonal models", 2000). An arm of 10 MB comes out at 0.5 MB.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from trimesh.exchange.gltf import export_glb
+from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
+
+from planners.errors import AssetError
+from planners.geometry.pose import Array, Transform
+from planners.scene.asset_files import MeshFile
+from planners.scene.meshes import mesh_path
+
+Faces = NDArray[np.int64]
+Colour = tuple[float, float, float]
+GREY: Colour = (0.32, 0.34, 0.37)
+"""Of parts without a material."""
+
+
+@dataclass(frozen=True)
+class ThinningSettings:
+    """How coarse the drawing is."""
+
+    cell: float = 4.0e-3
+    """Edge of a grid cell [m]: smaller details are lost."""
+    crease: float = 35.0
+    """Faces that meet at a larger angle have a sharp edge between them [deg]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The faces of one material."""
+
+    vertices: Array
+    """(n, 3) [m]"""
+    faces: Faces
+    """(m, 3), counter-clockwise from outside."""
+    colour: Colour
+    """Linear, 0 to 1."""
+
+
+LINKS = ThinningSettings()
+HANDS = ThinningSettings(cell=1.4e-3)
+
+
+class LinkMeshes:
+    """Drawings of meshes, kept in a folder so that each is made once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def glb(self, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings = LINKS) -> bytes:
+        """Return a mesh as binary glTF, in the frame that it moves with.
+
+        Args:
+            mesh: what collides; what is drawn is its twin in the folder "visual", where the package has one.
+            T_frame_mesh: where the mesh is in that frame.
+            settings: how coarse the drawing is.
+
+        Raises:
+            AssetError: There is no such mesh.
+        """
+        path = visual_path(mesh)
+        key = hashlib.sha256(path.read_bytes())
+        key.update(repr((settings, mesh.scale, T_frame_mesh.round(9).tolist())).encode())
+        kept = self._folder / f"{key.hexdigest()[:32]}.glb"
+        if not kept.is_file():
+            self._folder.mkdir(parents=True, exist_ok=True)
+            fresh = kept.with_suffix(f".{id(self):x}.part")
+            fresh.write_bytes(_write_glb(path, mesh.scale, T_frame_mesh, settings))
+            fresh.replace(kept)
+        return kept.read_bytes()
+
+
+def visual_path(mesh: MeshFile) -> Path:
+    """Return the drawing that belongs to a collision mesh, or the collision mesh if there is no drawing."""
+    try:
+        return mesh_path(mesh.model_copy(update={"path": mesh.path.replace("/collision/", "/visual/")}))
+    except AssetError:
+        return mesh_path(mesh)
+
+
+def thin_out(vertices: Array, faces: Faces, cell: float) -> tuple[Array, Faces]:
+    """Merge the vertices of each grid cell and drop the faces that vanish.
+
+    Args:
+        vertices: (n, 3) [m].
+        faces: (m, 3).
+        cell: edge of a grid cell [m].
+
+    Returns:
+        Vertices and faces; every vertex is within a cell's diagonal of those it stands for.
+    """
+    _, owner, count = np.unique(np.floor(vertices / cell), axis=0, return_inverse=True, return_counts=True)
+    owner = owner.reshape(-1)
+    merged = _best_points(vertices, faces, owner, len(count), cell)
+    new_faces = owner[faces]
+    distinct = (new_faces != np.roll(new_faces, 1, axis=1)).all(axis=1)
+    new_faces = new_faces[distinct]
+    _, first = np.unique(np.sort(new_faces, axis=1), axis=0, return_index=True)
+    return merged, new_faces[np.sort(first)]
+
+
+def _best_points(vertices: Array, faces: Faces, owner: Faces, n: int, cell: float) -> Array:
+    """Minimise, per cell, the squared distances to the planes of its faces, weighted by their areas."""
+    means = np.stack([np.bincount(owner, vertices[:, k], n) for k in range(3)], axis=1)
+    means /= np.bincount(owner, minlength=n)[:, None]
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    A, b = np.zeros((n, 3, 3)), np.zeros((n, 3))
+    for corner in range(3):
+        cells = owner[faces[:, corner]]
+        offset = np.einsum("ij,ij->i", normals, corners[:, corner] - means[cells])
+        np.add.at(A, cells, normals[:, :, None] * normals[:, None, :])
+        np.add.at(b, cells, normals * offset[:, None])
+    # Flat and straight places leave directions open: there the point stays at the mean.
+    weight = np.trace(A, axis1=1, axis2=2)[:, None, None] * 1e-2 + 1e-30
+    shift = np.linalg.solve(A + weight * np.eye(3), b[:, :, None])[:, :, 0]
+    return means + np.clip(shift, -0.5 * cell, 0.5 * cell)
+
+
+def _write_glb(path: Path, scale: float, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
+    scene = trimesh.Scene()
+    for index, piece in enumerate(_read_pieces(path)):
+        vertices = (piece.vertices * scale) @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
+        vertices, faces = thin_out(vertices, piece.faces, settings.cell)
+        if not len(faces):
+            continue
+        vertices, faces, normals = _with_creases(vertices, faces, np.radians(settings.crease))
+        # A metal without surroundings to mirror would come out black.
+        material = PBRMaterial(
+            name=f"material_{index}", baseColorFactor=[*piece.colour, 1.0], metallicFactor=0.0, roughnessFactor=0.55
+        )
+        drawn = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
+        drawn.visual = TextureVisuals(material=material)
+        scene.add_geometry(drawn, geom_name=f"piece_{index}")
+    return export_glb(scene, include_normals=True)
+
+
+def _with_creases(vertices: Array, faces: Faces, crease: float) -> tuple[Array, Faces, Array]:
+    """Give each vertex one normal per smooth group of the faces around it."""
+    corners = vertices[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = areas / np.maximum(np.linalg.norm(areas, axis=1), 1e-30)[:, None]
+    around: list[list[int]] = [[] for _ in vertices]
+    for index, face in enumerate(faces.tolist()):
+        for vertex in face:
+            around[vertex].append(index)
+    cosine = np.cos(crease)
+    points: list[Array] = []
+    normals: list[Array] = []
+    known: dict[tuple[int, int], int] = {}
+    new_faces = np.empty_like(faces)
+    for index, face in enumerate(faces.tolist()):
+        for corner, vertex in enumerate(face):
+            mates = np.array(around[vertex])
+            smooth = mates[flat[mates] @ flat[index] >= cosine]
+            normal = areas[smooth].sum(axis=0)
+            length = np.linalg.norm(normal)
+            normal = normal / length if length > 0.0 else flat[index]
+            key = (vertex, int(np.dot(np.round(normal * 50.0).astype(int), (1, 1000, 1000000))))
+            if key not in known:
+                known[key] = len(points)
+                points.append(vertices[vertex])
+                normals.append(normal)
+            new_faces[index, corner] = known[key]
+    return np.array(points), new_faces, np.array(normals)
+
+
+def _read_pieces(path: Path) -> Iterator[Piece]:
+    """Read an OBJ file, material by material."""
+    vertices: list[list[float]] = []
+    colours: dict[str, Colour] = {}
+    faces: dict[str, list[list[int]]] = {}
+    material = ""
+    for line in path.read_text(encoding="utf-8").splitlines():
+        word, _, rest = line.partition(" ")
+        if word == "v":
+            vertices.append([float(value) for value in rest.split()[:3]])
+        elif word == "f":
+            corners = [int(corner.partition("/")[0]) for corner in rest.split()]
+            fan = ([corners[0], *pair] for pair in itertools.pairwise(corners[1:]))
+            faces.setdefault(material, []).extend(fan)
+        elif word == "usemtl":
+            material = rest.strip()
+        elif word == "mtllib" and (library := path.parent / rest.strip()).is_file():
+            colours.update(_read_colours(library))
+    points = np.array(vertices)
+    for name, rows in faces.items():
+        used, local = np.unique(np.array(rows) - 1, return_inverse=True)
+        yield Piece(points[used], local.reshape(-1, 3), colours.get(name, GREY))
+
+
+def _read_colours(library: Path) -> Iterator[tuple[str, Colour]]:
+    name = ""
+    for line in library.read_text(encoding="utf-8").splitlines():
+        words = line.split()
+        if words[:1] == ["newmtl"]:
+            name = words[1]
+        elif words[:1] == ["Kd"]:
+            yield name, (float(words[1]), float(words[2]), float(words[3]))

@@ -1,0 +1,50 @@
+"""The viewer's page: one document, live from the service or with everything inside for a recording."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+STYLES = ("viewer.css",)
+SCRIPTS = ("plot.js", "charts.js", "score.js", "panel.js", "player.js")
+LIVE_SCRIPTS = (*SCRIPTS, "live.js")
+RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
+MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
+STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"
+
+
+@cache
+def static_text(name: str) -> str:
+    """Return a file of the page.
+
+    Raises:
+        FileNotFoundError: There is none of that name.
+    """
+    return resources.files("app.viewer").joinpath("static", name).read_text(encoding="utf-8")
+
+
+def live_page() -> str:
+    """Return the page that talks to the service."""
+    styles = "\n".join(f'<link rel="stylesheet" href="{name}">' for name in STYLES)
+    scripts = "\n".join(f'<script src="{name}"></script>' for name in LIVE_SCRIPTS)
+    return _assemble(styles, scripts)
+
+
+def recorded_page(story: Mapping[str, Any], scene: str) -> str:
+    """Return the page with a story, a scene (a page that plays by itself) and all styles and scripts inside."""
+    styles = "\n".join(f"<style>{static_text(name)}</style>" for name in STYLES)
+    data = f"<script>const RECORDED = {{story: {_literal(story)}, scene: {_literal(scene)}}};</script>"
+    scripts = "\n".join(f"<script>{static_text(name)}</script>" for name in RECORDED_SCRIPTS)
+    return _assemble(styles, f"{data}\n{scripts}")
+
+
+def _assemble(styles: str, scripts: str) -> str:
+    return static_text("page.html").replace(STYLES_MARK, styles).replace(SCRIPTS_MARK, scripts)
+
+
+def _literal(value: Any) -> str:
+    """Write JSON that may stand inside a script element."""
+    return json.dumps(value, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,0 +1,69 @@
+"""Colours, each with one meaning wherever it appears: in the scene, in the curves, on the timeline, in the legend."""
+
+from __future__ import annotations
+
+from typing import Final
+
+Rgb = tuple[int, int, int]
+
+MEANINGS: Final[dict[str, tuple[str, str]]] = {
+    "left": ("#2f7fe0", "left hand"),
+    "right": ("#f08a24", "right hand"),
+    "environment": ("#2fa866", "table or support"),
+    "suction": ("#9b59d0", "vacuum cup"),
+    "sum": ("#1d2733", "both hands together"),
+    "limit": ("#d63a4a", "limit"),
+    "start": ("#8a97a6", "start"),
+    "goal": ("#16a3b8", "goal"),
+}
+"""Colour and words by meaning."""
+
+SEGMENT_KINDS: Final[dict[str, tuple[str, str]]] = {
+    "transit": ("#b8c4d2", "a hand travels"),
+    "approach": ("#8fb4de", "a hand approaches"),
+    "retreat": ("#a9b3e0", "a hand retreats"),
+    "transfer": ("#16a3b8", "the body moves"),
+    "handover": ("#5cc4a8", "from hand to hand"),
+    "grip": ("#f0b429", "fingers close"),
+    "release": ("#f6d67a", "fingers open"),
+    "attach": ("#9b59d0", "vacuum on"),
+    "detach": ("#c9a6e8", "vacuum off"),
+}
+"""Colour and words by kind of segment."""
+
+BODIES: Final[dict[str, Rgb]] = {
+    "plate": (214, 190, 150),
+    "object": (214, 190, 150),
+    "tool": (120, 128, 140),
+    "support": (150, 128, 104),
+    "obstacle": (196, 120, 118),
+    "table": (84, 96, 110),
+    "frame": (58, 66, 76),
+    "cup": (155, 89, 208),
+    "cable": (52, 58, 66),
+}
+"""By role of a plan document's bodies."""
+
+
+def rgb(meaning: str) -> Rgb:
+    """Return the colour of a meaning, 0 to 255 a channel."""
+    code = MEANINGS[meaning][0]
+    return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)
+
+
+def linear_rgb(meaning: str) -> Rgb:
+    """Return the colour of a meaning in linear light, which viser expects of arrows (three.js' instance colours)."""
+    red, green, blue = (round(255.0 * _linear(channel / 255.0)) for channel in rgb(meaning))
+    return red, green, blue
+
+
+def meaning_of(by: str, arms: frozenset[str], kind: str) -> str:
+    """Return the meaning of a contact of a kind, made by an arm or a body."""
+    if kind == "suction":
+        return "suction"
+    return by if by in arms else "environment"
+
+
+def _linear(value: float) -> float:
+    """Undo the transfer function of sRGB (IEC 61966-2-1)."""
+    return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4

@@ -1,0 +1,112 @@
+"""A scene for one watcher: a viser server of its own on the loopback interface, never reached but through the service.
+
+viser shares one scene among all who look at a server. A server each keeps watchers apart, and a watcher whose
+connection drops finds the scene as it was.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import rich
+import viser
+
+from app.viewer.link_meshes import LinkMeshes
+from app.viewer.stage import Stage
+from app.viewer.timeline import Timeline
+from planners.scene.cell import Cell
+
+LOOPBACK = "127.0.0.1"
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the camera is, and what it looks at [m]."""
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+
+
+VIEWS = {
+    "overview": View((1.52, -1.0, 1.82), (0.17, 0.0, 1.3)),
+    "front": View((2.05, 0.0, 1.62), (0.15, 0.0, 1.36)),
+    "side": View((0.32, -1.95, 1.5), (0.26, 0.0, 1.36)),
+    "top": View((0.36, -0.02, 3.0), (0.3, 0.0, 1.1)),
+    "close": View((0.95, -0.62, 1.52), (0.3, 0.0, 1.16)),
+}
+FIELD_OF_VIEW = 0.66
+"""Vertical [rad]."""
+
+
+class Room:
+    """A viser server with at most one plan in it. Methods block: call them from one thread at a time."""
+
+    def __init__(self) -> None:
+        self.key = secrets.token_urlsafe(18)
+        """Part of the scene's address; only the watcher knows it."""
+        # viser greets on the terminal, which belongs to the log.
+        rich.reconfigure(quiet=True)
+        self._server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = VIEWS["overview"].position, VIEWS["overview"].target
+        camera.fov = FIELD_OF_VIEW
+        self._stage: Stage | None = None
+        self._plans = 0
+
+    @property
+    def address(self) -> str:
+        """Where the viser server listens."""
+        return f"ws://{LOOPBACK}:{self._server.get_port()}"
+
+    def open(self, document: Mapping[str, Any], timeline: Timeline, cell: Cell, meshes: LinkMeshes) -> None:
+        """Put a plan into the scene instead of what was there."""
+        self._plans += 1
+        with self._server.atomic():
+            self._server.scene.reset()
+            self._stage = Stage(self._server.scene, f"/plan_{self._plans}", document, timeline, cell, meshes)
+
+    def show(self, time: float) -> None:
+        """Show the plan at a time [s]; an empty room stays empty."""
+        if self._stage is not None:
+            with self._server.atomic():
+                self._stage.show(time)
+            self._server.flush()
+
+    def set_layer(self, layer: str, *, visible: bool) -> None:
+        """Show or hide a layer of the stage."""
+        if self._stage is not None:
+            with self._server.atomic():
+                self._stage.set_layer(layer, visible)
+
+    def look(self, view: View) -> None:
+        """Move the camera of whoever looks into the room."""
+        for client in self._server.get_clients().values():
+            with client.atomic():
+                client.camera.position, client.camera.look_at = view.position, view.target
+
+    def record(self, timeline: Timeline, step: float) -> str:
+        """Play the plan from start to end and return a page that does so again, without any server.
+
+        Args:
+            timeline: of the plan in the room.
+            step: time between two pictures [s].
+        """
+        serializer = self._server.get_scene_serializer()
+        for index in range(1, int(timeline.duration / step) + 2):
+            serializer.insert_sleep(step)
+            self.show(min(index * step, timeline.duration))
+        return serializer.as_html()
+
+    def close(self) -> None:
+        """Stop the server; whoever still looks sees the last picture."""
+        self._server.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

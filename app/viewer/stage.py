@@ -1,0 +1,262 @@
+"""A plan in a scene: cell, bodies, contact forces, ghosts; shows any moment of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from viser import ArrowsHandle, FrameHandle, SceneApi, SceneNodeHandle
+
+from app.viewer.body_drawing import draw_body
+from app.viewer.link_meshes import LinkMeshes
+from app.viewer.nodes import add_frame, place, place_at
+from app.viewer.palette import linear_rgb, meaning_of, rgb
+from app.viewer.robot_drawing import RobotDrawing
+from app.viewer.timeline import Moment, Timeline, Touch
+from planners.geometry.pose import Array, Transform, frame_from_z, transform
+from planners.kinematics.forward import link_frames
+from planners.scene.cell import Cell
+from planners.scene.meshes import hull_with_faces
+
+METRES_PER_NEWTON = 0.010
+"""Length of a force arrow; the page's legend says the same."""
+LEAST_FORCE = 0.05
+"""Smaller forces are not drawn [N]."""
+CONE_HEIGHT = 0.06
+"""[m]"""
+ARROW_MEANINGS = ("left", "right", "environment", "suction")
+LAYERS = ("forces", "cones", "frames", "start", "goal")
+"""What can be shown or hidden."""
+FIRST_LAYERS = frozenset({"forces"})
+GHOST_OPACITY = 0.28
+
+
+class Stage:
+    """One plan in one scene. Methods may be called from any one thread at a time."""
+
+    def __init__(
+        self,
+        scene: SceneApi,
+        root: str,
+        document: Mapping[str, Any],
+        timeline: Timeline,
+        cell: Cell,
+        meshes: LinkMeshes,
+    ) -> None:
+        """Draw a plan as it is at its start.
+
+        Args:
+            scene: an empty scene.
+            root: name of the node that all others stand under. A name is not to be used twice in a server's life:
+                viser forgets changes to a node when one of that name was removed before.
+            document: the plan document.
+            timeline: of the document.
+            cell: that the plan was made in.
+            meshes: drawings of its robots.
+        """
+        self._scene, self._root, self._timeline, self._cell = scene, root, timeline, cell
+        self._visible = set(FIRST_LAYERS)
+        self._arms = frozenset(cell.arms)
+        light_scene(scene, root)
+        self._robot = RobotDrawing(scene, cell, meshes, f"{root}/robot")
+        self._bodies = {
+            name: draw_body(scene, f"{root}/bodies/{name}", body) for name, body in document["bodies"].items()
+        }
+        self._poses = {name: np.zeros(7) for name in self._bodies}
+        self._body_frames = self._add_body_frames(document)
+        self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
+        self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
+        self._ghosts = {
+            "start": self._add_ghost("start", document, timeline.at(0.0)),
+            "goal": self._add_ghost("goal", document, timeline.at(timeline.duration)),
+        }
+        self._moment = timeline.at(0.0)
+        self.show(0.0)
+
+    def show(self, time: float) -> None:
+        """Show the plan at a time [s]."""
+        moment = self._moment = self._timeline.at(time)
+        self._robot.pose(moment.positions, moment.widths)
+        for name, pose in moment.body_poses.items():
+            if not np.array_equal(pose, self._poses[name]):
+                place_at(self._bodies[name], pose)
+                self._poses[name] = pose
+        self._show_contacts()
+
+    def set_layer(self, layer: str, visible: bool) -> None:
+        """Show or hide one of `LAYERS`."""
+        (self._visible.add if visible else self._visible.discard)(layer)
+        actions: dict[str, Callable[[], None]] = {
+            "forces": self._show_contacts,
+            "cones": self._show_contacts,
+            "frames": lambda: self._show_frames(visible),
+        }
+        actions.get(layer, lambda: self._show_ghost(layer, visible))()
+
+    def _show_frames(self, visible: bool) -> None:
+        self._robot.show_frames(visible)
+        for frame in self._body_frames:
+            frame.visible = visible
+
+    def _show_ghost(self, layer: str, visible: bool) -> None:
+        for handle in self._ghosts[layer]:
+            handle.visible = visible
+
+    def _show_contacts(self) -> None:
+        touches = [touch for touch in self._moment.touches if np.linalg.norm(touch.force) >= LEAST_FORCE]
+        for meaning, handle in self._arrows.items():
+            mine = [t for t in touches if meaning_of(t.by, self._arms, t.kind) == meaning]
+            drawn = bool(mine) and "forces" in self._visible
+            if drawn:
+                points = np.array([_arrow(touch, outside=_is_seen_outside(touch)) for touch in mine], dtype=np.float32)
+                if not np.array_equal(points, handle.points):
+                    handle.points = points
+            if handle.visible != drawn:
+                handle.visible = drawn
+        self._show_cones(touches)
+
+    def _show_cones(self, touches: list[Touch]) -> None:
+        """Every cone that was ever needed stays in the scene, hidden while it is not."""
+        used = set()
+        if "cones" in self._visible:
+            for touch in touches:
+                meaning = meaning_of(touch.by, self._arms, touch.kind)
+                if meaning == "suction":
+                    continue
+                number = sum(key[:2] == (meaning, touch.mu) for key in used)
+                key = (meaning, touch.mu, number)
+                used.add(key)
+                if key not in self._cones:
+                    self._cones[key] = self._add_cone(*key)
+                place(self._cones[key], _cone_pose(touch, outside=_is_seen_outside(touch)))
+        for key, handle in self._cones.items():
+            if handle.visible != (key in used):
+                handle.visible = key in used
+
+    def _add_arrows(self, meaning: str) -> ArrowsHandle:
+        return self._scene.add_arrows(
+            f"{self._root}/contacts/{meaning}",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            linear_rgb(meaning),
+            shaft_radius=0.0055,
+            head_radius=0.014,
+            head_length=0.03,
+            visible=False,
+        )
+
+    def _add_cone(self, meaning: str, mu: float, number: int) -> SceneNodeHandle:
+        vertices, faces = _cone(mu)
+        return self._scene.add_mesh_simple(
+            f"{self._root}/contacts/cones/{meaning}_{mu:g}_{number}".replace(".", "p"),
+            vertices,
+            faces,
+            color=rgb(meaning),
+            opacity=0.3,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _add_body_frames(self, document: Mapping[str, Any]) -> list[FrameHandle]:
+        movable = [name for name, body in document["bodies"].items() if body["role"] in ("plate", "object", "tool")]
+        frames = [
+            add_frame(self._scene, f"{self._root}/bodies/{name}/frame", np.eye(4), axes_length=0.1) for name in movable
+        ]
+        for frame in frames:
+            frame.visible = False
+        return frames
+
+    def _add_ghost(self, meaning: str, document: Mapping[str, Any], moment: Moment) -> list[SceneNodeHandle]:
+        """Draw bodies and arms as they are at a moment, translucent."""
+        colour = rgb(meaning)
+        vertices, faces = _arm_hulls(self._cell, moment.positions)
+        arms = self._scene.add_mesh_simple(
+            f"{self._root}/ghosts/{meaning}/arms",
+            vertices,
+            faces,
+            color=colour,
+            opacity=0.6 * GHOST_OPACITY,
+            flat_shading=True,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+        handles: list[SceneNodeHandle] = [arms]
+        for name, body in document["bodies"].items():
+            if body["role"] not in ("plate", "object", "tool", "cup"):
+                continue
+            handle = draw_body(
+                self._scene, f"{self._root}/ghosts/{meaning}/{name}", body, ghost=(colour, GHOST_OPACITY)
+            )
+            place_at(handle, moment.body_poses[name])
+            handle.visible = False
+            handles.append(handle)
+        return handles
+
+
+def light_scene(scene: SceneApi, root: str) -> None:
+    """Set light and floor: soft light from all sides, one sun with shadows."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map("studio", environment_intensity=0.2)
+    scene.add_light_directional(
+        f"{root}/lights/sun", color=(255, 250, 242), intensity=0.9, cast_shadow=True, position=(1.6, -1.2, 3.2)
+    )
+    scene.add_light_directional(f"{root}/lights/fill", color=(214, 228, 255), intensity=0.22, position=(-0.8, 2.0, 2.2))
+    scene.add_light_ambient(f"{root}/lights/sky", color=(235, 242, 255), intensity=0.55)
+    scene.add_grid(
+        f"{root}/floor",
+        width=6.0,
+        height=6.0,
+        plane="xy",
+        cell_size=0.25,
+        section_size=1.0,
+        cell_color=(214, 220, 228),
+        section_color=(190, 199, 210),
+        shadow_opacity=0.25,
+    )
+
+
+def _is_seen_outside(touch: Touch) -> bool:
+    """Tell whether a force is drawn before the point where it acts; stick, cup and table would hide it there."""
+    return touch.kind == "soft_finger"
+
+
+def _arrow(touch: Touch, *, outside: bool) -> Array:
+    """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
+    along = METRES_PER_NEWTON * touch.force
+    return np.array([touch.point - along, touch.point] if outside else [touch.point, touch.point + along])
+
+
+def _cone_pose(touch: Touch, *, outside: bool) -> Transform:
+    """Return `T_world_cone`: the cone opens to the side on which the force is drawn."""
+    hint = np.eye(3)[int(np.argmin(np.abs(touch.normal)))]
+    axis = -touch.normal if outside else touch.normal
+    return transform(frame_from_z(axis, hint), touch.point)
+
+
+def _cone(mu: float, sides: int = 28) -> tuple[Array, np.ndarray]:
+    """Return a friction cone about +z with its tip in the origin."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    rim = CONE_HEIGHT * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(sides)])
+    index = np.arange(sides)
+    faces = np.column_stack([np.zeros(sides, dtype=int), 1 + (index + 1) % sides, 1 + index])
+    return np.vstack([np.zeros((1, 3)), rim]), faces
+
+
+def _arm_hulls(cell: Cell, positions: Array) -> tuple[Array, np.ndarray]:
+    """Return the hulls of links and hands in the world, as one mesh."""
+    vertices: list[Array] = []
+    faces: list[np.ndarray] = []
+    for index, arm in enumerate(cell.arms.values()):
+        frames = np.empty((7, 4, 4))
+        link_frames(arm.dh, arm.T_world_base, np.ascontiguousarray(positions[6 * index : 6 * index + 6]), frames)
+        for body in (*arm.link_bodies(), *arm.hand_bodies(None)):
+            T = frames[int(body.frame.partition("/")[2])]
+            for shape in body.shapes:
+                if len(shape.vertices) < 4:
+                    continue
+                corners, triangles = hull_with_faces(shape.vertices)
+                faces.append(triangles + sum(map(len, vertices)))
+                vertices.append(corners @ T[:3, :3].T + T[:3, 3])
+    return np.vstack(vertices), np.vstack(faces)

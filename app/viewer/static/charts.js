@@ -1,0 +1,127 @@
+/* Curves under the scene: plots that share the page's time. */
+"use strict";
+
+class Charts {
+  /** @param root element to fill  @param colours meaning -> colour  @param seek called with a time in seconds */
+  constructor(root, colours, seek) {
+    Object.assign(this, { root, colours, seek, charts: [], time: 0 });
+    new ResizeObserver(() => this.resize()).observe(root);
+  }
+
+  /** Show a story's planned curves, and its simulated ones on demand. */
+  show(story) {
+    this.story = story;
+    this.choose("charts");
+  }
+
+  choose(which) {
+    this.charts.forEach((chart) => chart.plot.destroy());
+    this.root.replaceChildren();
+    this.charts = this.story[which].map((chart) => this.add(chart));
+    if (this.story.simulated.length) this.root.append(this.choice(which));
+    this.resize();
+    this.now(this.time);
+  }
+
+  choice(current) {
+    const bar = element("div", { id: "charts-choice" });
+    for (const [which, words] of [["charts", "Plan"], ["simulated", "Simulation"]]) {
+      const button = element("button", { textContent: words });
+      button.setAttribute("aria-pressed", String(which === current));
+      button.onclick = () => this.choose(which);
+      bar.append(button);
+    }
+    return bar;
+  }
+
+  add(chart) {
+    const title = element("h3", {}, chart.title, element("small", { textContent: `[${chart.unit}]` }));
+    const legend = element("ul");
+    const values = chart.series.map((line) => {
+      const value = element("b");
+      const mark = element("i", { className: line.dashed ? "dashed" : "" });
+      mark.style.borderColor = this.colours[line.colour];
+      legend.append(element("li", {}, mark, line.name, value));
+      return value;
+    });
+    const box = element("div");
+    this.root.append(element("div", { className: "chart" }, title, legend, box));
+    const plot = new Plot(this.settings(chart), [chart.time, ...chart.series.map((line) => line.values)], box);
+    const line = element("div", { className: "now-line" });
+    plot.over.append(line);
+    const seek = (event) => this.seek(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left));
+    plot.over.addEventListener("pointerdown", (event) => {
+      plot.over.setPointerCapture(event.pointerId);
+      seek(event);
+    });
+    plot.over.addEventListener("pointermove", (event) => event.buttons === 1 && seek(event));
+    return { chart, plot, line, values, box };
+  }
+
+  settings(chart) {
+    return {
+      height: 132,
+      range: paddedRange,
+      series: chart.series.map((line) => ({
+        colour: this.colours[line.colour],
+        width: line.dashed ? 1.4 : 1.9,
+        dash: line.dashed ? [6, 4] : [],
+      })),
+    };
+  }
+
+  resize() {
+    const height = window.innerHeight < 720 ? 104 : window.innerHeight > 940 ? 172 : 132;
+    for (const { plot, box } of this.charts) plot.setSize({ width: box.clientWidth, height });
+    this.now(this.time);
+  }
+
+  /** Move the line that says "now" and write the values there. */
+  now(time) {
+    this.time = time;
+    for (const { chart, plot, line, values } of this.charts) {
+      const inside = time >= chart.time[0] - 1e-6 && time <= chart.time.at(-1) + 1e-6;
+      line.hidden = !inside;
+      line.style.left = `${plot.valToPos(time, "x")}px`;
+      chart.series.forEach((series, index) => {
+        const value = inside ? valueAt(chart.time, series.values, time) : null;
+        values[index].textContent = value === null ? "" : readable(value);
+      });
+    }
+  }
+}
+
+function paddedRange(low, high) {
+  if (low === null || high === null) return [0, 1];
+  const room = 0.08 * Math.max(high - low, 1e-6);
+  return [low >= 0 ? 0 : low - room, high + room];
+}
+
+/** The value of a curve at a time; of two at one time, the later one. */
+function valueAt(times, values, time) {
+  let low = 0;
+  let high = times.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (times[middle] <= time) low = middle;
+    else high = middle - 1;
+  }
+  const next = Math.min(low + 1, times.length - 1);
+  const [a, b] = [values[low], values[next]];
+  if (a === null || b === null) return a;
+  const step = times[next] - times[low];
+  return step > 0 ? a + ((b - a) * Math.min(Math.max(time - times[low], 0), step)) / step : a;
+}
+
+/** A value with as many digits as can be told apart in a curve. */
+function readable(value) {
+  const size = Math.abs(value);
+  return value.toFixed(size < 5e-4 || size >= 1 ? 1 : size >= 0.1 ? 2 : 3);
+}
+
+/** Make an element with properties and children. */
+function element(tag, properties = {}, ...children) {
+  const made = Object.assign(document.createElement(tag), properties);
+  made.append(...children);
+  return made;
+}

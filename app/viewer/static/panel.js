@@ -1,0 +1,126 @@
+/* Beside the scene: what is shown and in which colours, figures, rejections, certificate. */
+"use strict";
+
+const LAYERS = [
+  ["forces", "Contact forces, 10 mm/N", "F", true],
+  ["cones", "Friction cones", "C", false],
+  ["frames", "Frames of hands, body", "A", false],
+  ["start", "Ghost of the start", "S", false],
+  ["goal", "Ghost of the goal", "G", false],
+];
+const KEYS = [
+  ["play, pause", "Space"], ["0.2 s back, on", "← →"], ["2 s back, on", "Shift ← →"],
+  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["slower, faster", "- +"],
+];
+
+class Panel {
+  /** @param setLayer called with a layer's name and whether it is visible; null if layers are fixed */
+  constructor(setLayer) {
+    this.setLayer = setLayer;
+    this.visible = Object.fromEntries(LAYERS.map(([name, , , first]) => [name, first]));
+    this.tabs = { View: (s) => this.view(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
+    this.current = "View";
+    const bar = document.getElementById("tabs");
+    for (const name of Object.keys(this.tabs)) {
+      const tab = element("button", { textContent: name, onclick: () => this.open(name) });
+      tab.setAttribute("role", "tab");
+      bar.append(tab);
+    }
+  }
+
+  show(story) {
+    this.story = story;
+    this.open(this.current);
+  }
+
+  open(name) {
+    this.current = name;
+    for (const tab of document.getElementById("tabs").children)
+      tab.setAttribute("aria-selected", String(tab.textContent === name));
+    document.getElementById("tab-body").replaceChildren(...(this.story ? this.tabs[name](this.story) : []));
+  }
+
+  toggle(layer) {
+    this.visible[layer] = !this.visible[layer];
+    this.setLayer?.(layer, this.visible[layer]);
+    const box = document.getElementById(`layer-${layer}`);
+    if (box) box.checked = this.visible[layer];
+  }
+
+  view(story) {
+    const meanings = element("ul", { className: "legend" });
+    for (const { colour, words } of Object.values(story.legend.meanings)) {
+      const mark = element("i");
+      mark.style.borderColor = colour;
+      meanings.append(element("li", {}, mark, words));
+    }
+    const used = new Set(story.segments.map((segment) => segment.kind));
+    const kinds = element("ul", { className: "legend" });
+    for (const [kind, { colour, words }] of Object.entries(story.legend.segments)) {
+      if (!used.has(kind)) continue;
+      const mark = element("i", { className: "box" });
+      mark.style.background = colour;
+      kinds.append(element("li", {}, mark, words));
+    }
+    const keys = element("div", { className: "keys" });
+    for (const [words, key] of KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
+    return [
+      ...(this.setLayer ? [heading("Show"), this.layers()] : []),
+      heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), heading("Keys"), keys,
+    ];
+  }
+
+  layers() {
+    const list = element("div", { className: "layers" });
+    for (const [name, words, key] of LAYERS) {
+      const box = element("input", { type: "checkbox", id: `layer-${name}`, checked: this.visible[name] });
+      box.onchange = () => this.toggle(name);
+      list.append(element("label", {}, box, words, element("kbd", { textContent: key })));
+    }
+    return list;
+  }
+
+  figures(story) {
+    return story.figures.flatMap(({ title, rows }) => {
+      const table = element("table", { className: "figures" });
+      for (const [label, value] of rows)
+        table.append(element("tr", {}, element("td", { textContent: label }), element("td", { textContent: value })));
+      return [heading(title), table];
+    });
+  }
+
+  rejected(story) {
+    if (!story.rejections.length) return [quiet("Nothing was rejected.")];
+    const most = story.rejections[0][1];
+    const list = element("ul", { className: "rejections" });
+    for (const [reason, count] of story.rejections) {
+      const split = reason.indexOf(": ");
+      const bar = element("div", { className: "bar" });
+      bar.style.width = `${(100 * count) / most}%`;
+      list.append(element("li", {},
+        element("b", { textContent: count.toLocaleString("en") }),
+        element("small", { textContent: split > 0 ? reason.slice(0, split) : "" }),
+        reason.slice(split > 0 ? split + 2 : 0), bar));
+    }
+    return [heading("Why candidates fell out"), list];
+  }
+
+  checks(story) {
+    if (!story.certificate) return [quiet("There is no certificate: nothing was planned that could be checked.")];
+    const list = element("ul", { className: "checks" });
+    for (const { name, passed, margin, unit } of story.certificate.checks) {
+      const verdict = element("span", { className: passed ? "yes" : "no", textContent: passed ? "✓" : "✗" });
+      const room = margin === null || unit === "1" ? "" : `${Number(margin.toPrecision(3))} ${unit ?? ""}`;
+      list.append(element("li", {}, verdict, name.replaceAll("_", " "), element("small", { textContent: room })));
+    }
+    return [heading(story.certificate.passed ? "Certificate: passed, margins" : "Certificate: FAILED"), list];
+  }
+}
+
+function heading(words) {
+  return element("h3", { textContent: words });
+}
+
+function quiet(words) {
+  return element("p", { className: "quiet", textContent: words });
+}

@@ -1,0 +1,59 @@
+/* The timeline: contact states, segments coloured by kind, slider, playhead. */
+"use strict";
+
+class Score {
+  constructor(seek) {
+    this.seek = seek;
+    this.slider = document.getElementById("time");
+    this.slider.oninput = () => seek(Number(this.slider.value));
+    this.slider.onkeydown = (event) => event.preventDefault();
+  }
+
+  show(story, colours) {
+    this.story = story;
+    this.slider.max = story.duration || 1;
+    this.slider.disabled = !story.duration;
+    const share = (start, end) => `${(100 * (end - start)) / (story.duration || 1)}%`;
+    this.buttons = story.segments.map((segment) => {
+      const button = element("button", { title: `${segment.words}, ${segment.state || "no state"}, ${segment.hold}` });
+      button.setAttribute("role", "listitem");
+      button.setAttribute("aria-label", `${segment.words} at ${segment.start.toFixed(1)} s`);
+      button.style.background = colours[segment.kind];
+      button.style.width = share(segment.start, segment.end);
+      button.onclick = () => this.seek(segment.start);
+      button.onkeydown = (event) => event.key === " " && event.preventDefault();
+      return button;
+    });
+    document.getElementById("segments").replaceChildren(...this.buttons);
+    document.getElementById("states").replaceChildren(
+      ...contactStretches(story.segments).map((stretch) => {
+        const words = element("div", { textContent: stretch.state, title: stretch.state });
+        words.style.width = share(stretch.start, stretch.end);
+        return words;
+      }),
+    );
+  }
+
+  now(time, segment) {
+    this.slider.value = time;
+    document.getElementById("playhead").style.left = `${(100 * time) / (this.story.duration || 1)}%`;
+    this.buttons.forEach((button, index) => button.classList.toggle("on", index === segment));
+  }
+
+  /** Which segment runs at a time; -1 in a plan without segments. */
+  segmentAt(time) {
+    const after = this.story.segments.findIndex((segment) => segment.start > time + 1e-9);
+    return (after < 0 ? this.story.segments.length : after) - 1;
+  }
+}
+
+/** Neighbouring segments of one contact state become one stretch. */
+function contactStretches(segments) {
+  const stretches = [];
+  for (const { state, start, end } of segments) {
+    const last = stretches.at(-1);
+    if (last && last.state === state) last.end = end;
+    else stretches.push({ state, start, end });
+  }
+  return stretches;
+}

@@ -1,0 +1,99 @@
+"""All that watchers share: the plans, the cells, the drawings of robots; and who watches."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from anyio import CapacityLimiter
+from starlette.concurrency import run_in_threadpool
+
+from app.errors import CellNotDrawn, TheatreFull
+from app.plan_desk import PlanDesk
+from app.viewer.link_meshes import LinkMeshes
+from app.viewer.recording import record
+from app.viewer.room import Room
+from app.viewer.story import tell_story
+from app.viewer.timeline import Timeline
+from planners.scene.cell import Cell
+
+MOST_ROOMS = 24
+"""Each room is a server with a scene in memory, some 10 MB."""
+
+
+class Theatre:
+    """Opens rooms and puts plans into them."""
+
+    def __init__(self, desk: PlanDesk, cells: dict[str, Cell], folder: Path) -> None:
+        self._desk, self._cells = desk, cells
+        self._meshes = LinkMeshes(folder)
+        self._rooms: dict[str, Room] = {}
+        self._recorders = CapacityLimiter(1)
+
+    async def enter(self) -> Room:
+        """Open a room.
+
+        Raises:
+            TheatreFull: There are too many.
+        """
+        if len(self._rooms) >= MOST_ROOMS:
+            raise TheatreFull(MOST_ROOMS)
+        room = await run_in_threadpool(Room)
+        self._rooms[room.key] = room
+        return room
+
+    async def leave(self, room: Room) -> None:
+        """Close a room."""
+        self._rooms.pop(room.key, None)
+        await run_in_threadpool(room.close)
+
+    def room(self, key: str) -> Room | None:
+        """Return the room of a key."""
+        return self._rooms.get(key)
+
+    def open(self, room: Room, plan_id: str) -> dict[str, Any]:
+        """Put a plan into a room and return its story. Blocks.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+            CellNotDrawn: There are no drawings of its cell.
+        """
+        document, timeline, cell = self._load(plan_id)
+        room.open(document, timeline, cell, self._meshes)
+        return tell_story(document, timeline)
+
+    def record(self, plan_id: str) -> str:
+        """Return a page that plays a plan without any server. Blocks for some seconds.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+            CellNotDrawn: There are no drawings of its cell.
+        """
+        document, timeline, cell = self._load(plan_id)
+        with Room() as room:
+            room.open(document, timeline, cell, self._meshes)
+            return record(room, timeline, tell_story(document, timeline))
+
+    @property
+    def recorders(self) -> CapacityLimiter:
+        """One recording at a time: each keeps a core busy."""
+        return self._recorders
+
+    async def close(self) -> None:
+        """Close all rooms."""
+        for room in list(self._rooms.values()):
+            await self.leave(room)
+
+    def _load(self, plan_id: str) -> tuple[dict[str, Any], Timeline, Cell]:
+        document = json.loads(gzip.decompress(self._desk.document(plan_id).gzip))
+        name = document["cell"]["name"]
+        if name not in self._cells:
+            raise CellNotDrawn(name, sorted(self._cells))
+        cell = self._cells[name]
+        start = document["task"]["start_positions"]
+        return document, Timeline(document, cell.home if start is None else np.array(start)), cell

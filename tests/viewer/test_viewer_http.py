@@ -1,0 +1,89 @@
+"""What the viewer answers without a browser."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+import websockets.exceptions
+from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
+from websockets.sync.client import connect
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    data_dir: Path = tmp_path_factory.mktemp("data")
+    with running_service(data_dir, FAKE_SOLVER) as service:
+        yield service
+
+
+@pytest.fixture
+def client(service: ServiceProcess) -> Iterator[httpx.Client]:
+    with service.client() as client:
+        yield client
+
+
+def watch_address(service: ServiceProcess) -> str:
+    return f"ws://127.0.0.1:{service.port}/viewer/watch"
+
+
+def test_view_leads_to_the_viewer_with_the_plan(client: httpx.Client) -> None:
+    plan = finished(client, client.post("/v1/plans", json=task()).json())
+    answer = client.get(plan["links"]["view"])
+    assert answer.status_code == 307
+    assert answer.headers["location"] == f"/viewer/?plan={plan['id']}"
+    assert client.get(answer.headers["location"]).headers["content-type"].startswith("text/html")
+
+
+@pytest.mark.parametrize("link", ["view", "recording.html"])
+def test_an_unknown_plan_has_neither_view_nor_recording(client: httpx.Client, link: str) -> None:
+    answer = client.get(f"/v1/plans/{'0' * 32}/{link}")
+    assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_everything_the_page_names_is_served(client: httpx.Client) -> None:
+    page = client.get("/viewer/").text
+    names = [part.split('"')[0] for part in page.replace('src="', 'href="').split('href="')[1:]]
+    names = [name for name in names if not name.startswith("data:")]
+    assert {"viewer.css", "plot.js", "player.js"} <= set(names)
+    assert {client.get(f"/viewer/{name}").status_code for name in names} == {200}
+
+
+@pytest.mark.parametrize("name", ["page.html", "../create_app.py", "..%2fpage.py", "scene/guess/"])
+def test_nothing_else_is_served(client: httpx.Client, name: str) -> None:
+    assert client.get(f"/viewer/{name}").status_code == 404
+
+
+def test_a_watcher_gets_a_room_and_is_told_of_plans_that_are_not_there(service: ServiceProcess) -> None:
+    with connect(watch_address(service)) as socket:
+        room = json.loads(socket.recv())
+        assert httpx.get(f"{service.address}/viewer/{room['scene']}").status_code == 200
+        socket.send(json.dumps({"type": "open", "plan": "none"}))
+        answer = json.loads(socket.recv())
+        assert answer["type"] == "refused"
+        assert "none" in answer["detail"]
+        socket.send(json.dumps({"type": "time", "time": 1.0}))
+        assert json.loads(socket.recv()) == {"type": "done", "request": "time"}
+
+
+@pytest.mark.parametrize("request_", ["{", '{"type":"time","time":-1}', '{"type":"dance"}', '{"type":"time"}'])
+def test_a_request_that_makes_no_sense_ends_the_connection_and_nothing_else(
+    service: ServiceProcess, request_: str
+) -> None:
+    with connect(watch_address(service)) as socket:
+        socket.recv()
+        socket.send(request_)
+        with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
+            socket.recv()
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1007
+    assert httpx.get(f"{service.address}/readyz").status_code == 200
+
+
+def test_pages_of_others_may_not_watch(service: ServiceProcess) -> None:
+    with pytest.raises(websockets.exceptions.InvalidStatus), connect(watch_address(service), origin="http://evil.test"):  # pyright: ignore[reportArgumentType]
+        pass
