@@ -24,6 +24,8 @@ from workers.worker import Worker
 
 LONGEST_GOODBYE_SECONDS = 3
 """So long open event streams may hold up a stop [s]."""
+LARGEST_WATCHER_MESSAGE_BYTES = 1 << 20
+"""What a viewer's page sends are clicks and camera poses."""
 log = structlog.get_logger(__name__)
 
 
@@ -53,7 +55,8 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         host=settings.host,
         port=settings.port,
         http="h11",
-        ws="none",
+        ws="websockets-sansio",
+        ws_max_size=LARGEST_WATCHER_MESSAGE_BYTES,
         log_level="warning",
         access_log=False,
         server_header=False,
