@@ -26,10 +26,11 @@ from workers.simulation.touch import PlateMotion
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Send what PyBullet's C code prints on stdout to stderr: stdout may carry a protocol."""
+    """Keep what PyBullet's C code prints on stdout to itself: stdout may carry a protocol."""
     sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
     try:
         yield
     finally:
