@@ -26,18 +26,22 @@ from workers.simulation.touch import PlateMotion
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what PyBullet's C code prints on stdout to itself: stdout may carry a protocol."""
+    """Keep the greeting of PyBullet's C code to itself: stdout may carry a protocol, stderr a progress bar."""
     sys.stdout.flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
+    sys.stderr.flush()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    for stream, _ in kept:
+        os.dup2(nowhere, stream)
     os.close(nowhere)
     try:
         yield
     finally:
         # C keeps a buffer of its own.
         ctypes.CDLL(None).fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
 
 
 with _quiet():
