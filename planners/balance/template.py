@@ -214,7 +214,8 @@ class Template:
         self._b[:3] = -gravity[:3]
         self._b[3:6] = -gravity[3:] / TORQUE_LENGTH
         solver = self._careful_solver if careful else self._quick_solver
-        solver.update(A=self._values, b=self._b)
+        # Lists cross over to the solver faster than arrays.
+        solver.update(A=self._values.tolist(), b=self._b.tolist())
         solution = solver.solve()
         infeasible = solution.status == clarabel.SolverStatus.PrimalInfeasible
         return infeasible, np.array(solution.x), np.array(solution.z)
