@@ -36,7 +36,13 @@ def test_the_winch_is_uneven_but_not_faster_than_its_motor(seed: int) -> None:
     assert speeds.max() <= max(WINCH.speed[1], WINCH.jerk_speed) + 1e-9
     assert np.abs(np.diff(speeds[:-1])).max() <= WINCH.acceleration * STEP + 1e-9
     assert (speeds[100:] < 1e-9).any()
-    assert speeds.std() > 0.2 * winch.mean_speed
+    assert speeds.std() > 0.2 * speeds.mean()
+
+
+def test_the_usual_speed_is_the_mean_of_many_lifters() -> None:
+    many = [profile(seed, travel=3.0) for seed in range(20)]
+    mean = sum(winch.heights[-1] for winch in many) / sum(winch.duration for winch in many)
+    assert mean == pytest.approx(WINCH.usual_speed, rel=0.05)
 
 
 def test_the_same_seed_gives_the_same_lifter_and_another_a_different_one() -> None:
