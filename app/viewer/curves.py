@@ -51,9 +51,9 @@ def planned_charts(document: Mapping[str, Any], timeline: Timeline) -> list[Char
 
 
 def simulated_charts(document: Mapping[str, Any]) -> list[Chart]:
-    """Return what the simulated hands, cup and lifter did; nothing for a plan without a simulation."""
+    """Return what the simulated hands, cup and lifter did; nothing for a plan without one."""
     simulation = document["simulation"]
-    if simulation is None or not simulation["force_curves"]:
+    if simulation is None or not simulation["force_curves"][0]["time"]:
         return []
     curves = {curve["name"]: np.array(curve["value"], dtype=float) for curve in simulation["force_curves"]}
     time = np.array(simulation["force_curves"][0]["time"], dtype=float)

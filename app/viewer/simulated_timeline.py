@@ -77,7 +77,7 @@ class SimulatedTimeline:
 
     def _value(self, name: str, time: float) -> float:
         curve = self._curves[name]
-        return float(np.interp(time, curve["time"], curve["value"]))
+        return float(np.interp(time, curve["time"], curve["value"])) if curve["time"] else 0.0
 
 
 class _Lifter:
