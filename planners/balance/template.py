@@ -260,7 +260,7 @@ def _least_slack(rows: Array, offsets: Array, x: Array, skipped: int, starts: ND
             square += (rows[row] @ x + offsets[row]) ** 2
         head = starts[cone]
         least = min(least, rows[head] @ x + offsets[head] - math.sqrt(square))
-    return least
+    return float(least)
 
 
 def _solver_settings(*, refined: bool) -> clarabel.DefaultSettings:
