@@ -16,6 +16,8 @@ from planners.geometry.pose import Array
 
 DIGITS = 4
 """Of times and values in curves, behind the point: a thousandth of what can be seen."""
+BY_CONTACT = "contact_states"
+"""Member of a graph's figures that has the same figures for each contact state."""
 OUTCOMES = {"solved": "solved", "infeasible": "infeasible", "not_found": "not found"}
 
 
@@ -180,8 +182,18 @@ def _highlights(document: Mapping[str, Any], duration: float) -> list[list[str]]
 def _figures(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return groups of figures, each with a title and rows of label and value."""
     stages = [[stage["name"], f"{stage['seconds']:.2f} s"] for stage in statistics["stages"]]
-    groups = [("Graph", _rows(statistics["graph"])), ("Search", _rows(statistics["search"])), ("Time", stages)]
+    graph = {name: value for name, value in statistics["graph"].items() if name != BY_CONTACT}
+    by_contact = _by_contact(statistics["graph"].get(BY_CONTACT, {}))
+    search = _rows(statistics["search"])
+    groups = [("Graph", _rows(graph)), ("Nodes by contact", by_contact), ("Search", search), ("Time", stages)]
     return [{"title": title, "rows": rows} for title, rows in groups if rows]
+
+
+def _by_contact(figures: Mapping[str, Mapping[str, int]]) -> list[list[str]]:
+    """Return one row a contact state under a row of headings; nothing without contact states."""
+    columns = ("nodes", "alive", "dead")
+    rows = [[contact, *(f"{counts[column]:,}" for column in columns)] for contact, counts in figures.items()]
+    return [["", *columns], *rows] if rows else []
 
 
 def _rows(figures: Mapping[str, Any]) -> list[list[str]]:

@@ -247,7 +247,11 @@ def test_the_panels_tell_figures_rejections_and_checks(
 ) -> None:
     document = document_of(service, plans["pb1"])
     page.get_by_role("tab", name="Figures").click()
-    assert f"{document['statistics']['graph']['nodes']:,}" in text(page, "#tab-body")
+    graph = document["statistics"]["graph"]
+    assert f"{graph['nodes']:,}" in text(page, "#tab-body")
+    for contact, figures in graph["contact_states"].items():
+        row = page.locator("#tab-body tr").filter(has=page.get_by_text(contact, exact=True)).inner_text().split("\t")
+        assert row == [contact, *(f"{figures[column]:,}" for column in ("nodes", "alive", "dead"))]
     page.get_by_role("tab", name="Rejected").click()
     for reason, count in document["statistics"]["rejections"].items():
         assert reason.rpartition(": ")[2] in text(page, "#tab-body")

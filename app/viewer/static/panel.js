@@ -127,7 +127,7 @@ function tables(groups) {
 
 function table(rows) {
   const cells = (row) => row.map((value) => element("td", { textContent: value }));
-  return element("table", { className: "figures" }, ...rows.map((row) => element("tr", {}, ...cells(row))));
+  return element("table", { className: rows[0]?.length > 2 ? "figures wide" : "figures" }, ...rows.map((row) => element("tr", {}, ...cells(row))));
 }
 
 /** Planned and simulated forces at the end of each of the plate's motions. */
