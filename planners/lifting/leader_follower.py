@@ -84,7 +84,7 @@ class LeaderFollower:
 
         Args:
             gains: see there.
-            target_velocity: V_d [m/s].
+            target_velocity: V_d [m/s]: the lifter's speed at which the hands bear F_goal.
             largest_velocity: that the arms can make [m/s].
         """
         self.largest_velocity = largest_velocity

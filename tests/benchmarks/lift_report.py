@@ -123,8 +123,8 @@ def _explanation(tasks: Sequence[SimulationFigures]) -> str:
     if beyond:
         return f"**Beyond {100 * LARGEST_DIFFERENCE:g} % of the weight, unexplained: {', '.join(beyond)}.**"
     return (
-        "What differs: the stick keeps 3 N where the plan lets it press less, the lifter errs by its 3 %, and a plate "
-        "on three compliant bearers shares its weight by their stiffness until the hands' admittance has caught up."
+        "Sources in the model: the stick keeps 3 N where the plan lets it press less, the lifter errs by 3 %, and a "
+        "plate on compliant bearers shares its weight by their stiffness until the hands' admittance has caught up."
     )
 
 

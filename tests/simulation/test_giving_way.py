@@ -69,9 +69,10 @@ def test_the_pushing_hand_is_no_stiffer_than_its_gains_were_laid_out_for(run, al
 
 
 def test_hands_that_follow_wait_for_a_lifter_that_is_late(run) -> None:
+    """They rise by some millimetres, until the force on them has grown by B_d V_d."""
     low = replace(SETTINGS, winch=replace(LATE, hold_chance=0.0), headroom=0.25)
     simulation = simulate(run.document, run.scene, silent, 3, low)
     begin = simulation["lift"]["begin"]
     waiting = round(2.9 / SETTINGS.record_period)
     assert simulation["outcome"] == "lifted"
-    assert np.sum(curve(simulation, "commanded velocity", begin)[:waiting]) * SETTINGS.record_period < 0.003
+    assert np.sum(curve(simulation, "commanded velocity", begin)[:waiting]) * SETTINGS.record_period < 0.006

@@ -88,9 +88,13 @@ class CooperativeLift:
         """Of the hands, commanded [m/s, m]."""
         gains = settings.follower or FollowerGains.for_lift(scene.plate.mass or 1.0, scene.cup.max_force)
         limits = np.concatenate([arm.velocity_max for arm in scene.cell.arms.values()])
-        self._law = LeaderFollower(gains, largest_velocity=_LIMIT_SHARE * path.largest_speed(limits))
+        self._usual_speed = settings.winch.usual_speed
+        # With V_d = 0 hands that follow always bear less than F_goal, and the cup more: the lifter's usual speed would
+        # use its reserve up. With V_d at that speed F_goal holds there, and the reserve is for what is uneven.
+        fastest = _LIMIT_SHARE * path.largest_speed(limits)
+        self._law = LeaderFollower(gains, min(self._usual_speed, fastest), fastest)
         self._motion = FollowerMotion()
-        self._controlled, self._usual_speed = settings.controlled, settings.winch.usual_speed
+        self._controlled = settings.controlled
 
     def command(self, push_reading: float) -> None:
         """Take the pushing hand's vertical force [N] and set the velocity until the next reading.

@@ -28,8 +28,8 @@ MODEL = (
     "In the manipulation the lifter is a force source: the planned cup force with a seeded error, at most the cup's "
     "largest force, and the cup's own stiffness about the planned path.",
     "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift "
-    "begins; both hands follow the pushing hand's vertical force by eq. (11). Without control they rise at the "
-    "lifter's usual speed.",
+    "begins; both hands follow the pushing hand's vertical force by eq. (11), with V_d the speed "
+    "that such lifters usually have. Without control they rise at that speed, blind.",
     "The paper's lifter pulls in all directions and its cup holds by friction; on a cable the trolley keeps above the "
     "cup, which bears a pull from any side and does not slide.",
 )
