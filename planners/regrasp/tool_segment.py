@@ -9,9 +9,6 @@ from planners.geometry.pose import Array, Transform
 from planners.motion.trajectory import Trajectory
 from planners.segment import SegmentKind
 
-TOOL = "tool"
-"""The tool's name among the bodies."""
-
 
 @dataclass(frozen=True, eq=False)
 class ToolHold:
@@ -67,12 +64,15 @@ class ToolSegment:
     What the kinds say of the tool and the object:
 
     - TRANSIT, APPROACH, RETREAT: a free hand moves; the tool rests, or is held still by the other hand.
-    - GRIP, RELEASE: fingers of one hand close on the tool or open; no joint moves. The hand's hold is in `holds` in both
-      kinds, though it stands at the last or first sample only.
+    - GRIP, RELEASE: fingers of one hand close on the tool or open; no joint moves. That hand's hold is in `holds`, though
+      it stands at the last or first sample only.
     - HANDOVER: both hands hold the tool, and nothing moves; after the receiver's GRIP, before the giver's RELEASE.
     - TRANSFER: the tool moves with the hand that holds it, and with it the object if one is sucked.
     - ATTACH, DETACH: the vacuum goes on or off; nothing moves, cup and object touch, and the object rests on something.
       The object is `sucked` in both kinds.
+
+    Forces are shown at every 2 degrees and every 10 mm of a body's way, and only at samples: in a TRANSFER neither the
+    tool nor the object may turn or travel farther than that from one sample to the next.
     """
 
     kind: SegmentKind
