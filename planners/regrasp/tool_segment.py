@@ -64,8 +64,8 @@ class ToolSegment:
     What the kinds say of the tool and the object:
 
     - TRANSIT, APPROACH, RETREAT: a free hand moves; the tool rests, or is held still by the other hand.
-    - GRIP, RELEASE: fingers of one hand close on the tool or open; no joint moves. That hand's hold is in `holds`, though
-      it stands at the last or first sample only.
+    - GRIP, RELEASE: fingers of one hand close on the tool or open; no joint moves. Its hold is in `holds`, though it
+      stands at the last or first sample only.
     - HANDOVER: both hands hold the tool, and nothing moves; after the receiver's GRIP, before the giver's RELEASE.
     - TRANSFER: the tool moves with the hand that holds it, and with it the object if one is sucked.
     - ATTACH, DETACH: the vacuum goes on or off; nothing moves, cup and object touch, and the object rests on something.
