@@ -8,8 +8,8 @@ from fastapi import APIRouter, Depends, Request
 
 from app.resources import Resource
 from app.settings import ServiceSettings
-from planners.scene.placements import PLANNED_SHAPES
 from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
+from planners.scene.shape_source import PLANNED_SHAPES
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, JsonValue, SkipValidation, model_validator
 from pydantic_core import PydanticCustomError
 
-from planners.contract.shapes import Box, Cylinder, Prism
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import TaskSpec
 
@@ -107,16 +107,6 @@ class CellDocument(StrictModel):
     hands: dict[ArmName, Annotated[GripperDocument | StickDocument, Field(discriminator="kind")]]
 
 
-class InlineMesh(StrictModel):
-    """A mesh with all its data: nothing else is needed to draw or collide it."""
-
-    type: Literal["mesh"]
-    vertices: Rows
-    faces: Annotated[list[list[int]], SkipValidation]
-    convex_parts: Annotated[list[list[list[float]]], SkipValidation]
-    """Vertices of each convex part."""
-
-
 class BodyDocument(StrictModel):
     """A body at the start."""
 
@@ -164,6 +154,8 @@ class HoldDocument(StrictModel):
 
     grip: GripDocument | None
     push: PushDocument | None
+    second_grip: GripDocument | None = None
+    """Of the other gripper, while a body is passed from hand to hand; `grip` is the one that is taken or given up."""
 
 
 class Attachment(StrictModel):
@@ -411,6 +403,8 @@ class Statistics(StrictModel):
     graph: dict[str, JsonValue]
     search: dict[str, JsonValue]
     rejections: dict[str, int]
+    considered: dict[str, JsonValue] = Field(default_factory=dict)
+    """What a suction-tool planner looked at: suction poses and grasps, and why they fell."""
 
 
 class PlanDocument(StrictModel):
