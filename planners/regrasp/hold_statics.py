@@ -21,14 +21,17 @@ from planners.graph.rejections import Rejection
 from planners.regrasp.finger_forces import FingerForces, least_squeeze, scaled
 from planners.regrasp.inertia import MassProperties
 from planners.regrasp.resting import RestingPoints, resting_points
+from planners.regrasp.suction_hold import least_margin, suction_margin
 from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.body import Body
 from planners.scene.cell import StaticBox
 from planners.scene.solid import FlatFace, solid_of
-from planners.scene.suction_tool import TOOL_NAME, CupData
+from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 from planners.segment import SegmentKind
 
+EPS = 0.0075
+"""Torsional friction of a finger, as a length [m]; as in paper B, and no task's choice."""
 _SLOWEST = 32.0
 """Factors of time beyond which slowing down is not tried: inertia is a thousandth of what it was."""
 _SLOWING_STEPS = 12
@@ -50,10 +53,8 @@ class UnheldError(LiftwrightError):
 
 @dataclass(frozen=True)
 class HoldSettings:
-    """What the fingers are, and how often forces are shown."""
+    """How often forces are shown."""
 
-    eps: float = 0.0075
-    """Torsional friction of a finger, as a length [m]; as in paper B."""
     set_rotation: float = math.radians(1.9)
     """Largest turn of a body between two contact sets [rad]: the document's rule is 2 degrees."""
     set_travel: float = 0.0095
@@ -67,9 +68,9 @@ class WorstHold:
     """Where along a motion least is left of what cup and fingers can bear."""
 
     margin: float
-    """What is left of the nearest limit, negative where it is exceeded [N]; infinite where nothing is held."""
+    """Part of the nearest limit that is left, negative where it is exceeded [1]; infinite where nothing is held."""
     at_rest: float
-    """The same if the motion were made very slowly: where this is negative too, slowing down does not help [N]."""
+    """The same if the motion were made very slowly: where this is negative too, slowing down does not help [1]."""
     rejection: Rejection | None
     """What gives way; None where all holds."""
 
@@ -101,13 +102,13 @@ class _Bearing:
     hands: tuple[FingerForces, ...]
     """Of each hand that bears the tool, TCP axes."""
     cup_margin: Array
-    """(n,) [N]; infinite where the cup bears nothing."""
+    """(n,) part of the cup's limits that is left; infinite where the cup bears nothing."""
     hand_margin: Array
-    """(n,) of the hand that squeezes hardest [N]."""
+    """(n,) likewise of the finger that squeezes hardest."""
 
     @property
     def margin(self) -> float:
-        """The least of all margins [N]."""
+        """The least of all margins."""
         return float(min(self.cup_margin.min(), self.hand_margin.min()))
 
 
@@ -143,13 +144,13 @@ class HoldStatics:
         loads = self._loads(segment, places)
         bearing = self._bearing(segment, loads)
         margin = bearing.margin
-        rejection = self._rejection(segment, bearing) if margin < 0.0 else None
+        rejection = self._rejection(segment, loads, bearing) if margin < 0.0 else None
         return WorstHold(margin, self._bearing(segment, loads, math.inf).margin, rejection)
 
     def stretch(self, segment: ToolSegment, places: Mapping[str, Transform], reserve: float = 0.0) -> float | None:
         """Return the factor, 1 or more, by which a segment's time must be stretched for cup and fingers to hold.
 
-        None where they would not hold however slow it is. `reserve` is what must be left of every limit [N].
+        None where they would not hold however slow it is. `reserve` is the part of every limit that must be left.
         """
         if not bearers(segment):
             return 1.0
@@ -223,21 +224,12 @@ class HoldStatics:
         if segment.sucked is not None and segment.kind not in _CUP_KINDS:
             load = loads[segment.sucked.name]
             suction = wrench_about(load.wrenches(slowness), load.centres, lip)
-            cup_margin = self._cup_margins(suction, tool.poses, load.poses)
+            cup_margin = suction_margin(_in_axes(tool.poses, suction), self.scene.tool.cup)
         # The reaction of the object is minus the suction, and the hands exert minus that.
         needed = wrench_about(tool.wrenches(slowness), tool.centres, lip) + suction
         hands = self._hands(segment, needed, tool.poses)
         normal = np.max([forces.normal for forces in hands], axis=0)
-        return _Bearing(suction, hands, cup_margin, self.scene.grip_force_limit - normal)
-
-    def _cup_margins(self, suction: Array, tool_poses: Array, object_poses: Array) -> Array:
-        """Take the pad's axes once as the document lists the contact on the object, once as on the tool."""
-        outward = tool_poses[:, :3, 2]
-        by_axes = [
-            suction_margins(self.scene.tool.cup, _along_pad(suction, pad_axes(poses, outward), outward))
-            for poses in (object_poses, tool_poses)
-        ]
-        return np.minimum(*by_axes)
+        return _Bearing(suction, hands, cup_margin, 1.0 - normal / self.scene.grip_force_limit)
 
     def _hands(self, segment: ToolSegment, needed: Array, tool_poses: Array) -> tuple[FingerForces, ...]:
         """Return the forces of each hand that bears; `needed` is about the lip, world axes."""
@@ -252,26 +244,21 @@ class HoldStatics:
     def _squeeze(self, hold: ToolHold, needed: Array, tool_poses: Array) -> FingerForces:
         tcp = tool_poses @ hold.T_tool_tcp
         about_tcp = wrench_about(needed, tool_poses[:, :3, 3], tcp[:, :3, 3])
-        in_tcp = np.einsum("nji,nkj->nki", tcp[:, :3, :3], about_tcp.reshape(-1, 2, 3)).reshape(-1, 6)
-        return least_squeeze(in_tcp, hold.width, self.scene.friction.grip, self.settings.eps)
+        return least_squeeze(_in_axes(tcp, about_tcp), hold.width, self.scene.friction.grip, EPS)
 
     # What gives way.
 
-    def _rejection(self, segment: ToolSegment, bearing: _Bearing) -> Rejection:
-        cup, hand = int(np.argmin(bearing.cup_margin)), int(np.argmin(bearing.hand_margin))
-        time = segment.trajectory.time
-        if bearing.cup_margin[cup] < bearing.hand_margin[hand]:
+    def _rejection(self, segment: ToolSegment, loads: Mapping[str, _Load], bearing: _Bearing) -> Rejection:
+        time, limit = segment.trajectory.time, self.scene.grip_force_limit
+        if bearing.cup_margin.min() < bearing.hand_margin.min():
             assert segment.sucked is not None
-            where = f"{segment.sucked.name}, {time[cup]:.3f} s into a {segment.kind.value}"
-            return Rejection(
-                "suction", "The cup does not hold the object.", where, -float(bearing.cup_margin[cup]), 0.0, "N"
-            )
-        where = f"{bearers(segment)[0].arm} hand, {time[hand]:.3f} s into a {segment.kind.value}"
-        limit = self.scene.grip_force_limit
-        needed = limit - float(bearing.hand_margin[hand])
-        return Rejection(
-            "grip", "The fingers cannot squeeze as hard as the tool's load asks.", where, needed, limit, "N"
-        )
+            weakest = least_margin(_in_axes(loads[TOOL_NAME].poses, bearing.suction), self.scene.tool.cup)
+            where = f"{segment.sucked.name}, {time[weakest.sample]:.3f} s into a {segment.kind.value}"
+            return Rejection("suction", weakest.limit.value, where, 1.0 - weakest.margin, 1.0, "1")
+        sample = int(np.argmin(bearing.hand_margin))
+        where = f"{bearers(segment)[0].arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
+        squeeze = limit * (1.0 - float(bearing.hand_margin[sample]))
+        return Rejection("grip", "The tool needs a harder squeeze than fingers may exert.", where, squeeze, limit, "N")
 
     def _resting(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[RestingPoints, Array | None]:
         """Return what the object on the cup stands on, and with which forces; None if it would tip over."""
@@ -366,27 +353,9 @@ def pad_axes(poses: Array, outward: Array) -> Array:
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
-def _along_pad(wrenches: Array, x: Array, z: Array) -> Array:
-    """Write wrenches (n, 6), given in world axes, in the pad's axes: x and z of them, (n, 3) each."""
-    axes = np.stack([x, np.cross(z, x), z], axis=1)
-    return np.einsum("nij,nkj->nki", axes, wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
-
-
-def suction_margins(cup: CupData, wrenches: Array) -> Array:
-    mu, r, V = cup.mu, cup.radius, cup.max_force
-    shear, pull = np.abs(wrenches[:, :2]).max(axis=1), wrenches[:, 2]
-    bend, twist = np.abs(wrenches[:, 3:5]).max(axis=1), np.abs(wrenches[:, 5])
-    hold = mu * (V - pull)
-    return np.min(
-        [
-            hold - math.sqrt(3.0) * shear,
-            hold - math.sqrt(3.0) * twist / r,
-            pull,
-            V - pull,
-            math.pi * cup.kappa - math.sqrt(2.0) * bend / r,
-        ],
-        axis=0,
-    )
+def _in_axes(poses: Array, wrenches: Array) -> Array:
+    """Write wrenches (n, 6), given in world axes, in the axes of frames (n, 4, 4); the point stays."""
+    return np.einsum("nji,nkj->nki", poses[:, :3, :3], wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
 
 
 def _inertia(load: _Load, sample: int) -> tuple[ContactForce, ...]:

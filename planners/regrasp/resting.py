@@ -36,7 +36,7 @@ class RestingPoints:
             return None
         rows = np.vstack([np.ones(len(self.points)), (self.points[:, :2] - com[:2]).T])
         needed = np.array([weight, 0.0, 0.0])
-        even = np.linalg.lstsq(rows, needed, rcond=None)[0]
+        even: Array = np.linalg.lstsq(rows, needed, rcond=None)[0].astype(np.float64)
         if even.min() >= 0.0 and np.allclose(rows @ even, needed, atol=_ROUNDING * weight):
             return even
         sparse, missing = nnls(rows, needed)
