@@ -35,8 +35,8 @@ class ToolGraspSettings:
     rolls: int = 16
     """Directions to approach from in a full turn about the closing axis: 22.5 degrees apart (the authors')."""
     most: int = 480
-    """Grasps that are kept; where there are more their contacts move apart. Our choice: the handover database grows with
-    the square of it."""
+    """Grasps that are kept; where there are more their contacts move apart. Our choice: the handover database grows
+    with the square of it."""
     lip_clearance: float = 0.04
     """Least height of both contacts over the plane of the cup's lip [m]: nothing soft is gripped, and a hand that comes
     along an object's face, half as thick as its force sensor, keeps off it; our choice."""
@@ -56,7 +56,11 @@ class ToolGraspSettings:
     """How deep a pad may be pressed in while it holds [m]: it is rubber."""
 
     def __post_init__(self) -> None:
-        if min(self.rolls, self.most) < 1 or self.step <= 0.0 or min(self.approach, self.least_gap, self.lip_clearance) < 0.0:
+        if (
+            min(self.rolls, self.most) < 1
+            or self.step <= 0.0
+            or min(self.approach, self.least_gap, self.lip_clearance) < 0.0
+        ):
             raise LiftwrightError("grasps have positive counts, a positive step and no negative length")
 
     def way(self) -> Array:
@@ -147,13 +151,12 @@ def _hand_poses(contacts: PadContacts, rolls: int) -> tuple[Array, Array]:
     poses: list[Transform] = []
     for midpoint, axis in zip(contacts.midpoints, contacts.axes, strict=True):
         hint = np.array([1.0, 0.0, 0.0]) if abs(axis[2]) > 0.9 else np.array([0.0, 0.0, 1.0])
-        # The columns of R are the hand's y, x and -z: a rotation about the third axis of frame_from_z is a roll.
         R = frame_from_z(axis, hint)
         for y_sign in (1.0, -1.0):
             for k in range(rolls):
                 across = R @ rotation_z(2.0 * math.pi * k / rolls)
-                z_hand, y_hand = -across[:, 0], y_sign * axis
-                poses.append(transform(np.column_stack([np.cross(y_hand, z_hand), y_hand, z_hand]), midpoint))
+                # The hand's z, then its x.
+                poses.append(transform(frame_from_z(-across[:, 0], y_sign * across[:, 1]), midpoint))
     return np.array(poses).reshape(-1, 4, 4), np.repeat(contacts.widths, 2 * rolls)
 
 

@@ -97,7 +97,9 @@ class _Lines:
     """(m, 2) line of each stretch."""
 
 
-def pad_contacts(vertices: Array, faces: NDArray[np.integer], width_max: float, settings: PadContactSettings) -> PadContacts:
+def pad_contacts(
+    vertices: Array, faces: NDArray[np.integer], width_max: float, settings: PadContactSettings
+) -> PadContacts:
     """Find the pairs of contacts of two parallel pads on a closed surface.
 
     Args:
@@ -154,7 +156,7 @@ def _along(corners: Array, axis: Array, width_max: float, settings: PadContactSe
     lines = _lay_lines(corners, axis, settings.grid)
     reach = round(settings.pad_radius / settings.grid)
     ends, off_centre = _settle(
-        lines.first, lines.stretches, lines.cells, settings.grid, settings.patch_radius, settings.patch_share,
+        lines.first, lines.stretches, lines.cells, settings.grid, (settings.patch_radius, settings.patch_share),
         settings.compliance, reach,
     )  # fmt: skip
     width = ends[:, 1] - ends[:, 0]
@@ -175,9 +177,11 @@ def _lay_lines(corners: Array, axis: Array, grid: float) -> _Lines:
     # The grid is centred on the solid, so that a symmetric one is met symmetrically; and shifted by a hair, so that
     # no line runs along the edge between two triangles.
     origin = 0.5 * (low + high - grid * steps) + np.array([1.3e-7, 2.9e-7])
-    counts = _cross(local, origin, grid, steps + 1, None)
+    counts = np.zeros(int(np.prod(steps + 1)), np.int64)
+    _rasterise(local, origin, grid, steps + 1, counts, np.empty((0, 2)), False)
     first = np.concatenate([[0], np.cumsum(counts)])
-    crossings = _cross(local, origin, grid, steps + 1, first)
+    crossings = np.empty((int(first[-1]), 2))
+    _rasterise(local, origin, grid, steps + 1, first[:-1].copy(), crossings, True)
     stretches, owners = _inside(first, crossings)
     per_line = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=counts.size))])
     rows = np.arange(steps[0] + 1)[:, None] * (steps[1] + 1) + np.arange(steps[1] + 2)[None, :]
@@ -185,21 +189,12 @@ def _lay_lines(corners: Array, axis: Array, grid: float) -> _Lines:
     return _Lines(R, origin, np.ascontiguousarray(per_line[rows]), stretches, np.ascontiguousarray(cells))
 
 
-def _cross(local: Array, origin: Array, grid: float, size: NDArray[np.int64], first: NDArray[np.int64] | None) -> Array:
-    """Count the crossings of each line with the surface or, knowing where they go, list them (k, 2)."""
-    counts = np.zeros(int(size[0] * size[1]), np.int64)
-    if first is None:
-        _rasterise(local, origin, grid, size, counts, np.empty((0, 2)), False)
-        return counts
-    crossings = np.empty((int(first[-1]), 2))
-    counts[:] = first[:-1]
-    _rasterise(local, origin, grid, size, counts, crossings, True)
-    return crossings
-
-
 @njit(cache=True, nogil=True)
 def _rasterise(local, origin, grid, size, next_place, crossings, listing):
-    """Find where lines along z cross triangles: height, and the normal's z component."""
+    """Count where lines along z cross triangles and, listing, write it: height, and the normal's z component.
+
+    `next_place` (lines,) are counts to go up, or places in the list, which go up too.
+    """
     for t in range(local.shape[0]):
         ax, ay, az = local[t, 0, 0], local[t, 0, 1], local[t, 0, 2]
         bx, by, bz = local[t, 1, 0], local[t, 1, 1], local[t, 1, 2]
@@ -273,8 +268,10 @@ def _inside(first, crossings):
 
 
 @njit(cache=True, nogil=True)
-def _settle(first, stretches, cells, grid, patch_radius, patch_share, compliance, reach):
+def _settle(first, stretches, cells, grid, patch, compliance, reach):
     """Lay two pads on each stretch.
+
+    `patch` is the radius [m] of the disc about an end that has to lie on a pad, and the share of it that has to.
 
     Returns:
         Where the pads come to lie (m, 2), which is where the surface under them is highest; and how far the middle of
@@ -291,7 +288,7 @@ def _settle(first, stretches, cells, grid, patch_radius, patch_share, compliance
                 square = (di * di + dj * dj) * grid * grid
                 if square > (reach * grid) ** 2:
                     continue
-                close = square <= patch_radius * patch_radius
+                close = square <= patch[0] * patch[0]
                 near += close
                 i, j = cells[s, 0] + di, cells[s, 1] + dj
                 if not (0 <= i < first.shape[0] and 0 <= j < first.shape[1] - 1):
@@ -306,7 +303,7 @@ def _settle(first, stretches, cells, grid, patch_radius, patch_share, compliance
                             near_held += 1
                             low, high = min(low, below), max(high, above)
         ends[s, 0], ends[s, 1] = low, high
-        if near_held >= patch_share * near:
+        if near_held >= patch[1] * near:
             off_centre[s] = math.sqrt(x * x + y * y) / held
     return ends, off_centre
 
