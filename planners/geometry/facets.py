@@ -81,6 +81,12 @@ class Facet:
         pieces = np.concatenate([np.stack([loop, np.roll(loop, -1, axis=0)], axis=1) for loop in self.loops])
         return (pieces - T[:3, 3]) @ T[:3, :3]
 
+    @cached_property
+    def extent(self) -> tuple[Array, Array]:
+        """Least and greatest x and y, (2,) each, in the facet frame [m]."""
+        corners = self.border[:, 0, :2]
+        return corners.min(axis=0), corners.max(axis=0)
+
     @property
     def _flat_loops(self) -> list[Array]:
         T = self.T_body_facet

@@ -198,7 +198,7 @@ def _fit_curved(
     fits = np.full(len(samples), _OFF, dtype=np.int64)
     clearances = np.zeros(len(samples))
     deviations = np.zeros(len(samples))
-    local = np.empty((len(corners), 3, 3))
+    local, balls = np.empty((len(corners), 3, 3)), _balls(corners)
     for i in range(len(samples)):
         triangle, height = _triangle_at(samples[i, 0], samples[i, 1], corners)
         if triangle < 0:
@@ -211,7 +211,7 @@ def _fit_curved(
             if clearances[i] < clearance - _ROUNDING:
                 fits[i] = _BORDER
                 break
-            near = _localise(places[i], frame, corners, radius, local)
+            near = _localise(places[i], frame, corners, balls, radius, local)
             low, high = _heights(local[:near], radius)
             deviations[i] = max(high, -low)
             fits[i] = _SEALS if deviations[i] <= flatness else _CURVED
@@ -278,18 +278,32 @@ def _clearance(place: Array, frame: Array, border: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _localise(place: Array, frame: Array, corners: Array, radius: float, local: Array) -> int:
-    """Write the triangles whose boxes meet the pad's into `local`, in the pad's axes; return how many there are."""
+def _balls(corners: Array) -> Array:
+    """Return (k, 4) centre and radius of a ball about each triangle."""
+    balls = np.zeros((len(corners), 4))
+    for k in range(len(corners)):
+        for axis in range(3):
+            balls[k, axis] = (corners[k, 0, axis] + corners[k, 1, axis] + corners[k, 2, axis]) / 3.0
+        for j in range(3):
+            square = 0.0
+            for axis in range(3):
+                square += (corners[k, j, axis] - balls[k, axis]) ** 2
+            balls[k, 3] = max(balls[k, 3], math.sqrt(square))
+    return balls
+
+
+@njit(cache=True, nogil=True)
+def _localise(place: Array, frame: Array, corners: Array, balls: Array, radius: float, local: Array) -> int:
+    """Write the triangles that may be over the pad into `local`, in the pad's axes; return how many there are."""
     count = 0
     for k in range(len(corners)):
+        u, v = _along(frame[0], balls[k], place), _along(frame[1], balls[k], place)
+        if u * u + v * v > (radius + balls[k, 3]) ** 2:
+            continue
         for j in range(3):
             for axis in range(3):
                 local[count, j, axis] = _along(frame[axis], corners[k, j], place)
-        t = local[count]
-        apart = min(t[0, 0], t[1, 0], t[2, 0]) > radius or max(t[0, 0], t[1, 0], t[2, 0]) < -radius
-        apart = apart or min(t[0, 1], t[1, 1], t[2, 1]) > radius or max(t[0, 1], t[1, 1], t[2, 1]) < -radius
-        if not apart:
-            count += 1
+        count += 1
     return count
 
 
@@ -377,9 +391,9 @@ def _mean_normal(triangles: Array, frame: Array, radius: float) -> Array:
 def _something_above(points: Array, normals: Array, corners: Array, radius: float, low: float, high: float) -> Mask:
     """Return (n,) whether a triangle of `corners` (k, 3, 3) is above a pad, between two heights."""
     found = np.zeros(len(points), dtype=np.bool_)
-    local = np.empty((len(corners), 3, 3))
+    local, balls = np.empty((len(corners), 3, 3)), _balls(corners)
     for i in range(len(points)):
-        near = _localise(points[i], _pad_axes(normals[i]), corners, radius, local)
+        near = _localise(points[i], _pad_axes(normals[i]), corners, balls, radius, local)
         for k in range(near):
             least, most = _height_range(local[k], radius)
             found[i] = found[i] or (most > low and least < high)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from planners.errors import LiftwrightError
 from planners.geometry import surface
 from planners.geometry.facets import Facet, FacetSettings, find_facets
-from planners.geometry.pose import Array, Transform, frame_from_z, rotation_z, transform
+from planners.geometry.pose import Array, Transform, rotation_z
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.pad_seal import Pad, PadFit, PadSurface
 from planners.regrasp.suction_hold import Cup, cup_wrenches, suction_margin, weight
@@ -60,8 +60,8 @@ class SuctionSettings:
     """Height above the pad in which nothing else of the object is [m]; the authors' value for the whole tool."""
     spacing: float = 0.003
     """Of samples on a facet [m]; the size of the authors' clusters."""
-    most_samples: int = 4000
-    """On one facet; larger facets are sampled more coarsely."""
+    most_samples: int = 8000
+    """On all facets together; larger objects are sampled more coarsely."""
     cluster: float = 0.015
     """Poses nearer than this on one facet count as one [m]; our choice: half a pad."""
     same_normal: float = math.radians(15.0)
@@ -107,12 +107,7 @@ class SuctionLoad:
             normals: (n, 3) outward.
             cup: what holds; how it is turned about the normal does not matter.
         """
-        hint = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-        T_object_tools = np.tile(np.eye(4), (len(points), 1, 1))
-        x = hint - normals * np.einsum("ij,ij->i", hint, normals)[:, None]
-        x /= np.linalg.norm(x, axis=1, keepdims=True)
-        T_object_tools[:, :3, :3] = np.stack([x, np.cross(normals, x), normals], axis=-1)
-        T_object_tools[:, :3, 3] = points
+        T_object_tools = _frames(points, normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
         start = self._margins_at(self.T_world_start, T_object_tools, cup)
         if self.T_world_goals is None:
             return start
@@ -186,7 +181,8 @@ def suction_poses(
     if not facets:
         rejections.add(Rejection(STAGE, SuctionFault.NO_FACET))
         return SuctionPoses((), (), (), rejections)
-    considered = [_consider(number, facet, pads, load, cup, settings) for number, facet in enumerate(facets)]
+    sampler = _Sampler(pads, load, cup, settings, _spacing(facets, settings))
+    considered = [sampler.consider(number, facet) for number, facet in enumerate(facets)]
     for places in considered:
         places.count(settings, cup, rejections)
     kept = _Places.joined([places.only(places.kept) for places in considered])
@@ -265,57 +261,84 @@ class _Places:
 
     def poses(self, facets: Sequence[Facet], rolls: int) -> Iterator[SuctionPose]:
         """Turn the tool at every place, a place after the other."""
-        turns = [rotation_z(2.0 * math.pi * roll / rolls) for roll in range(rolls)]
-        for row, number in enumerate(self.facet.tolist()):
-            along = facets[number].T_body_facet[:3, 0]
-            R = frame_from_z(self.normals[row], along)
-            for roll, turn in enumerate(turns):
-                T = transform(R @ turn, self.points[row])
-                yield SuctionPose(T, number, roll, bool(self.central[row]), float(self.margins[row]))
+        along = np.array([facets[number].T_body_facet[:3, 0] for number in self.facet])
+        turns = np.array([rotation_z(2.0 * math.pi * roll / rolls) for roll in range(rolls)])
+        tools = np.repeat(_frames(self.points, self.normals, along)[:, None], rolls, axis=1)
+        tools[:, :, :3, :3] = tools[:, :, :3, :3] @ turns
+        rows = zip(tools, self.facet.tolist(), self.central.tolist(), self.margins.tolist(), strict=True)
+        for turned, number, central, margin in rows:
+            for roll, T_object_tool in enumerate(turned):
+                yield SuctionPose(T_object_tool, number, roll, central, margin)
 
 
 _FAULTS = (SuctionFault.BORDER, SuctionFault.CURVED, SuctionFault.COVERED, SuctionFault.WEAK)
-_FAULT_OF_FIT = {PadFit.SEALS: -1, PadFit.BORDER: 0, PadFit.CURVED: 1, PadFit.COVERED: 2}
+_FAULT_OF_FIT = np.full(len(PadFit), -1)
+"""Place among `_FAULTS` of each `PadFit`; -1 for a pad that seals."""
+_FAULT_OF_FIT[[PadFit.BORDER, PadFit.CURVED, PadFit.COVERED]] = 0, 1, 2
 
 
-def _consider(
-    number: int, facet: Facet, pads: PadSurface, load: SuctionLoad, cup: Cup, settings: SuctionSettings
-) -> _Places:
-    """Put the cup on samples of one facet and say what is wrong with each."""
-    samples, coarse = _samples(facet, cup, settings)
-    pad = Pad(cup.radius, settings.clearance(cup), settings.flatness, settings.stand_off)
-    fits = pads.fit(facet, samples, pad)
-    on = np.flatnonzero(fits.fits != PadFit.OFF)
-    faults = np.array([_FAULT_OF_FIT[PadFit(fit)] for fit in fits.fits[on]], dtype=np.int64)
-    margins = load.margins(fits.points[on], fits.normals[on], cup)
-    faults[(faults < 0) & (margins < 0.0)] = _FAULTS.index(SuctionFault.WEAK)
-    kept = np.flatnonzero(faults < 0)
-    central = np.zeros(len(on), dtype=bool)
-    if len(kept):
-        away = np.linalg.norm(fits.points[on[kept]] - facet.T_body_facet[:3, 3], axis=1)
-        central[kept[np.argmin(np.round(away, _DIGITS))]] = True
-    return _Places(
-        facet=np.full(len(on), number, dtype=np.int64),
-        points=fits.points[on],
-        normals=fits.normals[on],
-        faults=faults,
-        clearances=fits.clearances[on],
-        deviations=fits.deviations[on],
-        margins=margins,
-        central=central,
-        coarse=coarse[on],
-    )
+@dataclass(frozen=True, eq=False)
+class _Sampler:
+    """Puts a cup on samples of an object's facets."""
+
+    pads: PadSurface
+    load: SuctionLoad
+    cup: Cup
+    settings: SuctionSettings
+    spacing: float
+    """[m]"""
+
+    def consider(self, number: int, facet: Facet) -> _Places:
+        """Put the cup on samples of one facet and say what is wrong with each."""
+        samples, coarse = _samples(facet, self.spacing, self.settings)
+        settings, radius = self.settings, self.cup.radius
+        pad = Pad(radius, settings.clearance(self.cup), settings.flatness, settings.stand_off)
+        fits = self.pads.fit(facet, samples, pad)
+        on = np.flatnonzero(fits.fits != PadFit.OFF)
+        faults = _FAULT_OF_FIT[fits.fits[on]]
+        margins = self.load.margins(fits.points[on], fits.normals[on], self.cup)
+        faults[(faults < 0) & (margins < 0.0)] = _FAULTS.index(SuctionFault.WEAK)
+        kept = np.flatnonzero(faults < 0)
+        central = np.zeros(len(on), dtype=bool)
+        if len(kept):
+            away = np.linalg.norm(fits.points[on[kept]] - facet.T_body_facet[:3, 3], axis=1)
+            central[kept[np.argmin(np.round(away, _DIGITS))]] = True
+        return _Places(
+            facet=np.full(len(on), number, dtype=np.int64),
+            points=fits.points[on],
+            normals=fits.normals[on],
+            faults=faults,
+            clearances=fits.clearances[on],
+            deviations=fits.deviations[on],
+            margins=margins,
+            central=central,
+            coarse=coarse[on],
+        )
 
 
-def _samples(facet: Facet, cup: Cup, settings: SuctionSettings) -> tuple[Array, NDArray[np.bool_]]:
+def _samples(facet: Facet, spacing: float, settings: SuctionSettings) -> tuple[Array, NDArray[np.bool_]]:
     """Return a grid (n, 2) about the facet's centroid, in the facet frame, and an even choice of it (n,)."""
-    corners = facet.border[:, 0, :2]
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    spacing = max(settings.spacing, math.sqrt(float(np.prod(high - low)) / settings.most_samples))
+    low, high = facet.extent
     steps = [np.arange(math.ceil(a / spacing), math.floor(b / spacing) + 1) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
     stride = max(1, round(settings.cluster / spacing))
     return grid * spacing, np.all(grid % stride == 0, axis=1)
+
+
+def _spacing(facets: Sequence[Facet], settings: SuctionSettings) -> float:
+    """Return the spacing of samples at which all facets together have no more of them than they may [m]."""
+    area = sum(float(np.prod(high - low)) for low, high in (facet.extent for facet in facets))
+    return max(settings.spacing, math.sqrt(area / settings.most_samples))
+
+
+def _frames(points: Array, normals: Array, hints: Array) -> Array:
+    """Return frames (n, 4, 4) at points with z along the normals and x along the hints' part square to them."""
+    x = hints - normals * np.einsum("ij,ij->i", hints, normals)[:, None]
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    frames = np.tile(np.eye(4), (len(points), 1, 1))
+    frames[:, :3, :3] = np.stack([x, np.cross(normals, x), normals], axis=-1)
+    frames[:, :3, 3] = points
+    return frames
 
 
 def _preference(places: _Places, load: SuctionLoad, settings: SuctionSettings) -> Indices:
