@@ -25,6 +25,13 @@ class RegraspGraphError(LiftwrightError):
 
 
 @dataclass(frozen=True)
+class Pick:
+    """The tool is held in an initial grasp: taken from its rest, or held already."""
+
+    node: int
+
+
+@dataclass(frozen=True)
 class Transfer:
     """The tool goes to the end of a round within one grasp."""
 
@@ -48,7 +55,7 @@ class Handover:
     receiver: int
 
 
-Edge = Transfer | Handover
+Edge = Pick | Transfer | Handover
 
 
 @dataclass(frozen=True)
@@ -56,8 +63,7 @@ class Sequence:
     """A way from an initial grasp to a goal grasp."""
 
     edges: tuple[Edge, ...]
-    start: int
-    """The initial node."""
+    """A `Pick`, then handovers and a transfer of the first round, then those of the second."""
     goal: int
     """Number of the goal pose."""
     cost: float
@@ -126,6 +132,9 @@ class RegraspGraph:
 
     def delete(self, edge: Edge) -> None:
         """Take an edge out: no sequence uses it again."""
+        if isinstance(edge, Pick):
+            self._start[edge.node] = np.inf
+            return
         if isinstance(edge, Transfer):
             costs = self._arriving if edge.after_handover else self._direct
             costs[edge.round][edge.end, edge.node] = np.inf
@@ -161,7 +170,7 @@ class RegraspGraph:
             return None
         edges_after, node_at_suction = self._traced(second, 1, node, goal)
         edges_before, start = self._traced(first[: before + 1], 0, node_at_suction, 0)
-        return Sequence((*edges_before, *edges_after), start, goal, cost)
+        return Sequence((Pick(start), *edges_before, *edges_after), goal, cost)
 
     def _end_costs(self, part: int, handovers: int) -> Array:
         return self._arriving[part] if handovers else self._direct[part]

@@ -6,7 +6,15 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planners.regrasp.regrasp_graph import Handover, RegraspGraph, RegraspGraphError, RoundLayers, Sequence, Transfer
+from planners.regrasp.regrasp_graph import (
+    Handover,
+    Pick,
+    RegraspGraph,
+    RegraspGraphError,
+    RoundLayers,
+    Sequence,
+    Transfer,
+)
 
 GRASPS = 4
 GOALS = 2
@@ -30,34 +38,28 @@ def random_graph(seed: int) -> tuple[RegraspGraph, nx.DiGraph]:
 
 
 def written_out(start: np.ndarray, rounds: tuple[RoundLayers, RoundLayers]) -> nx.DiGraph:
-    """Every grasp after every number of handovers is a node of its own, and every edge knows which edge it is."""
+    """Make every grasp after every number of handovers a node of its own."""
     graph = nx.DiGraph()
     graph.add_nodes_from(["begin", "end"])
-    for node in np.flatnonzero(start):
-        graph.add_edge("begin", (0, 0, int(node)), weight=0.0, edge=None)
+    graph.add_edges_from(("begin", (0, 0, int(node)), {"weight": 0.0}) for node in np.flatnonzero(start))
     for part, layers in enumerate(rounds):
         for handovers in range(MOST + 1):
-            costs = layers.arriving if handovers else layers.direct
-            for end, node in np.argwhere(np.isfinite(costs)):
-                target = (1, 0, int(node)) if part == 0 else "end"
-                label = Transfer(part, int(node), handovers > 0, int(end))
-                if graph.has_edge((part, handovers, int(node)), target):
-                    if graph.edges[(part, handovers, int(node)), target]["weight"] <= costs[end, node]:
-                        continue
-                graph.add_edge((part, handovers, int(node)), target, weight=float(costs[end, node]), edge=label)
-        for number in range(MOST):
-            for arm, matrix in enumerate(layers.handovers):
-                for g, r in np.argwhere(matrix):
-                    giver, receiver = arm * GRASPS + int(g), (1 - arm) * GRASPS + int(r)
-                    cost = layers.departing[giver] if number == 0 else 0.0
-                    if np.isfinite(cost):
-                        graph.add_edge(
-                            (part, number, giver),
-                            (part, number + 1, receiver),
-                            weight=HANDOVER_WEIGHT + float(cost),
-                            edge=Handover(part, number, giver, receiver),
-                        )
+            costs = (layers.arriving if handovers else layers.direct).min(axis=0)
+            for node in np.flatnonzero(np.isfinite(costs)):
+                target = "end" if part else (1, 0, int(node))
+                graph.add_edge((part, handovers, int(node)), target, weight=float(costs[node]))
+        for giver, receiver in changes_of_hand(layers):
+            for number in range(MOST):
+                cost = HANDOVER_WEIGHT + (layers.departing[giver] if number == 0 else 0.0)
+                if np.isfinite(cost):
+                    graph.add_edge((part, number, giver), (part, number + 1, receiver), weight=cost)
     return graph
+
+
+def changes_of_hand(layers: RoundLayers) -> list[tuple[int, int]]:
+    left_to_right, right_to_left = (np.argwhere(matrix) for matrix in layers.handovers)
+    there = [(int(g), GRASPS + int(r)) for g, r in left_to_right]
+    return there + [(GRASPS + int(g), int(r)) for g, r in right_to_left]
 
 
 def oracle(graph: nx.DiGraph) -> float | None:
@@ -114,14 +116,16 @@ def test_a_sequence_is_a_chain_of_grasps_that_changes_arms_at_handovers_only(see
     sequence = graph.best()
     if sequence is None:
         return
-    node = sequence.start
-    for edge in sequence.edges:
+    begin, *others = sequence.edges
+    assert isinstance(begin, Pick)
+    node = begin.node
+    for edge in others:
         if isinstance(edge, Handover):
             assert edge.giver == node
             assert edge.giver // GRASPS != edge.receiver // GRASPS
             node = edge.receiver
         else:
-            assert edge.node == node
+            assert edge == Transfer(edge.round, node, edge.after_handover, edge.end)
     assert [edge.round for edge in sequence.edges if isinstance(edge, Transfer)] == [0, 1]
     assert sequence.last == node
 

@@ -1,0 +1,85 @@
+"""Budgets, distances and paces of a suction-tool plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from planners.motion.query import MotionSettings
+from planners.motion.timing import TimingSettings
+from planners.regrasp.carried import CarriedPace
+
+
+@dataclass(frozen=True)
+class CarrySettings:
+    """Straight ways of the tool and of what it carries. Distances are those of the paper where it names them."""
+
+    unrest: float = 0.080
+    """Straight up with the tool off its rest [m]: more than the depth of a socket."""
+    descent: float = 0.050
+    """Along the normal of the facet, onto the object and off it [m]."""
+    lift: float = 0.050
+    """Straight up with the object, and straight down to its goal [m]."""
+    approach: float = 0.070
+    """Of a hand along its own z, to the tool and off it (the authors') [m]."""
+    layer_step: float = 0.025
+    """Between the places of a straight way at which a grasp of a layer is looked at [m]."""
+    step: float = 0.005
+    """Between the places of a straight way that is followed [m]."""
+    continuity: float = 0.25
+    """Largest joint step between those that still counts as continuous [rad]."""
+    resting_depth: float = 0.0005
+    """How deep bodies that rest on one another may overlap while one is lifted off or put down [m]."""
+    margin: float = 0.003
+    """Kept between all other bodies while planning [m]: at 1 mm plans were seen to touch."""
+    executed_share: float = 0.5
+    """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
+
+
+@dataclass(frozen=True)
+class ToolPace:
+    """How fast hands go where they are next to something, and how long fingers and vacuum take."""
+
+    straight_speed: float = 0.15
+    """Of hand or tool on a straight way [m/s]."""
+    straight_acceleration: float = 0.5
+    """[m/s^2]"""
+    carried_speed: float = 0.10
+    """The same with an object on the cup [m/s]."""
+    carried_acceleration: float = 0.3
+    """[m/s^2]"""
+    finger_time: float = 0.4
+    """Fingers close or open [s]."""
+    vacuum_time: float = 0.5
+    """The vacuum builds up, or the object comes off the cup [s]."""
+    handover_time: float = 0.2
+    """Both hands hold the tool before the giver lets go [s]."""
+
+
+@dataclass(frozen=True)
+class ToolPlannerSettings:
+    """Budgets and choices of a suction-tool plan. Budgets count tries, never seconds."""
+
+    carry: CarrySettings = field(default_factory=CarrySettings)
+    pace: ToolPace = field(default_factory=ToolPace)
+    carried: CarriedPace = field(default_factory=CarriedPace)
+    motion: MotionSettings = field(default_factory=lambda: MotionSettings(max_iterations=500))
+    timing: TimingSettings = field(default_factory=TimingSettings)
+    most_handovers: int = 2
+    """In each of the two rounds."""
+    suction_group: int = 8
+    """Suction poses that are asked together for the route with the fewest handovers: the rolls of one place."""
+    suction_poses: int = 40
+    """Suction poses of an object that are tried at all."""
+    sequences: int = 8
+    """Sequences of one suction pose whose motion is tried before the next suction pose."""
+    tries: int = 60
+    """Sequences of one object whose motion is tried, over all suction poses."""
+    orientations: int = 6
+    """Handover orientations of one pair of grasps whose motion is tried."""
+    orders: int = 12
+    """Objects that are planned again because another order was tried, beyond one plan for each."""
+    hold_reserve: float = 0.0
+    """What must be left of every limit of cup and fingers [N]."""
+    partner_weight: float = 0.5
+    """Cost of ending with a grasp that has no handover partner against one that has the most [rad], where further
+    objects follow."""
