@@ -77,7 +77,7 @@ def hull_faces(vertices: Array) -> list[FlatPiece]:
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
-    return [piece for group in coplanar_groups(corners, faces) for piece in [_hull_of(corners, faces, group)[0]]]
+    return [_hull_of(corners, faces, group)[0] for group in coplanar_groups(corners, faces)]
 
 
 def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
@@ -132,6 +132,9 @@ def _neighbours(faces: Faces) -> dict[int, list[int]]:
 
 def _hull_of(vertices: Array, faces: Faces, group: Faces) -> tuple[FlatPiece, float]:
     """Return the convex outline of a flat group of triangles, and its area [m²]."""
+    if len(group) == 1:
+        (normal,), (area,) = triangle_normals(vertices, faces[group])
+        return (normal, vertices[faces[group[0]]]), float(area)
     normals, areas = triangle_normals(vertices, faces[group])
     normal = areas @ normals
     normal /= np.linalg.norm(normal)

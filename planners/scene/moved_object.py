@@ -29,7 +29,13 @@ class MovedObject:
     T_world_goal: Transform
     symmetry: Symmetry
     goal_turns: Array
-    """(k, 4, 4), the first one the identity; turns about an axis are sampled every 15 degrees."""
+    """(k, 4, 4), the first one the identity; turns about an axis are sampled every 15 degrees. Only those after which
+    it rests."""
+    start_supports: tuple[str, ...]
+    """What carries it at the start: names of bodies, "table" among them."""
+    goal_supports: tuple[str, ...]
+    """What carries it at its goal: names of bodies; an object that is named is meant at its own goal, and has to be
+    there first."""
 
     @property
     def name(self) -> str:

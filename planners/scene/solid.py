@@ -1,4 +1,4 @@
-"""Solids that bodies are made of: outlines extruded along z, and closed meshes made of convex parts."""
+"""Solids that bodies are made of: outlines extruded along z, closed meshes, and several of them joined."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry import polygon, shapes, surface
 from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, Transform
 
 RIM_POINTS = 96
 """Points that stand for a round outline; the chords lie inside the circle by at most 0.06 % of its radius."""
@@ -40,6 +40,11 @@ class Solid(ABC):
     @abstractmethod
     def convex_parts(self) -> tuple[ConvexShape, ...]:
         """Convex shapes that together contain the solid."""
+
+    @property
+    @abstractmethod
+    def excess(self) -> float:
+        """How far the convex shapes reach beyond the surface at most [m]."""
 
     @abstractmethod
     def surface(self) -> Surface:
@@ -78,6 +83,14 @@ class ExtrudedSolid(Solid):
     def convex_parts(self) -> tuple[ConvexShape, ...]:
         """The one convex shape it is."""
         return (self.convex,)
+
+    @property
+    def excess(self) -> float:
+        """Of a round one, how far its drawing with flats reaches beyond one with chords [m]."""
+        if not self.is_round:
+            return 0.0
+        drawn = np.linalg.norm(self.convex.vertices[:, :2], axis=1).max()
+        return float(drawn - np.linalg.norm(self.outline, axis=1).min() * math.cos(math.pi / len(self.outline)))
 
     def surface(self) -> Surface:
         """Return the solid's surface, outward; a round one has `RIM_POINTS` chords."""
@@ -118,21 +131,28 @@ class ExtrudedSolid(Solid):
 
 @dataclass(frozen=True, eq=False)
 class MeshSolid(Solid):
-    """One or several closed meshes, and convex shapes that contain them."""
+    """A closed mesh, and convex shapes that contain it."""
 
     vertices: Array
     """(n, 3) [m]."""
     faces: NDArray[np.int64]
     """(m, 3), counter-clockwise from outside."""
     parts: tuple[ConvexShape, ...]
+    parts_excess: float = 0.0
+    """How far the convex shapes reach beyond the mesh at most [m]."""
+
+    @property
+    def excess(self) -> float:
+        """How far the convex shapes reach beyond the mesh at most [m]."""
+        return self.parts_excess
 
     @property
     def convex_parts(self) -> tuple[ConvexShape, ...]:
-        """Convex shapes whose union contains the meshes."""
+        """Convex shapes whose union contains the mesh."""
         return self.parts
 
     def surface(self) -> Surface:
-        """Return the meshes."""
+        """Return the mesh."""
         return self.vertices, self.faces
 
     def depth(self, point: Sequence[float] | Array) -> float:
@@ -144,7 +164,7 @@ class MeshSolid(Solid):
         return self._hull_faces
 
     def flat_pieces(self) -> list[FlatFace]:
-        """Return the flat places of the meshes, whole where they are convex, else in triangles."""
+        """Return the flat places of the mesh, whole where they are convex, else in triangles."""
         return self._pieces
 
     @cached_property
@@ -154,6 +174,65 @@ class MeshSolid(Solid):
     @cached_property
     def _pieces(self) -> list[FlatFace]:
         return [FlatFace(normal, corners) for normal, corners in surface.flat_pieces(self.vertices, self.faces)]
+
+
+@dataclass(frozen=True, eq=False)
+class CompoundSolid(Solid):
+    """Solids that are rigidly joined; they may touch or overlap."""
+
+    pieces: tuple[tuple[Solid, Transform], ...]
+    """Each with its `T_compound_piece`."""
+
+    @property
+    def convex_parts(self) -> tuple[ConvexShape, ...]:
+        """Those of all pieces."""
+        return self._parts
+
+    @property
+    def excess(self) -> float:
+        """The largest of the pieces' [m]."""
+        return max(solid.excess for solid, _ in self.pieces)
+
+    def surface(self) -> Surface:
+        """Return the closed surfaces of all pieces; where pieces overlap, parts of them are inside."""
+        return self._surface
+
+    def depth(self, point: Sequence[float] | Array) -> float:
+        """Return how deep (3,) `point` lies in the piece that it is deepest in [m], negative outside all."""
+        at = np.asarray(point, dtype=float)
+        return max(solid.depth(T[:3, :3].T @ (at - T[:3, 3])) for solid, T in self.pieces)
+
+    def flat_faces(self) -> list[FlatFace]:
+        """Return the faces of the convex hull: a body rests on its hull."""
+        return self._hull_faces
+
+    def flat_pieces(self) -> list[FlatFace]:
+        """Return the flat places of all pieces."""
+        return [
+            FlatFace(T[:3, :3] @ face.normal, face.corners @ T[:3, :3].T + T[:3, 3])
+            for solid, T in self.pieces
+            for face in solid.flat_pieces()
+        ]
+
+    @cached_property
+    def _parts(self) -> tuple[ConvexShape, ...]:
+        return tuple(shapes.placed(part, T) for solid, T in self.pieces for part in solid.convex_parts)
+
+    @cached_property
+    def _surface(self) -> Surface:
+        vertices: list[Array] = []
+        faces: list[NDArray[np.int64]] = []
+        count = 0
+        for solid, T in self.pieces:
+            own_vertices, own_faces = solid.surface()
+            vertices.append(own_vertices @ T[:3, :3].T + T[:3, 3])
+            faces.append(own_faces + count)
+            count += len(own_vertices)
+        return np.vstack(vertices), np.vstack(faces)
+
+    @cached_property
+    def _hull_faces(self) -> list[FlatFace]:
+        return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.surface()[0])]
 
 
 def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
@@ -181,18 +260,3 @@ def inline_mesh(solid: Solid) -> InlineMesh:
         faces=faces.tolist(),
         convex_parts=[part.vertices.tolist() for part in solid.convex_parts],
     )
-
-
-def compound_solid(pieces: Sequence[tuple[Solid, Array]]) -> MeshSolid:
-    """Join solids, each with its `T_compound_solid`, to one; they may touch or overlap."""
-    vertices: list[Array] = []
-    faces: list[NDArray[np.int64]] = []
-    parts: list[ConvexShape] = []
-    count = 0
-    for solid, T in pieces:
-        own_vertices, own_faces = solid.surface()
-        vertices.append(own_vertices @ T[:3, :3].T + T[:3, 3])
-        faces.append(own_faces + count)
-        count += len(own_vertices)
-        parts += [shapes.placed(part, T) for part in solid.convex_parts]
-    return MeshSolid(np.vstack(vertices), np.vstack(faces), tuple(parts))

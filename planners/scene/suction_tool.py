@@ -11,7 +11,7 @@ from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.asset_files import read_tool_file, shipped_shelf
 from planners.scene.body import Body
 from planners.scene.shape_source import ShapeSource
-from planners.scene.solid import MeshSolid, compound_solid, inline_mesh
+from planners.scene.solid import CompoundSolid, inline_mesh
 
 TOOL_NAME = "tool"
 
@@ -42,6 +42,8 @@ class SuctionTool:
     com: Array
     """(3,) in the tool frame [m]."""
     cup: CupData
+    supports: tuple[str, ...] = ()
+    """What carries it at the start: names of bodies, "table" among them."""
 
     @property
     def T_world_tool(self) -> Transform:
@@ -79,6 +81,7 @@ def load_tool(
     return SuctionTool(name, body, given.mass, com, CupData(cup.radius, cup.max_force, cup.mu, cup.kappa))
 
 
-def _solid(parts: tuple[ToolPart, ...], shapes: ShapeSource) -> MeshSolid:
+def _solid(parts: tuple[ToolPart, ...], shapes: ShapeSource) -> CompoundSolid:
     pointed = ((part, f"/tool/shapes/{i}/shape") for i, part in enumerate(parts))
-    return compound_solid([(shapes.find(part.shape, where)[1], from_pose7(part.pose)) for part, where in pointed])
+    pieces = ((shapes.find(part.shape, where)[1], from_pose7(part.pose)) for part, where in pointed)
+    return CompoundSolid(tuple(pieces))

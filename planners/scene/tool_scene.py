@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
-from planners.errors import SceneError
-from planners.geometry.pose import Array, Transform, from_pose7
+from planners.geometry.pose import Array
 from planners.scene.body import Body
 from planners.scene.cell import Cell
+from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
 from planners.scene.hand import Gripper
-from planners.scene.moved_object import MovedObject, symmetry_turns
+from planners.scene.moved_object import MovedObject
 from planners.scene.placements import place_obstacle
 from planners.scene.shape_source import ShapeSource
-from planners.scene.suction_tool import SuctionTool, load_tool
+from planners.scene.suction_tool import TOOL_NAME, SuctionTool
 from planners.scene.task_checks import check_names, find_cell, start_positions
+from planners.scene.tool_placements import StillBodies, place_objects, place_tool, refuse_overlaps_but_rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +56,11 @@ def build_tool_scene(task: SuctionToolTask, cells: Mapping[str, Cell] | None = N
     check_names(named, cell)
     shapes = ShapeSource()
     obstacles = tuple(place_obstacle(i, given, shapes) for i, given in enumerate(task.obstacles))
-    objects = []
-    for i, given in enumerate(task.objects):
-        shape, solid = shapes.find(given.shape, f"/objects/{i}/shape")
-        T_world_object = from_pose7(given.pose)
-        body = Body(given.name, "object", shape, solid, given.mass, np.array(given.com), T_world_object, static=False)
-        turns = symmetry_turns(solid, given.goal_symmetry)
-        objects.append(MovedObject(body, from_pose7(given.goal_pose), given.goal_symmetry, turns))
-    return SuctionToolScene(
+    still = StillBodies.of(cell, obstacles)
+    scene = SuctionToolScene(
         cell=cell,
-        tool=load_tool(task.tool, _tool_pose(task, cell), shapes),
-        objects=tuple(objects),
+        tool=place_tool(task, cell, still, shapes),
+        objects=place_objects(task.objects, still, shapes),
         friction=task.friction,
         grip_force_limit=task.grip_force_limit,
         obstacles=obstacles,
@@ -76,6 +69,8 @@ def build_tool_scene(task: SuctionToolTask, cells: Mapping[str, Cell] | None = N
         seed=task.seed,
         options=task.options,
     )
+    _refuse_overlaps_at_start(scene, still)
+    return scene
 
 
 def _grips_with_both(cell: Cell) -> bool:
@@ -88,9 +83,18 @@ def _width_max(cell: Cell, arm: str) -> float:
     return hand.width_max
 
 
-def _tool_pose(task: SuctionToolTask, cell: Cell) -> Transform:
-    if task.tool_pose is not None:
-        return from_pose7(task.tool_pose)
-    if cell.tool_rest is None:
-        raise SceneError("/tool_pose", f"the cell {cell.name} has no tool rest; say where the tool is")
-    return cell.tool_rest.T_world_tool
+def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> None:
+    """Let static things overlap one another; tool, objects and arms must be clear of all."""
+    moved = [_placed(one.body, f"/objects/{i}/pose") for i, one in enumerate(scene.objects)]
+    tool = _placed(scene.tool.body, "/tool_pose")
+    arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
+    supports = {one.name: one.start_supports for one in scene.objects} | {TOOL_NAME: scene.tool.supports}
+    excess = still.excess | {body.name: body.solid.excess for body in scene.bodies()}
+    standing = [*moved, tool]
+    refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, "at the start")
+    refuse_overlaps(arms, [*standing, *still.bodies], scene.cell.excluded_pairs)
+    refuse_overlaps(arms, arms, scene.cell.excluded_pairs)
+
+
+def _placed(body: Body, pointer: str) -> PlacedBody:
+    return placed_body(body.collision_body(), body.T_world_body, pointer)
