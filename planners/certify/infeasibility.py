@@ -14,8 +14,9 @@ import numpy as np
 
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
+from planners.certify.cones import StatedCup
 from planners.certify.document_view import CauseView, PlanView
-from planners.certify.lift_task import LiftTask, StatedCup
+from planners.certify.lift_task import LiftTask
 from planners.certify.settings import CertifySettings
 
 _WEIGHTLESS = 1e-12
