@@ -20,6 +20,7 @@ import numpy as np
 
 from planners.balance.solver import GRAVITY
 from planners.geometry.pose import Array, Transform
+from planners.geometry.wrench import wrench_about
 
 _SQRT2, _SQRT3 = math.sqrt(2.0), math.sqrt(3.0)
 _NO_PUSH = 1e-9
@@ -131,12 +132,11 @@ def cup_wrenches(loads: Array, T_world_objects: Array, com: Array, T_object_tool
     Returns:
         (..., 6) that the cup exerts on the object about the lip's centre, tool axes.
     """
-    R = T_world_objects[..., :3, :3] @ T_object_tool[..., :3, :3]
-    force = -_turned(R, loads[..., :3])
-    arm = np.einsum("...ji,...j->...i", T_object_tool[..., :3, :3], com - T_object_tool[..., :3, 3])
-    # The cup's torque balances the load's about the lip: that of the centre of mass and that of the force's arm.
-    torque = -_turned(R, loads[..., 3:]) + np.cross(arm, force)
-    return np.concatenate(np.broadcast_arrays(force, torque), axis=-1)
+    T_world_tools = T_world_objects @ T_object_tool
+    centres = T_world_objects[..., :3, :3] @ com + T_world_objects[..., :3, 3]
+    borne = -wrench_about(loads + np.zeros((*T_world_tools.shape[:-2], 6)), centres, T_world_tools[..., :3, 3])
+    pairs = borne.reshape(*borne.shape[:-1], 2, 3)
+    return (pairs @ T_world_tools[..., :3, :3]).reshape(borne.shape)
 
 
 def weight(mass: float) -> Array:
@@ -172,8 +172,3 @@ def acceleration_share(at_rest: Array, inertial: Array, cup: Cup, reserve: float
         middle = 0.5 * (held + lost)
         held, lost = (middle, lost) if holds(middle) else (held, middle)
     return held
-
-
-def _turned(R: Array, vectors: Array) -> Array:
-    """Return world vectors in the axes that R (..., 3, 3) takes to the world."""
-    return np.einsum("...ji,...j->...i", R, vectors)

@@ -261,7 +261,7 @@ class _Places:
 
     def poses(self, facets: Sequence[Facet], rolls: int) -> Iterator[SuctionPose]:
         """Turn the tool at every place, a place after the other."""
-        along = np.array([facets[number].T_body_facet[:3, 0] for number in self.facet])
+        along = np.array([facet.T_body_facet[:3, 0] for facet in facets])[self.facet]
         turns = np.array([rotation_z(2.0 * math.pi * roll / rolls) for roll in range(rolls)])
         tools = np.repeat(_frames(self.points, self.normals, along)[:, None], rolls, axis=1)
         tools[:, :, :3, :3] = tools[:, :, :3, :3] @ turns
