@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
 from planners.regrasp.carried import CarriedPace
+from planners.regrasp.handovers import HandoverSettings
+from planners.regrasp.suction_poses import SuctionSettings
 
 
 @dataclass(frozen=True)
@@ -21,16 +23,12 @@ class CarrySettings:
     """Straight up with the object, and straight down to its goal [m]."""
     approach: float = 0.070
     """Of a hand along its own z, to the tool and off it (the authors') [m]."""
-    layer_step: float = 0.025
+    layer_step: float = 0.0125
     """Between the places of a straight way at which a grasp of a layer is looked at [m]."""
     step: float = 0.005
     """Between the places of a straight way that is followed [m]."""
     continuity: float = 0.25
     """Largest joint step between those that still counts as continuous [rad]."""
-    resting_depth: float = 0.0005
-    """How deep bodies that rest on one another may overlap while one is lifted off or put down [m]."""
-    margin: float = 0.003
-    """Kept between all other bodies while planning [m]: at 1 mm plans were seen to touch."""
     executed_share: float = 0.5
     """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
 
@@ -59,6 +57,8 @@ class ToolPace:
 class ToolPlannerSettings:
     """Budgets and choices of a suction-tool plan. Budgets count tries, never seconds."""
 
+    suction: SuctionSettings = field(default_factory=SuctionSettings)
+    handovers: HandoverSettings = field(default_factory=HandoverSettings)
     carry: CarrySettings = field(default_factory=CarrySettings)
     pace: ToolPace = field(default_factory=ToolPace)
     carried: CarriedPace = field(default_factory=CarriedPace)
@@ -68,6 +68,8 @@ class ToolPlannerSettings:
     """In each of the two rounds."""
     suction_group: int = 8
     """Suction poses that are asked together for the route with the fewest handovers: the rolls of one place."""
+    near_goals: int = 6
+    """Goals of one object that are asked first, those that turn the tool least; the rest only for direct routes."""
     suction_poses: int = 40
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
