@@ -45,19 +45,30 @@ class ContactPlaceChecks(ABC):
         T = contact_set.T_world_body
         # An edge or a corner of the body may press on a face: then the face alone has the normal.
         normal = None if contact.kind == "environment" else -contact.normal
-        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}")
+        slant = self._slant(contact)
+        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}", slant)
         maker = self._makers().get(contact.kind)
         if maker is None:
             self._points.require(False, where, f"nothing makes contacts of kind {contact.kind} here")
         else:
             maker(motion, contact_set, contact, where)
 
+    def _slant(self, contact: ContactView) -> float:
+        """Return the largest angle between a contact's normal and that of the body it acts on [rad]."""
+        return self._settings.contact_angle
+
     @abstractmethod
     def _makers(self) -> Mapping[str, Maker]:
         """Return who makes contacts of each kind."""
 
     def _on_surface(
-        self, shape: BodyShape, T_world_body: Transform, point: Array, outward: Array | None, where: str
+        self,
+        shape: BodyShape,
+        T_world_body: Transform,
+        point: Array,
+        outward: Array | None,
+        where: str,
+        slant: float | None = None,
     ) -> None:
         T_body_world = inverse(T_world_body)
         local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
@@ -67,7 +78,7 @@ class ContactPlaceChecks(ABC):
             normals = shape.normals_near(local, self._settings.contact_distance)
             direction = T_body_world[:3, :3] @ outward
             error = min((angle(direction, normal) for normal in normals), default=math.pi)
-            self._normals.note(self._settings.contact_angle - error, where)
+            self._normals.note((self._settings.contact_angle if slant is None else slant) - error, where)
 
     def _meets(self, contact: ContactView, point: Array, normal: Array, where: str) -> None:
         distance = float(np.linalg.norm(contact.point - point))

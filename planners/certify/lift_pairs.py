@@ -13,7 +13,7 @@ class LiftTouchRule(TouchRule):
     def __init__(self, plan: PlanView, segment: SegmentView) -> None:
         self._support = plan.support
         around = holds_around(plan, segment)
-        self._held = {(s.grip.arm, s.grip.body) for s in around if s.grip is not None}
+        self._held = {(grip.arm, grip.body) for s in around for grip in s.grips}
         self._pushed = {(s.push.arm, s.push.body) for s in around if s.push is not None}
 
     def _hand(self, part: Solid, body: Solid) -> bool:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from planners.certify.attachments import rotation_angles
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.stated import StatedBody
 from planners.certify.surfaces import largest_width, pad_height
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, Transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,10 @@ class CellReference:
     """Its static bodies, as documents carry them."""
     home: Array
     """(12,) where the arms start when the task does not say [rad]."""
+    tool_pose: Sequence[float] | None = None
+    """Where a suction tool stands in the cell's rest, if it has one."""
+    tools: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Shipped suction tools by name, each as a task would describe it."""
 
 
 def scene_checks(
@@ -39,9 +44,15 @@ def scene_checks(
     return checks
 
 
-def compare_body(body: BodyView, stated: StatedBody, finding: Finding, settings: CertifySettings) -> None:
-    """Note how far a body is from what the task states of it."""
-    differences = {"pose": float(np.abs(body.T_world_start - stated.T_world_body).max())}
+def compare_body(
+    body: BodyView, stated: StatedBody, finding: Finding, settings: CertifySettings, *, settled: bool = False
+) -> None:
+    """Note how far a body is from what the task states of it; one that is `settled` may be a little off its pose."""
+    differences = {}
+    if settled:
+        compare_settled(body, stated.T_world_body, finding, settings)
+    else:
+        differences["pose"] = float(np.abs(body.T_world_start - stated.T_world_body).max())
     if stated.shape is not None:
         differences["shape"] = _difference(body.shape, stated.shape)
     if stated.com is not None:
@@ -50,6 +61,15 @@ def compare_body(body: BodyView, stated: StatedBody, finding: Finding, settings:
         differences["mass"] = abs((body.mass or 0.0) - stated.mass)
     for member, difference in differences.items():
         finding.note(settings.join - difference, f"body {stated.name}: {member}")
+
+
+def compare_settled(body: BodyView, T_world_stated: Transform, finding: Finding, settings: CertifySettings) -> None:
+    """Note how far a body was moved from its stated pose onto what carries it."""
+    where = f"body {body.name}: pose"
+    moved = float(np.linalg.norm(body.T_world_start[:3, 3] - T_world_stated[:3, 3]))
+    finding.note(settings.settled_distance + settings.join - moved, where)
+    turned = float(rotation_angles(body.T_world_start[None], T_world_stated)[0])
+    finding.note(settings.settled_angle + settings.join - turned, where)
 
 
 def _difference(a: BodyShape, b: BodyShape) -> float:

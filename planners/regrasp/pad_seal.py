@@ -33,8 +33,6 @@ class PadFit(IntEnum):
     """It is too near to the facet's border."""
     CURVED = 3
     """The surface under it is not flat enough."""
-    COVERED = 4
-    """Another part of the object is where the pad would be."""
 
 
 _SEALS, _OFF, _BORDER, _CURVED = (int(fit) for fit in (PadFit.SEALS, PadFit.OFF, PadFit.BORDER, PadFit.CURVED))
@@ -84,19 +82,22 @@ class PadSurface:
         R, origin = facet.T_body_facet[:3, :3], facet.T_body_facet[:3, 3]
         fitted = _fit_flat(samples, facet.border, pad) if facet.flat else self._fit_curved(facet, samples, pad)
         places, normals, fits, clearances, deviations = fitted
-        points, normals = places @ R.T + origin, normals @ R.T
-        sealed = np.flatnonzero(fits == PadFit.SEALS)
-        covered = self._covered(facet, points[sealed], normals[sealed], pad)
-        fits[sealed[covered]] = PadFit.COVERED
-        return PadFits(points, normals, fits, clearances, deviations)
+        return PadFits(places @ R.T + origin, normals @ R.T, fits, clearances, deviations)
 
     def _fit_curved(self, facet: Facet, samples: Array, pad: Pad) -> _Fitted:
         R, origin = facet.T_body_facet[:3, :3], facet.T_body_facet[:3, 3]
         corners = (self.vertices[self.faces[facet.triangles]] - origin) @ R
         return _fit_curved(samples, corners, facet.normals @ R, facet.border, pad.radius, pad.clearance, pad.flatness)
 
-    def _covered(self, facet: Facet, points: Array, normals: Array, pad: Pad) -> Mask:
-        """Return (k,) whether another part of the surface is above the pads, or these are inside another shell."""
+    def covered(self, facet: Facet, points: Array, normals: Array, pad: Pad) -> Mask:
+        """Return (k,) whether another part of the surface is above pads, or these are inside another shell.
+
+        Args:
+            facet: that the pads sit on.
+            points: (k, 3) their centres, in the body frame [m].
+            normals: (k, 3) square to them, outward.
+            pad: each of them.
+        """
         if len(points) == 0:
             return np.zeros(0, dtype=bool)
         others = np.ones(len(self.faces), dtype=bool)
@@ -142,6 +143,34 @@ class PadSurface:
         return shells, int(count)
 
 
+def narrow_places(facet: Facet, spacing: float, finest: float, clearance: float) -> Array:
+    """Return samples (n, 2) of the facet frame at least `clearance` from the border that a grid may have missed.
+
+    The grid's cells are quartered as long as one of them may contain such a place, until some are found or the cells
+    are smaller than `finest`: depth below the border changes by no more than the way.
+    """
+    cells = facet_grid(facet, spacing) * spacing
+    size = spacing
+    while size > finest and len(cells):
+        inside, distances = _depths(cells, facet.border)
+        depths = np.where(inside, distances, -distances)
+        found = depths >= clearance - _ROUNDING
+        if found.any():
+            return cells[found]
+        cells = cells[depths + math.sqrt(0.5) * size >= clearance]
+        size *= 0.5
+        cells = (cells[:, None] + 0.5 * size * _QUARTERS).reshape(-1, 2)
+    return np.empty((0, 2))
+
+
+def facet_grid(facet: Facet, spacing: float) -> Indices:
+    """Return the (n, 2) numbers of steps from the facet's centroid at which a grid is within its extent."""
+    low, high = facet.extent
+    steps = [np.arange(math.ceil(a / spacing), math.floor(b / spacing) + 1) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+_QUARTERS = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
 _Fitted = tuple[Array, Array, Indices, Array, Array]
 """Places and normals (n, 3) in the facet frame, fits, clearances and deviations (n,)."""
 

@@ -19,7 +19,7 @@ from planners.geometry import surface
 from planners.geometry.facets import Facet, FacetSettings, find_facets
 from planners.geometry.pose import Array, Transform, rotation_z
 from planners.graph.rejections import Rejection, Rejections
-from planners.regrasp.pad_seal import Pad, PadFit, PadSurface
+from planners.regrasp.pad_seal import Pad, PadFit, PadSurface, facet_grid, narrow_places
 from planners.regrasp.suction_hold import Cup, cup_wrenches, suction_margin, weight
 
 Indices = NDArray[np.int64]
@@ -41,8 +41,8 @@ class SuctionFault(StrEnum):
     NO_FACET = "No flat place of the object is as large as the pad."
     BORDER = "The pad would reach over the border of the flat place."
     CURVED = "The surface under the pad is not flat enough to seal."
-    COVERED = "Another part of the object is where the pad would be."
     WEAK = "The cup alone cannot hold the object's weight there."
+    COVERED = "Another part of the object is where the pad would be."
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class SuctionSettings:
     """Height above the pad in which nothing else of the object is [m]; the authors' value for the whole tool."""
     spacing: float = 0.003
     """Of samples on a facet [m]; the size of the authors' clusters."""
+    finest: float = 0.0002
+    """Of samples on a flat facet where no other sample seals [m]; our choice."""
     most_samples: int = 8000
     """On all facets together; larger objects are sampled more coarsely."""
     cluster: float = 0.015
@@ -74,7 +76,7 @@ class SuctionSettings:
     """Largest angle between the normal of a facet on top and the vertical [rad]; as for facets."""
 
     def __post_init__(self) -> None:
-        lengths = (self.flatness, self.stand_off, self.spacing, self.cluster)
+        lengths = (self.flatness, self.stand_off, self.spacing, self.finest, self.cluster)
         if min(lengths) <= 0.0 or min(self.border, self.rim) < 0.0 or min(self.rolls, self.most_samples) < 1:
             raise LiftwrightError("suction poses have positive lengths, samples and rolls")
 
@@ -246,8 +248,8 @@ class _Places:
         measures = {
             SuctionFault.BORDER: (self.clearances, settings.clearance(cup), "m"),
             SuctionFault.CURVED: (-self.deviations, -settings.flatness, "m"),
-            SuctionFault.COVERED: (None, None, None),
             SuctionFault.WEAK: (self.margins, 0.0, None),
+            SuctionFault.COVERED: (None, None, None),
         }
         for fault, (available, needed, unit) in measures.items():
             rows = self.faults == _FAULTS.index(fault)
@@ -271,10 +273,10 @@ class _Places:
                 yield SuctionPose(T_object_tool, number, roll, central, margin)
 
 
-_FAULTS = (SuctionFault.BORDER, SuctionFault.CURVED, SuctionFault.COVERED, SuctionFault.WEAK)
+_FAULTS = (SuctionFault.BORDER, SuctionFault.CURVED, SuctionFault.WEAK, SuctionFault.COVERED)
 _FAULT_OF_FIT = np.full(len(PadFit), -1)
 """Place among `_FAULTS` of each `PadFit`; -1 for a pad that seals."""
-_FAULT_OF_FIT[[PadFit.BORDER, PadFit.CURVED, PadFit.COVERED]] = 0, 1, 2
+_FAULT_OF_FIT[[PadFit.BORDER, PadFit.CURVED]] = 0, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,23 +292,25 @@ class _Sampler:
 
     def consider(self, number: int, facet: Facet) -> _Places:
         """Put the cup on samples of one facet and say what is wrong with each."""
-        samples, coarse = _samples(facet, self.spacing, self.settings)
-        settings, radius = self.settings, self.cup.radius
-        pad = Pad(radius, settings.clearance(self.cup), settings.flatness, settings.stand_off)
-        fits = self.pads.fit(facet, samples, pad)
+        grid, coarse = _samples(facet, self.spacing, self.settings)
+        fits = self.pads.fit(facet, grid, self._pad)
+        if facet.flat and not np.any(fits.fits == PadFit.SEALS):
+            narrow = narrow_places(facet, self.spacing, self.settings.finest, self._pad.clearance)
+            coarse = np.concatenate([coarse, np.zeros(len(narrow), dtype=bool)])
+            fits = self.pads.fit(facet, np.concatenate([grid, narrow]), self._pad)
         on = np.flatnonzero(fits.fits != PadFit.OFF)
-        faults = _FAULT_OF_FIT[fits.fits[on]]
-        margins = self.load.margins(fits.points[on], fits.normals[on], self.cup)
-        faults[(faults < 0) & (margins < 0.0)] = _FAULTS.index(SuctionFault.WEAK)
+        points, normals = fits.points[on], fits.normals[on]
+        margins = self.load.margins(points, normals, self.cup)
+        faults = self._faults(facet, points, normals, fits.fits[on], margins)
         kept = np.flatnonzero(faults < 0)
         central = np.zeros(len(on), dtype=bool)
         if len(kept):
-            away = np.linalg.norm(fits.points[on[kept]] - facet.T_body_facet[:3, 3], axis=1)
+            away = np.linalg.norm(points[kept] - facet.T_body_facet[:3, 3], axis=1)
             central[kept[np.argmin(np.round(away, _DIGITS))]] = True
         return _Places(
             facet=np.full(len(on), number, dtype=np.int64),
-            points=fits.points[on],
-            normals=fits.normals[on],
+            points=points,
+            normals=normals,
             faults=faults,
             clearances=fits.clearances[on],
             deviations=fits.deviations[on],
@@ -315,12 +319,24 @@ class _Sampler:
             coarse=coarse[on],
         )
 
+    def _faults(self, facet: Facet, points: Array, normals: Array, fits: Indices, margins: Array) -> Indices:
+        """Return the first thing wrong with each place, as in `_Places`, the cheapest question first."""
+        faults = _FAULT_OF_FIT[fits]
+        faults[(faults < 0) & (margins < 0.0)] = _FAULTS.index(SuctionFault.WEAK)
+        left = np.flatnonzero(faults < 0)
+        covered = self.pads.covered(facet, points[left], normals[left], self._pad)
+        faults[left[covered]] = _FAULTS.index(SuctionFault.COVERED)
+        return faults
+
+    @property
+    def _pad(self) -> Pad:
+        settings = self.settings
+        return Pad(self.cup.radius, settings.clearance(self.cup), settings.flatness, settings.stand_off)
+
 
 def _samples(facet: Facet, spacing: float, settings: SuctionSettings) -> tuple[Array, NDArray[np.bool_]]:
     """Return a grid (n, 2) about the facet's centroid, in the facet frame, and an even choice of it (n,)."""
-    low, high = facet.extent
-    steps = [np.arange(math.ceil(a / spacing), math.floor(b / spacing) + 1) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    grid = facet_grid(facet, spacing)
     stride = max(1, round(settings.cluster / spacing))
     return grid * spacing, np.all(grid % stride == 0, axis=1)
 

@@ -291,6 +291,26 @@ def test_the_nearest_miss_of_the_border_is_reported():
     assert rejection.available == pytest.approx(0.018)
 
 
+@pytest.mark.parametrize("spare", [1e-3, 3e-4])
+def test_a_leg_that_is_hardly_wider_than_the_pad_has_a_place(spare):
+    """An L of two legs: its centroid is on neither, so no line of a grid about it follows a leg."""
+    width, length = 2 * (LIP.radius + SETTINGS.rim) + spare, 0.2
+
+    def drawn_l(width: float) -> trimesh.Trimesh:
+        outline = [[0, 0], [length, 0], [length, width], [width, width], [width, 0.7 * length], [0, 0.7 * length]]
+        low, high = (np.column_stack([outline, np.full(6, z)]) for z in (0.0, 0.03))
+        caps = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])
+        walls = [f for k in range(6) for j in [(k + 1) % 6] for f in ((k, j, j + 6), (k, j + 6, k + 6))]
+        return trimesh.Trimesh(np.vstack([low, high]), np.vstack([caps + 6, caps[:, ::-1], walls]), process=False)
+
+    def on_top(mesh: trimesh.Trimesh) -> bool:
+        return any(pose.T_object_tool[2, 2] > 0.99 for pose in poses_of(mesh).poses)
+
+    corner = width * (math.sqrt(2.0) - 1.0)
+    assert on_top(drawn_l(width))
+    assert not on_top(drawn_l((LIP.radius + SETTINGS.rim) * 2.0 - corner))
+
+
 @pytest.mark.parametrize("lip", [Lip(radius=0.006), Lip(radius=0.012), Lip(radius=0.03, max_force=60.0, kappa=13.5)])
 @pytest.mark.parametrize("name", ["can", "bracket", "tissue box"])
 def test_pads_of_any_size_keep_their_distance_from_the_border(name, lip):
