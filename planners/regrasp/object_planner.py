@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.collision.placement import Fixed, Placement, Riding
 from planners.geometry.pose import Array, Transform, inverse
@@ -16,10 +17,12 @@ from planners.regrasp.grasp_layer import GraspLayer
 from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
 from planners.regrasp.handovers import HandoverDatabase
 from planners.regrasp.regrasp_graph import Edge, Handover, Pick, Sequence, Transfer
+from planners.regrasp.suction_hold import cup_wrenches, suction_margin, weight
 from planners.regrasp.suction_poses import SuctionPose, SuctionPoses
 from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_choreography import HandoverPlace, Stuck, ToolChoreographer
 from planners.regrasp.tool_plan import ConsideredGrasp, ConsideredSuction, RegraspStep
+from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
 from planners.regrasp.travel import least_travel, solutions
@@ -202,6 +205,8 @@ class ObjectPlanner:
         assert giver is not None
         base = self.handovers
         numbers = base.orientations(giver.arm, giver.grasp, receiver.arm, receiver.grasp)
+        if stage.sucked is not None:
+            numbers = numbers[self._hanging(stage.sucked, base.T_world_tool[numbers])]
         places = [
             (
                 self._way(giver, stage.q, T := base.T_world_tool[o], base.reached(giver.arm)[o])
@@ -218,6 +223,15 @@ class ObjectPlanner:
             )
             for _, o in sorted(places)
         ]
+
+    def _hanging(self, sucked: SuckedObject, T_world_tools: Array) -> NDArray[np.bool_]:
+        """Say at which poses of the tool (n, 4, 4) the cup can hold the object at rest."""
+        body = next(each for each in self.workcell.objects if each.name == sucked.name)
+        assert body.mass is not None
+        T_object_tool = inverse(sucked.T_tool_object)
+        cup = self.workcell.tool.cup
+        borne = cup_wrenches(weight(body.mass), T_world_tools @ sucked.T_tool_object, body.com, T_object_tool)
+        return suction_margin(borne, cup) >= 0.0
 
     def _way(self, held: HeldGrasp, q: Array, T_world_tool: Transform, branches: Branches) -> float:
         """Return the least seconds that an arm needs from where it is to a grasp of the tool at a pose."""

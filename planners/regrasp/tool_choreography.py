@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from planners.graph.rejections import Rejection
 from planners.kinematics.forward import flange_poses
 from planners.motion.arm_checker import ArmEdgeChecker
 from planners.motion.blended_path import BlendedPath
+from planners.motion.checker import EdgeChecker
 from planners.motion.curve_path import CurvePath
 from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
@@ -23,6 +25,7 @@ from planners.motion.trajectory import Trajectory, hold_still
 from planners.regrasp.carried import carried_rates
 from planners.regrasp.grasps import TOOL_FRAME
 from planners.regrasp.hold_statics import HoldStatics
+from planners.regrasp.level_checker import LevelChecker
 from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
@@ -245,8 +248,10 @@ class ToolChoreographer:
     ) -> tuple[ToolStage, int]:
         """Move one arm through free space to one of the goals (k, 6); return which."""
         joints = self.workcell.joints(arm.name)
-        checker = ArmEdgeChecker(query, stage.q.copy(), joints)
         start = stage.q[joints].copy()
+        checker: EdgeChecker = ArmEdgeChecker(query, stage.q.copy(), joints)
+        if kind is SegmentKind.TRANSFER and stage.sucked is not None:
+            checker = self._level(stage, arm, checker, np.vstack([start, goals]))
         self.motion_queries += 1
         result = plan_motion(
             MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max),
@@ -260,6 +265,14 @@ class ToolChoreographer:
         if kind is SegmentKind.TRANSFER:
             rates = carried_rates(path, arm, slice(0, 6), self._centres(stage), self.settings.carried)
         return self._moving(stage, arm, kind, path, rates), result.goal_index
+
+    def _level(self, stage: ToolStage, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
+        """Keep the tool about upright over the object, as far as `ends` (k, 6) of the motion are [rad]."""
+        T_flange_tool = inverse(self.traffic.T_tool_flange(_held(stage)))
+        poses = flange_poses(arm.dh, arm.T_world_base, np.ascontiguousarray(ends))
+        axis = T_flange_tool[:3, 2]
+        cosines = poses[:, 2, :3] @ axis
+        return LevelChecker(checker, arm, axis, min(math.cos(self.settings.carried_tilt), float(cosines.min()) - 1e-9))
 
     def _no_motion(
         self, stage: ToolStage, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from planners.motion.query import MotionSettings
@@ -80,6 +81,8 @@ class ToolPlannerSettings:
     """Handover orientations of one pair of grasps whose motion is tried."""
     orders: int = 12
     """Objects that are planned again because another order was tried, beyond one plan for each."""
+    carried_tilt: float = math.radians(40.0)
+    """Most tilt of the tool while an object hangs on it, unless an end of the motion is tilted more [rad]."""
     hold_reserve: float = 0.0
     """What must be left of every limit of cup and fingers [N]."""
     partner_weight: float = 0.5

@@ -1,0 +1,48 @@
+"""Free motion that keeps what hangs on the cup about level: tilted far, an object comes off it, or twists the tool."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.geometry.pose import Array
+from planners.kinematics.forward import flange_poses
+from planners.motion.checker import EdgeChecker
+from planners.scene.arm import Arm
+
+STEP = 0.05
+"""Joint step between the places of an edge at which the tilt is looked at [rad]: it is no matter of collision."""
+
+
+@dataclass(frozen=True, eq=False)
+class LevelChecker:
+    """An `EdgeChecker` that also bounds the tilt of an axis of the flange against the vertical."""
+
+    inner: EdgeChecker
+    arm: Arm
+    axis: Array
+    """(3,) in the flange frame: the way up of what is carried."""
+    least_cosine: float
+    """Of the angle between the axis and the vertical."""
+
+    def state_free(self, q: Array) -> bool:
+        """Whether q (6,) [rad] is level enough and touches nothing."""
+        return self._level(q[None]) and self.inner.state_free(q)
+
+    def edge_free(self, q_from: Array, q_to: Array) -> bool:
+        """Whether the straight line between q_from and q_to (6,) [rad] is level enough and touches nothing."""
+        return self._level(_between(q_from, q_to)) and self.inner.edge_free(q_from, q_to)
+
+    def path_free(self, path: Array) -> bool:
+        """Whether the polyline through the rows of path (m, 6) [rad] is level enough and touches nothing."""
+        return self._level(path) and self.inner.path_free(path)
+
+    def _level(self, Q: Array) -> bool:
+        poses = flange_poses(self.arm.dh, self.arm.T_world_base, np.ascontiguousarray(Q))
+        return bool((poses[:, 2, :3] @ self.axis).min() >= self.least_cosine)
+
+
+def _between(q_from: Array, q_to: Array) -> Array:
+    count = 2 + int(np.abs(q_to - q_from).max() / STEP)
+    return q_from + np.linspace(0.0, 1.0, count)[:, None] * (q_to - q_from)
