@@ -149,7 +149,7 @@ def narrow_places(facet: Facet, spacing: float, finest: float, clearance: float)
     The grid's cells are quartered as long as one of them may contain such a place, until some are found or the cells
     are smaller than `finest`: depth below the border changes by no more than the way.
     """
-    cells = facet_grid(facet, spacing) * spacing
+    cells: Array = facet_grid(facet, spacing).astype(np.float64) * spacing
     size = spacing
     while size > finest and len(cells):
         inside, distances = _depths(cells, facet.border)
@@ -159,7 +159,7 @@ def narrow_places(facet: Facet, spacing: float, finest: float, clearance: float)
             return cells[found]
         cells = cells[depths + math.sqrt(0.5) * size >= clearance]
         size *= 0.5
-        cells = (cells[:, None] + 0.5 * size * _QUARTERS).reshape(-1, 2)
+        cells = np.asarray(cells[:, None] + 0.5 * size * _QUARTERS, dtype=np.float64).reshape(-1, 2)
     return np.empty((0, 2))
 
 

@@ -338,7 +338,7 @@ def _samples(facet: Facet, spacing: float, settings: SuctionSettings) -> tuple[A
     """Return a grid (n, 2) about the facet's centroid, in the facet frame, and an even choice of it (n,)."""
     grid = facet_grid(facet, spacing)
     stride = max(1, round(settings.cluster / spacing))
-    return grid * spacing, np.all(grid % stride == 0, axis=1)
+    return grid.astype(np.float64) * spacing, np.all(grid % stride == 0, axis=1)
 
 
 def _spacing(facets: Sequence[Facet], settings: SuctionSettings) -> float:
