@@ -12,8 +12,9 @@ from planners.certify.lift_checks import LiftExamination
 from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
 from planners.certify.surfaces import RobotSurfaces
+from planners.certify.tool_checks import ToolExamination
 
-_EXAMINATIONS = {"plate_lift": LiftExamination}
+_EXAMINATIONS = {"plate_lift": LiftExamination, "suction_tool": ToolExamination}
 
 
 def certify(

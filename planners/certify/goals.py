@@ -18,20 +18,28 @@ _SAME_SHAPE = 1e-4
 """Distance of corners within which a turn takes a shape to itself [m]."""
 
 
-def goal_checks(
-    plan: PlanView, motions: list[SegmentMotion], task: ToolTask, settings: CertifySettings
-) -> list[Check]:
+def goal_checks(plan: PlanView, motions: list[SegmentMotion], task: ToolTask, settings: CertifySettings) -> list[Check]:
     """Check where every object ends."""
     place, turn = Finding("goals", "m"), Finding("goal_angles", "rad")
     for stated in task.objects:
         name = stated.body.name
         T_goal_object = inverse(stated.T_world_goal) @ motions[-1].body_poses[name][-1]
         T_turn = nearest_turn(T_goal_object, stated, plan.bodies[name].shape.vertices)
-        away = float(np.linalg.norm(T_goal_object[:3, 3] - T_turn[:3, 3]))
-        place.note(settings.goal_distance - away, f"the end: {name}")
-        turned = float(rotation_angles(T_goal_object[None], T_turn)[0])
-        turn.note(settings.goal_angle - turned, f"the end: {name}")
+        left, left_angle = _margins(T_goal_object, T_turn, settings)
+        place.note(left, f"the end: {name}")
+        turn.note(left_angle, f"the end: {name}")
     return [place.check(), turn.check()]
+
+
+def goal_margin(T_goal_object: Transform, T_turn: Transform, settings: CertifySettings) -> float:
+    """Return the lesser margin of a pose to its goal; negative where it is not there."""
+    return min(_margins(T_goal_object, T_turn, settings))
+
+
+def _margins(T_goal_object: Transform, T_turn: Transform, settings: CertifySettings) -> tuple[float, float]:
+    away = float(np.linalg.norm(T_goal_object[:3, 3] - T_turn[:3, 3]))
+    turned = float(rotation_angles(T_goal_object[None], T_turn)[0])
+    return settings.goal_distance - away, settings.goal_angle - turned
 
 
 def nearest_turn(T_goal_object: Transform, stated: StatedObject, vertices: Array) -> Transform:

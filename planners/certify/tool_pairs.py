@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from planners.certify.document_view import PlanView
 from planners.certify.pairs import TouchRule, holds_around
 from planners.certify.solids import Solid
@@ -30,10 +32,12 @@ class ToolTouchRule(TouchRule):
         if index > 0 and step.segment.kind == "transfer":
             self._on_cup |= steps[index - 1].on_cup if steps[index - 1].segment.kind == "detach" else set()
             supports += self._left(steps[index - 1])
-        self._rests = {frozenset((name, other)) for known in supports for name, below in known.items() for other in below}
+        self._rests = {
+            frozenset((name, other)) for known in supports for name, below in known.items() for other in below
+        }
 
     @staticmethod
-    def _left(before: CourseStep) -> list:
+    def _left(before: CourseStep) -> list[Mapping[str, frozenset[str]]]:
         """Return what carried bodies until the segment before this one took them off."""
         return [before.before.supports] if before.segment.kind in ("attach", "grip") else []
 
