@@ -78,11 +78,15 @@ def cover(vertices: Array, faces: Faces, settings: CoverSettings | None = None) 
     number = itertools.count()
     # The cell that reaches farthest beyond the solid is cut first.
     queue = [(-root.excess, next(number), root)]
-    while len(queue) < settings.most_parts and -queue[0][0] > tolerance:
-        _, _, worst = heapq.heappop(queue)
-        for cell in solid.cut(worst):
+    done: list[tuple[float, int, _Cell]] = []
+    while queue and len(queue) + len(done) < settings.most_parts and -queue[0][0] > tolerance:
+        worst = heapq.heappop(queue)
+        pieces = solid.cut(worst[2])
+        if len(pieces) < 2:
+            done.append(worst)
+        for cell in pieces if len(pieces) == 2 else ():
             heapq.heappush(queue, (-cell.excess, next(number), cell))
-    cells = [cell for _, _, cell in sorted(queue, key=lambda entry: entry[1])]
+    cells = [cell for _, _, cell in sorted(queue + done, key=lambda entry: entry[1])]
     parts = tuple(cell.hull.points[cell.hull.vertices] for cell in cells)
     return ConvexCover(parts, max(cell.excess for cell in cells))
 
@@ -160,7 +164,7 @@ class _Solid:
     def _excess(self, hull: ConvexHull) -> tuple[float, Array]:
         """Return how far a hull reaches beyond the solid, and where."""
         probes = self._probes(hull)
-        distances, near = self.tree.query(probes, k=min(8, len(self.samples)))
+        distances, near = (np.asarray(found) for found in self.tree.query(probes, k=min(8, len(self.samples))))
         heights = np.einsum("pki,pki->pk", probes[:, None] - self.samples[near], self.normals[near])
         may_be_outside = heights.max(axis=1) > self.rounding
         candidates = np.flatnonzero(may_be_outside)[np.argsort(-distances[may_be_outside, 0], kind="stable")]
@@ -177,7 +181,7 @@ class _Solid:
     def _probes(self, hull: ConvexHull) -> Array:
         """Return points in a hull: on its faces, and anywhere inside."""
         corners = hull.points[hull.simplices]
-        areas = triangle_normals(hull.points, hull.simplices)[1]
+        areas = triangle_normals(hull.points, hull.simplices.astype(np.int64))[1]
         count = self.settings.probes // 2
         chosen = self.rng.choice(len(corners), count, p=areas / areas.sum())
         weights = self.rng.dirichlet(np.ones(3), count)

@@ -50,7 +50,7 @@ def read_mesh_file(content: bytes, file_format: MeshFormat) -> tuple[Array, Face
     """
     counts = _COUNTERS[file_format](content)
     _check_counts(counts)
-    # A truncated or lying file fails somewhere in the parser: any way it fails means that the file is broken.
+    # A file that is cut short or lies fails anywhere in the parser, and in many ways.
     try:
         scene = trimesh.load_scene(
             io.BytesIO(content), file_type=file_format, resolver={}, process=False, skip_materials=True
@@ -114,14 +114,17 @@ def _count_glb(content: bytes) -> _Counts:
         raise MeshRefused(f"the file needs extensions that are not read: {tree['extensionsRequired']}")
     try:
         children = [child for node in nodes for child in node.get("children", ())]
-        if len(set(children)) != len(children):
-            raise MeshRefused("a node of the file's scene has several parents")
-        counts = [_primitive(part, accessors) for mesh in meshes for part in mesh["primitives"]]
-        sizes = [sum(c.triangles for c in map(lambda p: _primitive(p, accessors), m["primitives"])) for m in meshes]
-        placed = [sizes[node["mesh"]] for node in nodes if "mesh" in node]
-    except (KeyError, IndexError, TypeError, AttributeError) as error:
+        meshes = [[_primitive(part, accessors) for part in mesh["primitives"]] for mesh in meshes]
+        placed = [part for node in nodes if "mesh" in node for part in meshes[node["mesh"]]]
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
         raise MeshRefused(f"the GLB file contradicts itself: {error!r}") from error
-    return _Counts(max(sum(placed), sum(c.triangles for c in counts)), sum(c.vertices for c in counts))
+    if len(set(children)) != len(children):
+        raise MeshRefused("a node of the file's scene has several parents")
+    held = [part for mesh in meshes for part in mesh]
+    return _Counts(
+        max(sum(part.triangles for part in parts) for parts in (held, placed)),
+        max(sum(part.vertices for part in parts) for parts in (held, placed)),
+    )
 
 
 def _primitive(primitive: Mapping[str, Any], accessors: list[Any]) -> _Counts:

@@ -19,8 +19,8 @@ from planners.geometry.surface import Faces, triangle_normals, volume, winding_n
 
 SAME_VERTEX = 1e-6
 """Vertices closer together than this share of the diagonal are one."""
-THINNEST = 1e-4
-"""A solid fills at least this share of the box around its longest side's cube, or it is flat."""
+LEAST_VOLUME = 1e-8
+"""A mesh that encloses less than this share of its cubed diagonal is flat."""
 SHARPEST = 1e-12
 """Triangles with less area than this share of the squared diagonal have none."""
 CROSSING_PROBES = 48
@@ -54,7 +54,7 @@ def repaired(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     faces = _turned_alike(faces, neighbours)
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     enclosed = volume(vertices - vertices.mean(axis=0), faces)
-    if abs(enclosed) < (THINNEST * diagonal) ** 2 * diagonal or np.linalg.matrix_rank(vertices - vertices[0]) < 3:
+    if abs(enclosed) < LEAST_VOLUME * diagonal**3:
         raise MeshRefused("the mesh is flat: it encloses no volume")
     if enclosed < 0.0:
         faces = faces[:, ::-1].copy()
