@@ -1,4 +1,4 @@
-"""Two arms that come and go by turns: do they keep apart? (compiled)
+"""Whether two arms that come and go by turns keep apart (compiled).
 
 Each arm is followed along the way back from its grasp. One ball around all places of a shape on that way proves most
 pairs of shapes apart at once; what it does not prove is looked at place by place.
@@ -37,7 +37,12 @@ class ArmSweep(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def sweep_arm(
-    dh: Array, T_world_base: Transform, T_base_tool: Transform, T_tool_flange: Array, branches: Array, way: Array
+    dh: Array,
+    T_world_base: Transform,
+    T_base_tool: Transform,
+    T_tool_flange: Array,
+    branches: NDArray[np.uint8],
+    way: Array,
 ) -> ArmSweep:
     """Follow an arm back from its grasps (n, 4, 4) along the hand's z, for sets of branches (n,)."""
     count = T_tool_flange.shape[0]
@@ -162,7 +167,7 @@ def _not_proven(kernel: CollisionKernel, scratch: Scratch, first: Array, second:
 
 @njit(cache=True, nogil=True)
 def _apart(kernel: CollisionKernel, scratch: Scratch, near: NDArray[np.int64], first: Array, second: Array) -> bool:
-    """Say whether pairs of shapes keep their margins with either arm on its way (k, 7, 4, 4), the other at its grasp."""
+    """Say whether pairs of shapes keep their margins with either arm on its way (k, 7, 4, 4), the other at its end."""
     for k in range(first.shape[0]):
         _place_arm(scratch, 0, first[k])
         _place_arm(scratch, 1, second[0])

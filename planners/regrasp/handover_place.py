@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
@@ -84,7 +85,12 @@ def handover_place(cell: Cell, grasps: ToolGrasps, settings: HandoverPlaceSettin
 
 
 def _manipulability(
-    cell: Cell, arm_name: str, place: Array, grasps: ToolGrasps, chosen: Array, settings: HandoverPlaceSettings
+    cell: Cell,
+    arm_name: str,
+    place: Array,
+    grasps: ToolGrasps,
+    chosen: NDArray[np.integer],
+    settings: HandoverPlaceSettings,
 ) -> float:
     arm = cell.arms[arm_name]
     assert isinstance(arm.hand, Gripper)

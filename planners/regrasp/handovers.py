@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -28,7 +29,7 @@ from planners.graph.rejections import Rejection
 from planners.progress import Progress, silent
 from planners.regrasp.arm_sweeps import ArmSweep, first_branches, sweep_arm
 from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
-from planners.regrasp.grasps import TOOL_FRAME, FallenGrasp, ToolGrasps, ToolGraspSettings
+from planners.regrasp.grasps import TOOL_FRAME, FallenGrasp, ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
 from planners.regrasp.tool_workcell import ToolClearance, ToolWorkcell
 from planners.scene.cell import Cell
@@ -74,8 +75,8 @@ class HandoverDatabase:
     right: Branches
     """(o, n) the same of the right arm."""
     codes: NDArray[np.uint8]
-    """(o, n, n) by left and right grasp: 0 where the pair passes nothing on, else 1 + 8 left branch + right branch of the
-    first branches with which it does."""
+    """(o, n, n) by left and right grasp: 0 where the pair passes nothing on, else 1 + 8 left branch + right branch of
+    the first branches with which it does."""
 
     @cached_property
     def compatible(self) -> NDArray[np.bool_]:
@@ -85,14 +86,14 @@ class HandoverDatabase:
     @cached_property
     def partners(self) -> NDArray[np.bool_]:
         """(n, n) the same in any orientation."""
-        return self.compatible.any(axis=0)
+        return np.any(self.compatible, axis=0)
 
     def reached(self, arm: str) -> Branches:
         """Return `left` or `right`."""
         return self.left if arm == "left" else self.right
 
     def pairs_of(self, giver: str, grasp: int) -> NDArray[np.int64]:
-        """Return the numbers of the other arm's grasps that can take the tool from an arm's grasp, in any orientation."""
+        """Return the other arm's grasps that can take the tool from an arm's grasp, in any orientation."""
         return np.flatnonzero(self.partners[grasp] if giver == "left" else self.partners[:, grasp])
 
     def orientations(self, giver: str, giver_grasp: int, receiver: str, receiver_grasp: int) -> NDArray[np.int64]:
@@ -146,7 +147,7 @@ class HandoverDatabase:
             with np.load(io.BytesIO(content), allow_pickle=False) as stored:
                 arrays = {name: stored[name] for name in stored.files}
             return _from_arrays(arrays, key)
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
             raise HandoverDataError(f"these are no handovers: {error}") from error
 
     def branches(self, orientation: int, left_grasp: int, right_grasp: int) -> tuple[int, int]:
@@ -154,7 +155,7 @@ class HandoverDatabase:
         return divmod(int(self.codes[orientation, left_grasp, right_grasp]) - 1, 8)
 
 
-def _from_arrays(arrays: Mapping[str, NDArray[np.generic]], key: str) -> HandoverDatabase:
+def _from_arrays(arrays: Mapping[str, NDArray[Any]], key: str) -> HandoverDatabase:
     if arrays["key"].tobytes() != key.encode():
         raise HandoverDataError("these are the handovers of another cell, tool or setting")
     reasons = arrays["fallen_reasons"].tobytes().decode().split("\n")
@@ -179,6 +180,20 @@ def handover_key(cell: Cell, tool: SuctionTool, settings: HandoverSettings) -> s
         digest.update(f" {array.dtype} {array.shape} ".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def find_handovers(
+    cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress = silent
+) -> HandoverDatabase:
+    """Find the grasps of a tool and everything that `build_handovers` finds for them.
+
+    Raises:
+        LiftwrightError: the hands are not two equal grippers.
+    """
+    gripper = next(iter(cell.arms.values())).hand
+    if not isinstance(gripper, Gripper):
+        raise LiftwrightError("a handover takes two arms with equal grippers")
+    return build_handovers(cell, tool, tool_grasps(tool, gripper, settings.grasps), settings, progress)
 
 
 def build_handovers(
@@ -303,7 +318,7 @@ class _Pairing:
         return self.workcell.between_arms(a, b) and not hands
 
     def _second_comes(self, gripper: Gripper, held: int, coming: int, T_first_second: Array) -> NDArray[np.bool_]:
-        """Say of each place (m, 3, 4) of a second hand whether it comes and closes without meeting a closed first one."""
+        """Say of each place (m, 3, 4) of a second hand whether it comes and closes without meeting a closed first."""
         margin = self.settings.clearance.margin
         first = gripper.bodies("left", float(self._openings[held, 0]))
         kernels = []
