@@ -16,10 +16,12 @@ import numpy as np
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.errors import LiftwrightError
+from planners.geometry.pose import to_pose7
 from planners.plan import plan
 from planners.progress import Progress, silent
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
+from planners.scene.suction_tool import tool_descriptions
 from workers.simulation.simulate import simulate
 from workers.software import describe_software
 from workers.solver_protocol import REJECTED_VARIABLE, Request
@@ -108,7 +110,8 @@ def reference_task() -> dict[str, Any]:
 def _reference(cell: Cell) -> CellReference:
     """Return what the certificate may take for known about a cell."""
     home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
-    return CellReference(cell.document(), cell.body_documents(), home)
+    rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
+    return CellReference(cell.document(), cell.body_documents(), home, rest, tool_descriptions())
 
 
 def _require_passed(document: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,12 @@ class SuctionTool:
 def known_tools() -> list[str]:
     """List the names of the tools that are shipped."""
     return shipped_shelf().names("tools")
+
+
+def tool_descriptions() -> dict[str, dict[str, Any]]:
+    """Return every shipped tool by name, as a task would describe it."""
+    files = {name: read_tool_file(shipped_shelf().find("tools", name, "tool")) for name in known_tools()}
+    return {name: file.tool.model_dump(mode="json") for name, file in files.items()}
 
 
 def load_tool(
