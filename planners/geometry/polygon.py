@@ -117,6 +117,8 @@ def _clip(corners: Array, start: Array, normal: Array) -> Array:
     """Keep the part of the polygon on the inner side of one line."""
     heights = (corners - start) @ normal
     heights[np.abs(heights) < _ON_LINE] = 0.0
+    if np.all(heights >= 0.0):
+        return corners
     kept: list[Array] = []
     for index, corner in enumerate(corners):
         following = (index + 1) % len(corners)

@@ -17,6 +17,9 @@ SAME_NORMAL = 1e-3
 CONVEX_SHARE = 1.0 - 1e-6
 """A flat place that fills this share of its convex hull is convex."""
 
+_STRAIGHT = 1e-9
+"""A border that turns by less has no corner there [rad]."""
+
 
 def triangle_normals(vertices: Array, faces: Faces) -> tuple[Array, Array]:
     """Return the unit normals (m, 3) and the areas (m,) [m²]; the normal of a triangle without area is zero."""
@@ -132,14 +135,41 @@ def _neighbours(faces: Faces) -> dict[int, list[int]]:
 
 def _hull_of(vertices: Array, faces: Faces, group: Faces) -> tuple[FlatPiece, float]:
     """Return the convex outline of a flat group of triangles, and its area [m²]."""
-    if len(group) == 1:
-        (normal,), (area,) = triangle_normals(vertices, faces[group])
-        return (normal, vertices[faces[group[0]]]), float(area)
     normals, areas = triangle_normals(vertices, faces[group])
     normal = areas @ normals
     normal /= np.linalg.norm(normal)
+    loop = _boundary_loop(faces[group])
+    corners = None if loop is None else _convex_corners(vertices[loop], normal)
+    if corners is not None:
+        return (normal, corners), float(areas.sum())
     points = vertices[np.unique(faces[group])]
     R = frame_from_z(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    flat = (points - points[0]) @ R[:, :2]
-    hull = ConvexHull(flat)
+    hull = ConvexHull((points - points[0]) @ R[:, :2])
     return (normal, points[hull.vertices]), float(hull.volume)
+
+
+def _convex_corners(loop: Array, normal: Array) -> Array | None:
+    """Return those of (n, 3) points round a flat place that are corners; None unless it is convex."""
+    sides = np.roll(loop, -1, axis=0) - loop
+    after = sides / np.linalg.norm(sides, axis=1)[:, None]
+    before = np.roll(after, 1, axis=0)
+    sines, cosines = np.cross(before, after) @ normal, np.einsum("ij,ij->i", before, after)
+    turns = np.arctan2(sines, cosines)
+    # Several small left turns make one full circle, those of an outline that crosses itself make more.
+    if turns.min() < -_STRAIGHT or turns.sum() > 3.0 * np.pi:
+        return None
+    corners = loop[turns > _STRAIGHT]
+    return corners if len(corners) > 2 else None
+
+
+def _boundary_loop(faces: Faces) -> Faces | None:
+    """Return the corners round triangles that share sides, counter-clockwise; None if they have several borders."""
+    sides = {(a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)}
+    following = {a: b for a, b in sides if (b, a) not in sides}
+    loop = [next(iter(following))] if following else []
+    while loop and len(loop) <= len(following) and (after := following.get(loop[-1])) != loop[0]:
+        if after is None:
+            return None
+        loop.append(after)
+    border = sum((b, a) not in sides for a, b in sides)
+    return np.array(loop, dtype=np.int64) if loop and len(loop) == len(following) == border else None

@@ -31,6 +31,9 @@ LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", 
 ARM_NAMES: tuple[ArmName, ...] = ("left", "right")
 """In the order of their joints."""
 
+MESHES = "meshes"
+"""The folder of meshes, all OBJ and in metres."""
+
 
 class _Part(BaseModel):
     """A mapping in a file. A number is a number, a field is known, and nothing changes afterwards."""
@@ -346,6 +349,24 @@ def read_hand_file(path: Path) -> GripperFile | StickFile:
 def read_sensor_file(path: Path) -> SensorFile:
     """Read sensors/*.yaml."""
     return _validated(SensorFile, path, _read_mapping(path))
+
+
+def known_meshes() -> list[str]:
+    """List the names of the meshes that are shipped."""
+    return sorted(path.stem for path in (assets_folder() / MESHES).glob("*.obj"))
+
+
+def read_mesh_asset(name: str) -> tuple[bytes, Literal["obj"]]:
+    """Return a shipped mesh's file, in metres, and its format.
+
+    Raises:
+        AssetError: There is none of this name.
+    """
+    path = assets_folder() / MESHES / f"{name}.obj"
+    try:
+        return path.read_bytes(), "obj"
+    except OSError as error:
+        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def read_tool_file(path: Path) -> ToolFile:

@@ -99,6 +99,8 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
 
 
 def _shares(outline: Array, other: Array) -> bool:
+    if np.any(outline.max(axis=0) < other.min(axis=0)) or np.any(other.max(axis=0) < outline.min(axis=0)):
+        return False
     shared = polygon.overlap(outline, other)
     return len(shared) > 2 and polygon.area(shared) > SMALLEST_OVERLAP
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.contract.shapes import Mesh
 from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
 from planners.errors import SceneError
 from planners.geometry import polygon
@@ -30,6 +31,8 @@ from planners.scene.rest import (
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import solid_of
 
+SUPPORT_SHAPES = ("box", "cylinder", "prism")
+"""The types of shapes that a plate may lie on."""
 CONTAINMENT_SLACK = 1e-9
 """Rounding allowed where a point must lie inside a body [m]."""
 
@@ -44,6 +47,9 @@ def table_surface(cell: Cell) -> Surface:
 
 def place_support(support: Support, table: Surface, shapes: ShapeSource) -> Body:
     """Settle the support on the table; its centre must be over it, or it would tip."""
+    if isinstance(support.shape, Mesh):
+        detail = "plates are not lifted off meshes yet"
+        raise SceneError("/support/shape/type", detail, list(SUPPORT_SHAPES))
     stated, solid = shapes.find(support.shape, "/support/shape")
     body = Body("support", "support", stated, solid, None, np.zeros(3), from_pose7(support.pose), static=True)
     face = lowest_face(body.solid, body.T_world_body)

@@ -24,7 +24,7 @@ from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_
 from planners.scene.given_holds import GivenGrip, GivenPush, settle_grips, settle_pushes
 from planners.scene.hand import Gripper
 from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
-from planners.scene.shape_source import ShapeSource
+from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
 from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
 from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
@@ -81,17 +81,28 @@ class PlateLiftScene:
 
 @overload
 def build_scene(
-    task: PlateLiftTask, cells: Mapping[str, Cell] | None = None, lifter: LifterShape = DEFAULT_LIFTER
+    task: PlateLiftTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
 ) -> PlateLiftScene: ...
 
 
 @overload
-def build_scene(task: SuctionToolTask, cells: Mapping[str, Cell] | None = None) -> SuctionToolScene: ...
+def build_scene(
+    task: SuctionToolTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
+) -> SuctionToolScene: ...
 
 
 @overload
 def build_scene(
-    task: PlateLiftTask | SuctionToolTask, cells: Mapping[str, Cell] | None = None
+    task: PlateLiftTask | SuctionToolTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
 ) -> PlateLiftScene | SuctionToolScene: ...
 
 
@@ -99,6 +110,7 @@ def build_scene(
     task: PlateLiftTask | SuctionToolTask,
     cells: Mapping[str, Cell] | None = None,
     lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
 ) -> PlateLiftScene | SuctionToolScene:
     """Place everything a task names, and refuse what cannot stand as it says.
 
@@ -107,22 +119,25 @@ def build_scene(
         cells: The cells there are, by name. None: the shipped ones, read from their files, which takes most of the
             time.
         lifter: The bodies that stand for the vacuum lifter of a plate lift.
+        uploads: Finds the meshes that the task names as uploads.
 
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
     if isinstance(task, SuctionToolTask):
-        return build_tool_scene(task, cells)
-    return _build_lift_scene(task, cells, lifter)
+        return build_tool_scene(task, cells, uploads)
+    return _build_lift_scene(task, cells, lifter, uploads)
 
 
-def _build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, lifter: LifterShape) -> PlateLiftScene:
+def _build_lift_scene(
+    task: PlateLiftTask, cells: Mapping[str, Cell] | None, lifter: LifterShape, uploads: Uploads
+) -> PlateLiftScene:
     if task.lifter_model == "dexnet":
         raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
     needed = "a plate lift needs a cell with one gripper and one stick"
     cell = find_cell(task.cell, cells, _lifts_plates, needed)
     check_names(((obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)), cell)
-    shapes = ShapeSource()
+    shapes = ShapeSource(uploads)
     table = table_surface(cell)
     support = None if task.support is None else place_support(task.support, table, shapes)
     plate, surface = place_plate(task, support, table)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, KDTree
 
 from planners.contract.task_spec import ObjectToMove, SuctionToolTask
 from planners.errors import SceneError
@@ -203,10 +203,23 @@ def _turns_at_rest(
 ) -> Array:
     """Return the turns of a goal that keep it at rest, and clear of everything that does not rest on the object."""
     turns = symmetry_turns(body.solid, given.goal_symmetry)
-    if isinstance(body.solid, ExtrudedSolid) and body.solid.is_round:
-        return turns
-    kept = [turn for turn in turns[1:] if _rests_turned(body, goal.T_world_body @ turn, places, others)]
+    under = [place for place in places if place.name in goal.supports]
+    kept = [
+        turn
+        for turn in turns[1:]
+        if _changes_nothing(body, turn) or _rests_turned(body, goal.T_world_body @ turn, under, others)
+    ]
     return np.array([turns[0], *kept])
+
+
+def _changes_nothing(body: Body, turn: Transform) -> bool:
+    """Tell whether a turn takes the body's shape and its centre of mass to themselves."""
+    if isinstance(body.solid, ExtrudedSolid) and body.solid.is_round:
+        return True
+    corners, _ = body.solid.surface()
+    farthest, _ = KDTree(corners).query(corners @ turn[:3, :3].T + turn[:3, 3])
+    moved = np.linalg.norm(turn[:3, :3] @ body.com + turn[:3, 3] - body.com)
+    return max(float(np.max(farthest)), float(moved)) <= SAME_GOAL * float(np.ptp(corners, axis=0).max())
 
 
 def _rests_turned(body: Body, T_world_body: Transform, places: Sequence[Surface], others: Sequence[PlacedBody]) -> bool:

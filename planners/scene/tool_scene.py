@@ -13,7 +13,7 @@ from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_
 from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
 from planners.scene.placements import place_obstacle
-from planners.scene.shape_source import ShapeSource
+from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
 from planners.scene.suction_tool import TOOL_NAME, SuctionTool
 from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_placements import StillBodies, place_objects, place_tool, refuse_overlaps_but_rest
@@ -44,7 +44,9 @@ class SuctionToolScene:
         return (self.tool.body, *(moved.body for moved in self.objects), *self.obstacles)
 
 
-def build_tool_scene(task: SuctionToolTask, cells: Mapping[str, Cell] | None = None) -> SuctionToolScene:
+def build_tool_scene(
+    task: SuctionToolTask, cells: Mapping[str, Cell] | None = None, uploads: Uploads = no_uploads
+) -> SuctionToolScene:
     """Place everything a suction-tool task names, and refuse what cannot stand as it says.
 
     Raises:
@@ -54,7 +56,7 @@ def build_tool_scene(task: SuctionToolTask, cells: Mapping[str, Cell] | None = N
     named = [(given.name, f"/objects/{i}/name") for i, given in enumerate(task.objects)]
     named += [(given.name, f"/obstacles/{i}/name") for i, given in enumerate(task.obstacles)]
     check_names(named, cell)
-    shapes = ShapeSource()
+    shapes = ShapeSource(uploads)
     obstacles = tuple(place_obstacle(i, given, shapes) for i, given in enumerate(task.obstacles))
     still = StillBodies.of(cell, obstacles)
     scene = SuctionToolScene(
