@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import flange_poses
 from planners.motion.checker import EdgeChecker
 from planners.scene.arm import Arm
@@ -17,14 +18,15 @@ STEP = 0.05
 
 @dataclass(frozen=True, eq=False)
 class LevelChecker:
-    """An `EdgeChecker` that also bounds the tilt of an axis of the flange against the vertical."""
+    """An `EdgeChecker` that also bounds the tilt of the tool, and asks whether the cup holds."""
 
     inner: EdgeChecker
     arm: Arm
-    axis: Array
-    """(3,) in the flange frame: the way up of what is carried."""
+    T_flange_tool: Transform
     least_cosine: float
-    """Of the angle between the axis and the vertical."""
+    """Of the angle between the tool's axis and the vertical."""
+    holds: Callable[[Array], bool]
+    """Whether the cup holds at rest at all poses of the tool (n, 4, 4)."""
 
     def state_free(self, q: Array) -> bool:
         """Whether q (6,) [rad] is level enough and touches nothing."""
@@ -40,7 +42,8 @@ class LevelChecker:
 
     def _level(self, Q: Array) -> bool:
         poses = flange_poses(self.arm.dh, self.arm.T_world_base, np.ascontiguousarray(Q))
-        return bool((poses[:, 2, :3] @ self.axis).min() >= self.least_cosine)
+        tools = poses @ self.T_flange_tool
+        return bool(tools[:, 2, 2].min() >= self.least_cosine) and self.holds(tools)
 
 
 def _between(q_from: Array, q_to: Array) -> Array:

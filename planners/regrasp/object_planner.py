@@ -17,7 +17,6 @@ from planners.regrasp.grasp_layer import GraspLayer
 from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
 from planners.regrasp.handovers import HandoverDatabase
 from planners.regrasp.regrasp_graph import Edge, Handover, Pick, Sequence, Transfer
-from planners.regrasp.suction_hold import cup_wrenches, suction_margin, weight
 from planners.regrasp.suction_poses import SuctionPose, SuctionPoses
 from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_choreography import HandoverPlace, Stuck, ToolChoreographer
@@ -70,7 +69,7 @@ class ObjectPlanner:
         self.workcell, self.grasps = choreographer.workcell, choreographer.grasps
         self.arms = tuple(self.workcell.cell.arms)
         partners = handovers.partners
-        self._masks: HandoverMasks = (partners, np.ascontiguousarray(partners.T))
+        self._masks: dict[bytes, HandoverMasks] = {}
         counts = np.concatenate([partners.sum(axis=1), partners.sum(axis=0)])
         self._partnerless = 1.0 - counts / max(1, counts.max(initial=0))
         self._grasp_settings = settings.handovers.grasps
@@ -206,7 +205,7 @@ class ObjectPlanner:
         base = self.handovers
         numbers = base.orientations(giver.arm, giver.grasp, receiver.arm, receiver.grasp)
         if stage.sucked is not None:
-            numbers = numbers[self._hanging(stage.sucked, base.T_world_tool[numbers])]
+            numbers = numbers[self.choreographer.hanging(stage.sucked, base.T_world_tool[numbers])]
         places = [
             (
                 self._way(giver, stage.q, T := base.T_world_tool[o], base.reached(giver.arm)[o])
@@ -223,15 +222,6 @@ class ObjectPlanner:
             )
             for _, o in sorted(places)
         ]
-
-    def _hanging(self, sucked: SuckedObject, T_world_tools: Array) -> NDArray[np.bool_]:
-        """Say at which poses of the tool (n, 4, 4) the cup can hold the object at rest."""
-        body = next(each for each in self.workcell.objects if each.name == sucked.name)
-        assert body.mass is not None
-        T_object_tool = inverse(sucked.T_tool_object)
-        cup = self.workcell.tool.cup
-        borne = cup_wrenches(weight(body.mass), T_world_tools @ sucked.T_tool_object, body.com, T_object_tool)
-        return suction_margin(borne, cup) >= 0.0
 
     def _way(self, held: HeldGrasp, q: Array, T_world_tool: Transform, branches: Branches) -> float:
         """Return the least seconds that an arm needs from where it is to a grasp of the tool at a pose."""
@@ -278,9 +268,18 @@ class ObjectPlanner:
         T_world_object = stage.T_world_objects[target.name]
         suction = GraspLayer(T_world_object @ pose.T_object_tool, ((laden, lift),))
         goals = tuple(GraspLayer(T @ pose.T_object_tool, ((laden, lift),)) for T in target.goals)
-        return SuctionRoute(
-            pose, start, (suction, goals), (self._masks, self._masks), costs, self.settings.most_handovers
-        )
+        base = self.handovers.T_world_tool
+        hanging = self.choreographer.hanging(SuckedObject(target.name, T_tool_object), base)
+        masks = (self._handover_masks(np.ones(len(base), dtype=bool)), self._handover_masks(hanging))
+        return SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers)
+
+    def _handover_masks(self, orientations: NDArray[np.bool_]) -> HandoverMasks:
+        """Return which grasps pass the tool on in any of the orientations (o,) that are true."""
+        key = orientations.tobytes()
+        if key not in self._masks:
+            there = np.asarray(self.handovers.compatible[orientations].any(axis=0))
+            self._masks[key] = (there, np.ascontiguousarray(there.T))
+        return self._masks[key]
 
     def _around(self, stage: ToolStage, arm: str, objects: dict[str, Placement | None]) -> Surroundings:
         other = self.workcell.other(arm)

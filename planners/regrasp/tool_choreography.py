@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.collision.model import CollisionQuery, NamePair
 from planners.geometry.pose import Array, Transform, inverse
@@ -26,6 +27,7 @@ from planners.regrasp.carried import carried_rates
 from planners.regrasp.grasps import TOOL_FRAME
 from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.level_checker import LevelChecker
+from planners.regrasp.suction_hold import cup_wrenches, suction_margin, weight
 from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
@@ -270,9 +272,18 @@ class ToolChoreographer:
         """Keep the tool about upright over the object, as far as `ends` (k, 6) of the motion are [rad]."""
         T_flange_tool = inverse(self.traffic.T_tool_flange(_held(stage)))
         poses = flange_poses(arm.dh, arm.T_world_base, np.ascontiguousarray(ends))
-        axis = T_flange_tool[:3, 2]
-        cosines = poses[:, 2, :3] @ axis
-        return LevelChecker(checker, arm, axis, min(math.cos(self.settings.carried_tilt), float(cosines.min()) - 1e-9))
+        sucked = stage.sucked
+        assert sucked is not None
+        least = min(math.cos(self.settings.carried_tilt), float((poses[:, 2, :3] @ T_flange_tool[:3, 2]).min()) - 1e-9)
+        return LevelChecker(checker, arm, T_flange_tool, least, lambda tools: bool(self.hanging(sucked, tools).all()))
+
+    def hanging(self, sucked: SuckedObject, T_world_tools: Array) -> NDArray[np.bool_]:
+        """Say at which poses of the tool (n, 4, 4) the cup can hold an object at rest."""
+        body = next(each for each in self.workcell.objects if each.name == sucked.name)
+        assert body.mass is not None
+        T_object_tool, cup = inverse(sucked.T_tool_object), self.workcell.tool.cup
+        borne = cup_wrenches(weight(body.mass), T_world_tools @ sucked.T_tool_object, body.com, T_object_tool)
+        return suction_margin(borne, cup) >= 0.0
 
     def _no_motion(
         self, stage: ToolStage, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome

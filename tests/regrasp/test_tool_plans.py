@@ -110,4 +110,6 @@ def test_a_spent_budget_is_told_as_not_found_with_counts(handovers: HandoverData
     assert not plan.segments
     assert plan.causes
     assert sum(plan.rejections.counts().values()) >= 3
-    assert plan.search["edges_deleted"] == plan.search["sequences"]
+    # Every sequence that could not be moved costs one edge; at most one a planned object could.
+    moved = int(plan.search["sequences"] or 0) - int(plan.search["edges_deleted"] or 0)
+    assert 0 <= moved < int(plan.search["objects_planned"] or 0)
