@@ -17,10 +17,12 @@ from planners.certify import CellReference, Certificate, RobotSurfaces, certify,
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.errors import LiftwrightError
 from planners.geometry.pose import to_pose7
+from planners.geometry.solid_mesh import SolidMesh
 from planners.plan import plan
 from planners.progress import Progress, silent
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
+from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import tool_descriptions
 from workers.simulation.simulate import simulate
 from workers.software import describe_software
@@ -77,7 +79,7 @@ class Pipeline:
         begun = self.clock()
         progress("scene", 0, 1)
         task = read_task(request["task"])
-        scene = build_scene(task, self.cells)
+        scene = build_scene(task, self.cells, uploads=_uploads(request))
         progress("scene", 1, 1)
         built = self.clock()
         document = self.plan(task, scene, progress, self.clock)
@@ -105,6 +107,12 @@ class Pipeline:
 def reference_task() -> dict[str, Any]:
     """Return the body of the task that is used to warm up."""
     return json.loads(resources.files("assets").joinpath("tasks", REFERENCE_TASK).read_text())
+
+
+def _uploads(request: Request) -> Uploads:
+    """Return how the scene finds the meshes that came with a request."""
+    documents = request.get("meshes", {})
+    return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 
 
 def _reference(cell: Cell) -> CellReference:

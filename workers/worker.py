@@ -11,10 +11,12 @@ from typing import Any
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 
+from planners.contract.uploads import named_uploads
 from planners.errors import LiftwrightError
 from workers.database import Database
 from workers.executor_lock import ExecutorLock
 from workers.job_queue import APPLICATION, APPLICATION_VERSION, WORKFLOW, JobQueue
+from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
 from workers.progress_scale import ProgressScale
 from workers.settings import WorkerSettings
@@ -38,6 +40,7 @@ class Worker:
 
     def __init__(self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore) -> None:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
+        self._meshes = MeshStore(database)
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
         command = SolverCommand(settings.solver_command, {REJECTED_VARIABLE: str(rejected)})
         self._pool = SolverPool(command, settings.worker_slots)
@@ -110,9 +113,11 @@ class Worker:
         task = await asyncio.to_thread(self._store.task, plan_id)
         if task is None:
             raise JobFailed("the plan was deleted before it was solved")
+        meshes = await asyncio.to_thread(self._meshes.documents, named_uploads(task))
+        request: Request = {"id": plan_id, "task": task, "meshes": meshes}
         try:
             async with self._slots:
-                document = await self._solve_despite_crashes(plan_id, {"id": plan_id, "task": task})
+                document = await self._solve_despite_crashes(plan_id, request)
         except JobFailed:
             await asyncio.to_thread(self._store.mark_finished, plan_id)
             raise

@@ -19,6 +19,7 @@ class Limits(Resource):
     """What is let in."""
 
     max_body_bytes: int
+    max_mesh_bytes: int
     max_queued: int
     max_wait_seconds: float
     worker_slots: int
@@ -39,7 +40,7 @@ class Capabilities(Resource):
     cells: list[str]
     lifter_models: list[str]
     shapes: list[str]
-    """Of supports and obstacles."""
+    """Of objects, tools and obstacles; a plate and its support are no mesh."""
     limits: Limits
     schema_versions: list[str]
     """Of plan documents."""
@@ -63,6 +64,7 @@ def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depe
         shapes=list(PLANNED_SHAPES),
         limits=Limits(
             max_body_bytes=settings.max_body_bytes,
+            max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
             max_wait_seconds=settings.max_wait_seconds,
             worker_slots=settings.worker_slots,
