@@ -184,8 +184,10 @@ def _touches(
     model = CollisionModel.build({}, [*hand, body])
     frame = hand[0].frame
     holding = len(way) == 1
+    # The tool is drawn larger than it is by its excess at most: a pad lies on the tool itself.
+    depth = settings.pad_depth + tool.body.solid.excess
     margins = {
-        (each.name, TOOL_FRAME): -settings.pad_depth if "_pad_" in each.name else settings.finger_margin
+        (each.name, TOOL_FRAME): -depth if "_pad_" in each.name else settings.finger_margin
         for each in hand
         if "_finger_" in each.name or (holding and "_pad_" in each.name)
     }

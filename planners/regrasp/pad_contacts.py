@@ -42,6 +42,9 @@ class PadContactSettings:
     """How far below the contact the surface still lies on the pad, which is rubber [m]; our choice."""
     pad_radius: float = 0.0185
     """What the pads cover within this radius ranks the pairs: half a pad's length [m]."""
+    most_off_centre: float = 0.006
+    """Farthest that the middle of what the pads cover within that radius may be off theirs [m]: no pad holds by its edge
+    alone, as at a corner; our choice."""
     most_axes: int = 24
     """Directions that are tried, those that most of the surface faces first; our choice."""
 
@@ -161,7 +164,7 @@ def _along(corners: Array, axis: Array, width_max: float, settings: PadContactSe
     )  # fmt: skip
     width = ends[:, 1] - ends[:, 0]
     facing = (lines.stretches[:, 2:] >= math.cos(settings.facing)).all(axis=1)
-    good = facing & np.isfinite(off_centre) & (width <= width_max)
+    good = facing & (off_centre <= settings.most_off_centre) & (width <= width_max)
     across = lines.origin + settings.grid * lines.cells[good]
     local = np.column_stack([across, ends[good].mean(axis=1)])
     tilt = np.arccos(np.clip(lines.stretches[good, 2:].min(axis=1), -1.0, 1.0))
@@ -275,10 +278,10 @@ def _settle(first, stretches, cells, grid, patch, compliance, reach):
 
     Returns:
         Where the pads come to lie (m, 2), which is where the surface under them is highest; and how far the middle of
-        what they cover is off the line (m,), NaN where too little of a patch lies on a pad.
+        what they cover is off the line (m,), infinite where too little of a patch lies on a pad.
     """
     count = stretches.shape[0]
-    ends, off_centre = np.empty((count, 2)), np.full(count, np.nan)
+    ends, off_centre = np.empty((count, 2)), np.full(count, np.inf)
     for s in range(count):
         entry, leave = stretches[s, 0], stretches[s, 1]
         low, high, near, near_held = entry, leave, 0, 0
