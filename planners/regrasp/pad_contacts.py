@@ -43,8 +43,8 @@ class PadContactSettings:
     pad_radius: float = 0.0185
     """What the pads cover within this radius ranks the pairs: half a pad's length [m]."""
     most_off_centre: float = 0.006
-    """Farthest that the middle of what the pads cover within that radius may be off theirs [m]: no pad holds by its edge
-    alone, as at a corner; our choice."""
+    """Farthest that the middle of what the pads cover within that radius may be off theirs [m]: no pad holds by its
+    edge alone, as at a corner; our choice."""
     most_axes: int = 24
     """Directions that are tried, those that most of the surface faces first; our choice."""
 

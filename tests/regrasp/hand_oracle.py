@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cached_property
 
-import fcl
 import numpy as np
 
 from planners.geometry.convex import CollisionBody

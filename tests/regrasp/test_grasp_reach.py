@@ -10,6 +10,7 @@ import pytest
 
 from planners.collision.placement import Fixed, Riding
 from planners.contract.shapes import Box
+from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import inverse, rotation_x, rotation_z, transform
 from planners.kinematics.branch import follow_branch
 from planners.regrasp.grasp_reach import GraspReach, Surroundings
@@ -19,6 +20,7 @@ from planners.scene.body import Body
 from planners.scene.solid import solid_of
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.regrasp.hand_oracle import NEAR, ToolCell
+from tests.scene_cell.cell_probe import fcl_distance, fcl_object
 
 SETTINGS = ToolGraspSettings()
 TURN = 2.0 * np.pi
@@ -189,8 +191,7 @@ def test_a_tool_that_goes_down_into_the_table_is_reached_by_nobody(reach):
 
 
 def test_an_object_on_the_cup_is_carried_along_and_one_beside_it_is_in_the_way(cell, long_tool, long_grasps):
-    shape = Box(type="box", size=(0.13, 0.07, 0.02))
-    body = Body("block", "object", shape, solid_of(shape), 0.1, np.zeros(3), np.eye(4), static=False)
+    body = block_of(0.13, 0.07, 0.02)
     workcell = ToolWorkcell(cell, long_tool, (body,))
     T_world_tool = standing(0.38, 0.0, 0.0235)
     T_tool_block = transform(None, [0.0, 0.0, -0.01])
@@ -209,6 +210,68 @@ def test_an_object_on_the_cup_is_carried_along_and_one_beside_it_is_in_the_way(c
     # With the block inside the table the lift begins in a collision.
     inside = reach_of(workcell, "left", long_grasps, {"block": Riding("tool", T_tool_block)})
     assert not inside.branches(low, UP).any()
+
+
+CUBE = 0.006
+
+
+def cube_slacks(gripper, width: float, opened: float, offset: np.ndarray) -> tuple[float, float, float]:
+    """How far a cube off the flange is from the closed hand, the open one, and that on its way, less the margin."""
+    shape = CollisionBody("cube", "cube", "cube", block_of(CUBE).solid.convex_parts)
+    cube = fcl_object(shape, transform(None, offset))
+
+    def slack(hand_width: float, back: float) -> float:
+        T = transform(None, [0.0, 0.0, -back])
+        hand = (fcl_object(part, T) for part in gripper.bodies("left", hand_width))
+        return min(fcl_distance(part, cube) for part in hand) - 0.003
+
+    return slack(width, 0.0), slack(opened, 0.0), min(slack(opened, back) for back in SETTINGS.way())
+
+
+def block_of(*size: float) -> Body:
+    shape = Box(type="box", size=size if len(size) == 3 else size * 3)
+    return Body("block", "object", shape, solid_of(shape), 0.1, np.zeros(3), np.eye(4), static=False)
+
+
+@pytest.mark.parametrize(("side", "height", "when"), [(1, 0.175, "open"), (-1, 0.175, "open"), (1, 0.03, "way")])
+def test_a_cube_that_only_the_open_or_the_coming_hand_would_meet_forbids_a_grasp(
+    cell, gripper, long_tool, long_grasps, side, height, when
+):
+    workcell, (T_world_tool, lift) = ToolWorkcell(cell, long_tool, (block_of(CUBE),)), PLACES["middle"]
+    reached = reach_of(workcell, "left", long_grasps, {"block": None}).branches(T_world_tool, lift)
+    for grasp in np.random.default_rng(13).permutation(np.flatnonzero(reached))[:4]:
+        width, opened = float(long_grasps.widths[grasp]), float(long_grasps.open_widths[grasp])
+        for y in np.arange(0.02, 0.09, 0.001):
+            offset = np.array([0.0, side * y, height])
+            closed, still, way = cube_slacks(gripper, width, opened, offset)
+            if closed > NEAR and ((still < -NEAR) if when == "open" else (still > NEAR and way < -NEAR)):
+                break
+        else:
+            pytest.fail("there is no such place")
+        T_tool_flange = long_grasps.T_tool_tcp[grasp] @ inverse(gripper.T_flange_tcp(width))
+        cube = {"block": Fixed(T_world_tool @ T_tool_flange @ transform(None, offset))}
+        assert not reach_of(workcell, "left", long_grasps, cube).branches(T_world_tool, lift, np.array([grasp])).any()
+
+
+def test_narrower_limits_leave_the_branches_that_have_one_winding_within_them(cell, long_tool, long_grasps):
+    narrow = np.radians([100.0, 170.0, 150.0, 130.0, 100.0, 120.0])
+    arms = {
+        name: replace(arm, robot=replace(arm.robot, position_min=-narrow, position_max=narrow + 0.3))
+        for name, arm in cell.arms.items()
+    }
+    narrow_workcell = ToolWorkcell(replace(cell, arms=arms), long_tool)
+    T_world_tool, lift = PLACES["middle"]
+    wide = reach_of(ToolWorkcell(cell, long_tool), "left", long_grasps)
+    limited = reach_of(narrow_workcell, "left", long_grasps)
+    reached, left = wide.branches(T_world_tool, lift), limited.branches(T_world_tool, lift)
+    expected = np.zeros_like(reached)
+    for grasp in np.flatnonzero(reached):
+        approach, lifted = ways(wide, T_world_tool, grasp, lift, SETTINGS.step)
+        for branch in (b for b in range(8) if reached[grasp] >> b & 1):
+            rows = np.vstack([follow(wide, approach, branch), follow(wide, lifted, branch)])
+            expected[grasp] |= in_one_winding(limited, rows) << branch
+    assert np.array_equal(left, expected)
+    assert 0 < np.bitwise_count(left).sum() < np.bitwise_count(reached).sum()
 
 
 def test_two_threads_may_ask_the_same_reach(reach):

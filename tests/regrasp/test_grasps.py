@@ -18,8 +18,12 @@ from tests.regrasp.hand_oracle import NEAR, hand_slack, tool_of
 SETTINGS = ToolGraspSettings()
 
 
-def shape(kind: str, *sizes: float):
-    return solid_of(Box(type="box", size=sizes) if kind == "box" else Cylinder(type="cylinder", radius=sizes[0], height=sizes[1]))  # fmt: skip
+def block(*size: float):
+    return solid_of(Box(type="box", size=size))
+
+
+def rod(radius: float, height: float):
+    return solid_of(Cylinder(type="cylinder", radius=radius, height=height))
 
 
 def at(*position: float, rotation: np.ndarray | None = None) -> np.ndarray:
@@ -27,10 +31,10 @@ def at(*position: float, rotation: np.ndarray | None = None) -> np.ndarray:
 
 
 TOOLS = {
-    "a rod": ((shape("cylinder", 0.012, 0.18), at(0, 0, 0.09)),),
+    "a rod": ((rod(0.012, 0.18), at(0, 0, 0.09)),),
     "a shaft with a slanted handle": (
-        (shape("box", 0.02, 0.02, 0.12), at(0, 0, 0.06)),
-        (shape("box", 0.015, 0.02, 0.10), at(0.03, 0, 0.13, rotation=rotation_y(0.6))),
+        (block(0.02, 0.02, 0.12), at(0, 0, 0.06)),
+        (block(0.015, 0.02, 0.10), at(0.03, 0, 0.13, rotation=rotation_y(0.6))),
     ),
 }
 
@@ -129,7 +133,7 @@ def test_a_limit_of_grasps_moves_them_apart_and_keeps_them_all_over_the_tool(lon
 
 
 def test_a_tool_too_thick_for_the_fingers_has_no_grasp(gripper):
-    tool = tool_of((shape("box", 0.09, 0.10, 0.12), at(0, 0, 0.06)))
+    tool = tool_of((block(0.09, 0.10, 0.12), at(0, 0, 0.06)))
     assert len(tool_grasps(tool, gripper, SETTINGS)) == 0
 
 

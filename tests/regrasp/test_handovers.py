@@ -179,9 +179,10 @@ def test_no_place_of_the_grid_beats_the_handover_place(cell, short_grasps):
     most = slow_manipulability(cell, short_grasps, place, chosen, 2, 1)
     assert most > 0.0
     base = np.array([0.0, 0.0, cell.table_top])
-    grid = [base + [x, y, z] for x in (0.3, 0.4, 0.5, 0.6) for y in (-0.1, 0.0, 0.1) for z in (0.25, 0.35, 0.45, 0.55)]
+    corners = np.meshgrid((0.3, 0.4, 0.5, 0.6), (-0.1, 0.0, 0.1), (0.25, 0.35, 0.45, 0.55))
+    grid = base + np.stack(corners, axis=-1).reshape(-1, 3)
     assert any(np.allclose(place, other) for other in grid)
-    for other in np.random.default_rng(12).permutation(np.array(grid))[:8]:
+    for other in np.random.default_rng(12).permutation(grid)[:8]:
         assert slow_manipulability(cell, short_grasps, other, chosen, 2, 1) <= most + 1e-9
 
 
