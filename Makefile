@@ -22,8 +22,8 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 demo: setup ## start the service, plan a lift over HTTP, keep serving; ONCE=1 stops after the result
 	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
 
-test: setup ## all tests
-	@$(BIN)/python -m pytest -q
+test: setup ## all tests, on all cores
+	@$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile
 
 check: setup ## format, lint, types
 	@$(BIN)/ruff format --check .

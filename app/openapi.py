@@ -1,4 +1,4 @@
-"""The OpenAPI description: what the router knows, with the task's schema put in."""
+"""The OpenAPI description: what the router knows, with the schemas of tasks and plan documents put in."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from planners.contract.plan_document import document_schema
 from planners.contract.task_spec import task_schema
 
 COMPONENTS = "#/components/schemas/"
@@ -27,10 +28,11 @@ def _describe(app: FastAPI) -> dict[str, Any]:
     description = get_openapi(
         title=app.title, version=app.version, description=app.description, routes=app.routes, tags=app.openapi_tags
     )
-    task = _into_components(task_schema())
     schemas = description.setdefault("components", {}).setdefault("schemas", {})
-    schemas.update(task.pop("$defs", {}))
-    schemas["TaskSpec"] = task
+    for name, schema in (("PlanDocument", document_schema()), ("TaskSpec", task_schema())):
+        component = _into_components(schema)
+        schemas.update(component.pop("$defs", {}))
+        schemas[name] = component
     return description
 
 

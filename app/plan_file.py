@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from errno import ENOENT
 from pathlib import Path
+from typing import Any, TextIO
 
 from pydantic import ValidationError
 
@@ -34,18 +39,46 @@ def plan_file(path: Path, out: Path | None) -> int:
         return _refuse([Problem(pointer="", detail=str(error))])
     except (ValidationError, SceneError) as error:
         return _refuse(problems_of(error))
+    with _written_whole(out) as file:
+        document = _solve(pipeline, path.stem, task)
+        if file is not None:
+            json.dump(document, file, allow_nan=False)
+    sys.stdout.write(summarise(document) + "\n")
+    return SOLVED if document["outcome"] == "solved" else NO_PLAN
+
+
+def _solve(pipeline: Pipeline, name: str, task: dict[str, Any]) -> dict[str, Any]:
     with ProgressBar() as bar:
         scale = ProgressScale()
 
         def show(stage: str, done: int, total: int) -> None:
             bar.show(stage, scale.advance(stage, done, total))
 
-        document = pipeline.solve({"id": path.stem, "task": task}, show)
+        document = pipeline.solve({"id": name, "task": task}, show)
         bar.show("done", 1.0)
-    if out is not None:
-        out.write_text(json.dumps(document, allow_nan=False))
-    sys.stdout.write(summarise(document) + "\n")
-    return SOLVED if document["outcome"] == "solved" else NO_PLAN
+    return document
+
+
+@contextmanager
+def _written_whole(out: Path | None) -> Iterator[TextIO | None]:
+    """Open a file beside `out` that takes its place at the end: an impossible place is told before the planning."""
+    if out is None:
+        yield None
+        return
+    if out.exists() and not out.is_file():
+        # A pipe or a terminal; of a directory the system says so itself.
+        with out.open("w", encoding="utf-8") as stream:
+            yield stream
+        return
+    if not out.parent.is_dir():
+        raise FileNotFoundError(ENOENT, "no such folder", str(out))
+    partial = out.with_name(f".{out.name}.{os.getpid()}")
+    try:
+        with partial.open("x", encoding="utf-8") as file:
+            yield file
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _refuse(problems: list[Problem]) -> int:

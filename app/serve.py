@@ -16,6 +16,7 @@ from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.database import open_database
+from workers.executor_lock import ExecutorLock
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
@@ -45,6 +46,7 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
     """
     set_up_logs()
     if with_worker:
+        _refuse_second_worker(settings)
         warm_up(settings)
     if not _is_loopback(settings.host):
         log.warning(
@@ -73,6 +75,7 @@ def work(settings: WorkerSettings) -> None:
         WorkerRuns: Another worker has this name.
     """
     set_up_logs()
+    _refuse_second_worker(settings)
     warm_up(settings)
     asyncio.run(_work(settings))
 
@@ -90,6 +93,11 @@ def warm_up(settings: WorkerSettings) -> None:
         return_code = compiler.wait()
     if return_code != 0:
         raise WarmUpFailed(return_code)
+
+
+def _refuse_second_worker(settings: WorkerSettings) -> None:
+    """Say so at once, in one line; the worker itself takes the lock for good when it starts."""
+    ExecutorLock(settings.data_dir, settings.executor_name).release()
 
 
 class _Server(uvicorn.Server):

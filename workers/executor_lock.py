@@ -25,6 +25,7 @@ class ExecutorLock:
         Raises:
             WorkerRuns: Somebody else has it.
         """
+        directory.mkdir(parents=True, exist_ok=True)
         self._descriptor = os.open(directory / f"worker-{name}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

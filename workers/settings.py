@@ -10,6 +10,8 @@ from pathlib import Path
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+EMBEDDED_NAME = "embedded"
+"""Of the one worker on SQLite: after a start it takes up its own jobs, whatever the host is called now."""
 SOLVER_COMMAND = (sys.executable, "-m", "workers.solver_process")
 
 
@@ -46,3 +48,8 @@ class WorkerSettings(BaseSettings):
     def embedded(self) -> bool:
         """Whether everything runs in one process on SQLite."""
         return self.database_url is None
+
+    @property
+    def executor_name(self) -> str:
+        """The name under which jobs belong to this worker."""
+        return EMBEDDED_NAME if self.embedded else self.worker_name

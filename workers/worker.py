@@ -23,8 +23,6 @@ from workers.settings import WorkerSettings
 from workers.solver import PackedDocument, SolverCommand, SolverDied, SolverFault, SolverPool
 from workers.solver_protocol import REJECTED_VARIABLE, Report, Request
 
-EMBEDDED_NAME = "embedded"
-"""Executor of the one worker on a SQLite file, whatever machine the file is on."""
 REJECTED_FOLDER = "rejected"
 SHUTDOWN_SECONDS = 5
 
@@ -57,7 +55,7 @@ class Worker:
         Raises:
             WorkerRuns: Another worker of this name is alive.
         """
-        name = EMBEDDED_NAME if self._settings.embedded else self._settings.worker_name
+        name = self._settings.executor_name
         self._lock = ExecutorLock(self._settings.data_dir, name)
         await self._pool.open()
         self._watch = asyncio.create_task(self._watch_for_cancelled_jobs())

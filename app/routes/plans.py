@@ -102,7 +102,13 @@ def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Head
 @router.get(
     "/{plan_id}/document",
     summary="Fetch the plan document",
-    responses={**NOT_FOUND, 200: {"content": {"application/json": {}}, "description": "The plan document"}},
+    responses={
+        **NOT_FOUND,
+        200: {
+            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/PlanDocument"}}},
+            "description": "The plan document",
+        },
+    },
 )
 def get_document(
     plan_id: str,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
-from typing import NamedTuple
-from weakref import WeakKeyDictionary
+from typing import NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -67,7 +67,7 @@ class Balance:
         self.lifter = lifter_of(lifter_model, cup)
         self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
         self._templates: dict[Structure, Template] = {}
-        self._hand_maps: WeakKeyDictionary[GripContacts | PushContact, Array] = WeakKeyDictionary()
+        self._hand_maps: dict[GripContacts | PushContact, Array] = {}
         self._last_rest: tuple[tuple[bytes, bytes], Array] = ((b"", b""), np.empty((6, 0)))
         self._cup_map = grasp_map(transform(cup.T_plate_cup[:3, :3], cup.T_plate_cup[:3, 3] - self.com))
 
@@ -86,23 +86,28 @@ class Balance:
             grip: The gripper's contacts, if it holds the plate.
             push: The stick's contact, if it touches the plate.
         """
-        points = np.asarray(environment_points, dtype=float).reshape(-1, 3)
-        contacts = _Contacts(np.asarray(rotation_world_plate, dtype=float), points, grip, push)
-        template = self._template(Structure(len(points), grip is not None, push is not None))
+        contacts = _Contacts.of(rotation_world_plate, environment_points, grip, push)
         contact_map = self._contact_map(contacts)
+        answer = self._attempt(contacts, contact_map, careful=False)
+        if isinstance(answer, Unbalanced) and answer.proof is None:
+            answer = self._attempt(contacts, contact_map, careful=True)
+        return answer
+
+    def _attempt(self, contacts: _Contacts, contact_map: Array, *, careful: bool) -> Balanced | Unbalanced:
+        """Solve once. The solver's verdict only says what to check first; the checks decide."""
+        template = self._template(Structure(len(contacts.points), contacts.grip is not None, contacts.push is not None))
         gravity = np.zeros(6)
         gravity[:3] = -self.weight * contacts.up
-        infeasible, x, z = template.solve(contact_map, gravity)
-        # The solver's verdict only says what to check first; the checks decide.
+        infeasible, x, z = template.solve(contact_map, gravity, careful=careful)
         proofs = []
         if not infeasible:
             residual = _close_balance(x, contact_map, gravity)
             hands = template.columns.hand_normals
             if hands:
-                x[template.columns.hand_effort] = x[hands].max()
+                x[template.columns.hand_effort] = max(x[normal] for normal in hands)
             slack = template.least_slack(x)
             if slack >= 0.0 and np.abs(residual).max() <= MAX_RESIDUAL * self.weight:
-                return self._balanced(template, contacts, x, residual, slack)
+                return self._balanced(template, contacts, contact_map, x, residual, slack)
             # What no forces at all can close is square to them: a proof where the solver breaks down.
             proofs.append(_proof_from_dual(residual, np.zeros(3)))
         proofs.append(_proof_from_dual(z[:6], template.net_multiplier(z)))
@@ -120,9 +125,7 @@ class Balance:
 
         Negative proves that this plate, at this pose and held so, cannot be balanced.
         """
-        rotation = np.asarray(rotation_world_plate, dtype=float)
-        points = np.asarray(environment_points, dtype=float).reshape(-1, 3)
-        return self._power(proof, _Contacts(rotation, points, grip, push))
+        return self._power(proof, _Contacts.of(rotation_world_plate, environment_points, grip, push))
 
     def capacity(self, max_tilt: float) -> LiftCapacity:
         """Compare the weight with all that can carry the plate off the table, tilted by at most `max_tilt` [rad]."""
@@ -169,28 +172,28 @@ class Balance:
         return block
 
     def _balanced(
-        self, template: Template, contacts: _Contacts, x: Array, residual: Array, least_slack: float
+        self, template: Template, contacts: _Contacts, contact_map: Array, x: Array, residual: Array, least_slack: float
     ) -> Balanced:
         columns = template.columns
         pull = float(x[columns.pull])
         return Balanced(
-            contacts=contacts.names,
+            contacts=columns.names,
             frames=partial(contacts.frames, self.cup),
             exerted=partial(self._wrenches, columns, contacts, x),
-            hand_wrenches=self._hand_wrenches(columns, contacts, x),
+            hand_wrenches=_hand_wrenches(columns, contact_map, x),
             rotation_world_plate=contacts.rotation_world_plate,
             objective=float(template.cost @ x),
             f_plus_gp=0.0 if columns.hand_effort is None else float(x[columns.hand_effort]),
             f_plus_s=pull,
             suction_force=pull,
-            residual_force=float(np.linalg.norm(residual[:3])),
-            residual_moment=float(np.linalg.norm(residual[3:])) * TORQUE_LENGTH,
+            residual_force=math.hypot(*residual[:3]),
+            residual_moment=math.hypot(*residual[3:]) * TORQUE_LENGTH,
             least_slack=least_slack,
         )
 
     def _wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
         """Return the wrench of each contact in its own frame, (m, 6)."""
-        wrenches = np.zeros((len(contacts.names), 6))
+        wrenches = np.zeros((len(columns.names), 6))
         points = [*([columns.push] if columns.push else []), *columns.environment]
         for row, finger in enumerate(columns.fingers):
             wrenches[row, [0, 1, 2, 5]] = x[finger] * [1.0, 1.0, 1.0, self.friction.eps]
@@ -198,15 +201,6 @@ class Balance:
             wrenches[row, :3] = x[point]
         wrenches[-1] = self.lifter.contact_map(contacts.up) @ x[columns.lifter]
         return wrenches
-
-    def _hand_wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
-        """Sum up what each hand exerts, about the centre of mass."""
-        totals = np.zeros((2, 6))
-        if contacts.grip is not None:
-            totals[0] = self._hand_map(contacts.grip) @ x[columns.fingers[0].start : columns.fingers[-1].stop]
-        if contacts.push is not None:
-            totals[1] = self._hand_map(contacts.push) @ x[columns.push]
-        return totals
 
     def _unbalanced(self, contacts: _Contacts, proofs: list[UnbalanceProof]) -> Unbalanced:
         proof, power = min(((proof, self._power(proof, contacts)) for proof in proofs), key=lambda pair: pair[1])
@@ -241,19 +235,18 @@ class _Contacts(NamedTuple):
     grip: GripContacts | None
     push: PushContact | None
 
-    @property
-    def up(self) -> Array:
-        """World +z in plate axes: the normal of every environment contact."""
-        return np.ascontiguousarray(self.rotation_world_plate[2])
+    up: Array
+    """World +z in plate axes: the normal of every environment contact."""
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        fingers = ("grip_0", "grip_1") if self.grip is not None else ()
-        push = ("push",) if self.push is not None else ()
-        return (*fingers, *push, *(f"environment_{index}" for index in range(len(self.points))), "cup")
+    @classmethod
+    def of(cls, rotation: Array, points: Array, grip: GripContacts | None, push: PushContact | None) -> Self:
+        """Take the arguments of `Balance.solve`."""
+        rotation = np.asarray(rotation, dtype=float)
+        points = np.asarray(points, dtype=float).reshape(-1, 3)
+        return cls(rotation, points, grip, push, np.ascontiguousarray(rotation[2]))
 
     def frames(self, cup: Cup) -> tuple[Array, Array]:
-        """Return the origins (m, 3) and axes (m, 3, 3) of the contact frames, in the order of `names`."""
+        """Return the origins (m, 3) and axes (m, 3, 3) of the contact frames, in the order of `Columns.names`."""
         points, rotations = [], []
         if self.grip is not None:
             points.append(self.grip.points)
@@ -265,6 +258,17 @@ class _Contacts(NamedTuple):
         axes = np.broadcast_to(contact_axes(self.up), (len(self.points), 3, 3))
         rotations += [axes, cup.T_plate_cup[None, :3, :3]]
         return np.concatenate(points), np.concatenate(rotations)
+
+
+def _hand_wrenches(columns: Columns, contact_map: Array, x: Array) -> Array:
+    """Sum up what each hand exerts, (2, 6), plate axes, about the centre of mass."""
+    totals = np.zeros((2, 6))
+    if columns.fingers:
+        fingers = slice(columns.fingers[0].start, columns.fingers[-1].stop)
+        totals[0] = contact_map[:, fingers] @ x[fingers]
+    if columns.push is not None:
+        totals[1] = contact_map[:, columns.push] @ x[columns.push]
+    return totals
 
 
 def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:

@@ -10,11 +10,15 @@ the cup), so that one tolerance in newtons fits them all.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import clarabel
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 from scipy import sparse
 
 from planners.balance.contacts import Friction, HandForceLimit
@@ -75,11 +79,18 @@ class Columns:
             size=ends[-1] + has_hand,
         )
 
-    @property
+    @cached_property
     def hand_normals(self) -> list[int]:
         """The normal forces of the hands' contacts."""
         hands = [*self.fingers, *([self.push] if self.push else [])]
         return [columns.start + 2 for columns in hands]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The contacts, in this order; see `ContactWrench.name`."""
+        fingers = tuple(f"grip_{index}" for index in range(len(self.fingers)))
+        push = ("push",) if self.push is not None else ()
+        return (*fingers, *push, *(f"environment_{index}" for index in range(len(self.environment))), "cup")
 
 
 class _Cones:
@@ -129,7 +140,6 @@ class Template:
         self._starts = self._linear + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
         self.rows = np.vstack([row for row, _ in cones.linear] + [block for block, _ in cones.second_order])
         self.offsets = np.concatenate([[bound for _, bound in cones.linear], *(o for _, o in cones.second_order)])
-        self._heads = self._starts[:-1]
         self._net_rows = None if net is None else slice(self._starts[net] + 1, self._starts[net] + 4)
         self._build(sizes)
 
@@ -160,62 +170,76 @@ class Template:
 
     def _build(self, sizes: list[int]) -> None:
         columns = self.columns
-        self._A = np.vstack([np.zeros((6, columns.size)), -self.rows])
-        pattern = self._A != 0.0
+        matrix = np.vstack([np.zeros((6, columns.size)), -self.rows])
+        pattern = matrix != 0.0
         pattern[:6, : columns.wrench_size] = True
         if self._net_rows is not None:
             for finger in columns.fingers:
                 pattern[6 + self._net_rows.start : 6 + self._net_rows.stop, finger.start : finger.start + 3] = True
-        self._pattern = np.ascontiguousarray(pattern.T)
-        # The stored values do not matter for the sparsity; ones keep the first equilibration away from zeros.
-        first = sparse.csc_matrix(pattern.astype(float))
+        # Where the entries that `solve` writes stand among the stored ones, which run down the columns.
+        stored = np.full(pattern.T.shape, -1)
+        stored[pattern.T] = np.arange(int(pattern.sum()))
+        self._values = matrix.T[pattern.T]
+        self._balance_at = stored[: columns.wrench_size, :6].T.copy()
+        self._net_at = np.empty((3, 0), dtype=int)
+        self._force_columns = np.array([finger.start + axis for finger in columns.fingers for axis in range(3)], int)
+        if self._net_rows is not None:
+            below = slice(6 + self._net_rows.start, 6 + self._net_rows.stop)
+            self._net_at = stored[self._force_columns, below].T.copy()
+        self._sparsity = sparse.csc_matrix(pattern)
         tightened = self.offsets.copy()
         tightened[: self._linear] -= TIGHTENING
-        tightened[self._heads] -= TIGHTENING
+        tightened[self._starts[:-1]] -= TIGHTENING
         self._b = np.concatenate([np.zeros(6), tightened])
-        kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(self._linear)]
-        kinds += [clarabel.SecondOrderConeT(size) for size in sizes]
-        empty = sparse.csc_matrix((columns.size, columns.size))
-        self._solver = clarabel.DefaultSolver(empty, self.cost, first, self._b, kinds, _solver_settings())
+        self._kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(self._linear)]
+        self._kinds += [clarabel.SecondOrderConeT(size) for size in sizes]
 
-    def solve(self, contact_map: Array, gravity: Array) -> tuple[bool, Array, Array]:
+    def solve(self, contact_map: Array, gravity: Array, *, careful: bool = False) -> tuple[bool, Array, Array]:
         """Solve with new data.
 
         Args:
             contact_map: G of (5b), (6, wrench_size), to wrenches in plate axes about the centre of mass.
             gravity: Omega_g, (6,), in the same axes.
+            careful: Refine every step's solution; takes half as long again, and is seldom any better.
 
         Returns:
             Whether the solver calls it infeasible; x; and the dual z of the rows, six of the balance, then the cones'.
         """
-        size = self.columns.wrench_size
-        self._A[:3, :size] = contact_map[:3]
-        self._A[3:6, :size] = contact_map[3:] / TORQUE_LENGTH
+        self._values[self._balance_at[:3]] = contact_map[:3]
+        self._values[self._balance_at[3:]] = contact_map[3:] / TORQUE_LENGTH
         if self._net_rows is not None:
-            for finger in self.columns.fingers:
-                force = slice(finger.start, finger.start + 3)
-                self.rows[self._net_rows, force] = contact_map[:3, force]
-                self._A[6 + self._net_rows.start : 6 + self._net_rows.stop, force] = -contact_map[:3, force]
+            net = contact_map[:3, self._force_columns]
+            self.rows[self._net_rows, self._force_columns] = net
+            self._values[self._net_at] = -net
         self._b[:3] = -gravity[:3]
         self._b[3:6] = -gravity[3:] / TORQUE_LENGTH
-        self._solver.update(A=self._A.T[self._pattern], b=self._b)
-        solution = self._solver.solve()
+        solver = self._careful_solver if careful else self._quick_solver
+        # Lists cross over to the solver faster than arrays.
+        solver.update(A=self._values.tolist(), b=self._b.tolist())
+        solution = solver.solve()
         infeasible = solution.status == clarabel.SolverStatus.PrimalInfeasible
         return infeasible, np.array(solution.x), np.array(solution.z)
+
+    @cached_property
+    def _quick_solver(self) -> clarabel.DefaultSolver:
+        return self._compiled(refined=False)
+
+    @cached_property
+    def _careful_solver(self) -> clarabel.DefaultSolver:
+        return self._compiled(refined=True)
+
+    def _compiled(self, *, refined: bool) -> clarabel.DefaultSolver:
+        # The stored values do not matter for the sparsity; ones keep the first equilibration away from zeros.
+        ones = self._sparsity.astype(float)
+        empty = sparse.csc_matrix((self.columns.size, self.columns.size))
+        return clarabel.DefaultSolver(empty, self.cost, ones, self._b, self._kinds, _solver_settings(refined=refined))
 
     def least_slack(self, x: Array) -> float:
         """Return how far x, of the problem last solved, is inside the nearest untightened limit [N].
 
         The rows that make f+_gp the largest normal force hold with equality at the largest, and do not count.
         """
-        values = self.rows @ x + self.offsets
-        slack = float(values[len(self.columns.hand_normals) : self._linear].min())
-        if len(self._heads) == 0:
-            return slack
-        squares = values[self._linear :] ** 2
-        heads = self._heads - self._linear
-        squares[heads] = 0.0
-        return min(slack, float((values[self._heads] - np.sqrt(np.add.reduceat(squares, heads))).min()))
+        return _least_slack(self.rows, self.offsets, x, len(self.columns.hand_normals), self._starts)
 
     def net_multiplier(self, z: Array) -> Array:
         """Return the part of the dual z that the gripper's net limit holds, (3,); zeros without a gripper."""
@@ -224,10 +248,26 @@ class Template:
         return z[6 + self._net_rows.start : 6 + self._net_rows.stop]
 
 
-def _solver_settings() -> clarabel.DefaultSettings:
+@njit(cache=True, nogil=True)
+def _least_slack(rows: Array, offsets: Array, x: Array, skipped: int, starts: NDArray[np.int64]) -> float:
+    """Return the least slack of the linear rows, the first ones skipped, and of the cones that start at `starts`."""
+    least = np.inf
+    for row in range(skipped, starts[0]):
+        least = min(least, rows[row] @ x + offsets[row])
+    for cone in range(len(starts) - 1):
+        square = 0.0
+        for row in range(starts[cone] + 1, starts[cone + 1]):
+            square += (rows[row] @ x + offsets[row]) ** 2
+        head = starts[cone]
+        least = min(least, rows[head] @ x + offsets[head] - math.sqrt(square))
+    return float(least)
+
+
+def _solver_settings(*, refined: bool) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.presolve_enable = False
     settings.chordal_decomposition_enable = False
+    settings.iterative_refinement_enable = refined
     settings.max_threads = 1
     return settings

@@ -137,7 +137,7 @@ def cheapest_path(
         node = _advance(
             graph.row_start, graph.head, graph.cost, graph.loaded, graph.effort, graph.edge,
             knowledge.status, knowledge.load, knowledge.edge_dead, goal, heuristic, bottleneck,
-            search.keys, search.links, search.counters, search.best, search.parent,
+            search.keys, search.links, search.counters, search.offered, search.best, search.parent,
         )  # fmt: skip
         if node == _EXHAUSTED:
             return None
@@ -157,6 +157,7 @@ class _Search:
         self.keys = np.empty((capacity, 4), np.int64)  # f, effort, g, load counted so far
         self.links = np.empty((capacity, 3), np.int32)  # node, parent, arc
         self.counters = np.zeros(3, np.int64)  # queue length, expanded nodes, goal reached
+        self.offered = np.full((graph.node_count, 3), np.iinfo(np.int64).max)  # least cost, effort and parent queued
         self.best = np.full((graph.node_count, 2), -1, np.int64)  # settled cost and effort
         self.parent = np.full((graph.node_count, 2), -1, np.int32)  # settled parent and arc
         self.keys[0] = (heuristic[start], 0, 0, 0)
@@ -185,6 +186,16 @@ def _before(keys, links, i, j):
         if links[i, k] != links[j, k]:
             return links[i, k] < links[j, k]
     return False
+
+
+@njit(cache=True, nogil=True)
+def _less(cost, effort, parent, offered):
+    """Whether a way to a node comes before the best that is queued: by cost, then effort, then parent."""
+    if cost != offered[0]:
+        return cost < offered[0]
+    if effort != offered[1]:
+        return effort < offered[1]
+    return parent < offered[2]
 
 
 @njit(cache=True, nogil=True)
@@ -231,7 +242,7 @@ def _pop(keys, links, counters):
 @njit(cache=True, nogil=True)
 def _advance(
     row_start, head, cost, loaded, effort, edge, status, load, edge_dead, goal, heuristic, bottleneck,
-    keys, links, counters, best, parent,
+    keys, links, counters, offered, best, parent,
 ):  # fmt: skip
     """Search until a node must be examined (its number is returned), a goal is settled, or nothing is left."""
     while counters[0] > 0:
@@ -272,5 +283,10 @@ def _advance(
                 second = e + effort[a]
                 if loaded[a]:
                     reached += load[node] + load[other]
+            # What comes later by the order of the queue is never needed, whatever an unknown load turns out to be.
+            if not _less(reached, second, node, offered[other]):
+                continue
+            if status[other] == 1 or not (bottleneck or loaded[a]):
+                offered[other, 0], offered[other, 1], offered[other, 2] = reached, second, node
             _push(keys, links, counters, reached + heuristic[other], second, reached, load[other], other, node, a)
     return -2

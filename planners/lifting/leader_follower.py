@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,21 +11,27 @@ from scipy.linalg import expm
 
 from planners.errors import LiftwrightError
 
+_DAMPING_PER_CUP_FORCE = 1.4
+"""B_d over the cup's largest force [s/m]."""
+
 
 @dataclass(frozen=True)
 class FollowerGains:
-    """Gains of eq. (11). The paper publishes none; these follow from the plate and the sensor.
+    """Gains of eq. (11). The paper publishes none; these follow from plate, cup and sensor.
 
     The sensor also feels the plate's inertia, two readings late: when the hands speed up, so does the plate, and the
     force rises. With M_d below the mass that the hand accelerates the loop swings at the sensor's rate, so M_d is the
-    whole plate's mass (a hand accelerates about half of it). B_d trades how far the force drops while following,
-    B_d times the lifter's speed, against damping. `planners.lifting.loop_margin` has the margins.
+    whole plate's mass (a hand accelerates about half of it).
+
+    B_d trades how far the force drops while following, B_d times the lifter's speed, against damping. Both sides grow
+    with the cup: a stronger one is stiffer, and bears more before it is over its limit. So B_d is proportional to the
+    cup's largest force. `planners.lifting.loop_margin` has the margins.
     """
 
     inertia: float = 4.0
     """M_d [kg]."""
     damping: float = 28.0
-    """B_d [Ns/m]: hands that follow a lifter at 50 mm/s bear 1.4 N less than their goal."""
+    """B_d [Ns/m]: hands that follow a lifter at 50 mm/s push with 1.4 N less than their goal."""
     stiffness: float = 0.0
     """K_d [N/m]. It would hold the arms back by K_d times the height."""
     period: float = 0.01
@@ -35,9 +42,13 @@ class FollowerGains:
             raise LiftwrightError("inertia, damping and period must be positive, the stiffness not negative")
 
     @classmethod
-    def for_plate(cls, mass: float, rate: float = 7.0) -> Self:
-        """Return the gains for a plate of `mass` [kg]: M_d the mass, B_d the mass times `rate` [1/s]."""
-        return cls(inertia=mass, damping=rate * mass)
+    def for_lift(cls, mass: float, cup_force: float) -> Self:
+        """Return the gains for a plate's mass [kg] and a cup's largest force [N].
+
+        Following at 50 mm/s takes 7 % of the cup's force off the pushing hand, and about as much or twice that off the
+        gripping hand: together what `lift_goal` would keep back for it.
+        """
+        return cls(inertia=mass, damping=_DAMPING_PER_CUP_FORCE * cup_force)
 
 
 @dataclass(frozen=True)
@@ -58,16 +69,25 @@ class LeaderFollower:
     writes V' - V_d; with its V_d = 0 the two are the same).
 
     Discretised exactly for an E that is held over one period: the matrix exponential of the law, not a difference
-    quotient, so that the law behaves the same at any sampling rate. Where V would become negative, the hands stop.
+    quotient, so that the law behaves the same at any sampling rate. Where V would become negative the hands stop, and
+    where it would exceed what the arms can make it stays there. What is remembered is the velocity that the hands
+    have, not the one they were refused: nothing winds up while a limit acts.
     """
 
-    def __init__(self, gains: FollowerGains | None = None, target_velocity: float = 0.0) -> None:
+    def __init__(
+        self,
+        gains: FollowerGains | None = None,
+        target_velocity: float = 0.0,
+        largest_velocity: float = math.inf,
+    ) -> None:
         """Prepare the law.
 
         Args:
             gains: see there.
-            target_velocity: V_d [m/s].
+            target_velocity: V_d [m/s]: the lifter's speed at which the hands bear F_goal.
+            largest_velocity: that the arms can make [m/s].
         """
+        self.largest_velocity = largest_velocity
         self.gains = gains or FollowerGains()
         self.target_velocity = target_velocity
         g = self.gains
@@ -88,8 +108,8 @@ class LeaderFollower:
         """
         error = goal_force - force
         lead, relative = self.discrete @ np.array([motion.lead, motion.velocity - self.target_velocity, error])
-        velocity = self.target_velocity + float(relative)
-        if velocity < 0.0:
-            # The hands stand still: their lead over V_d changes by V_d alone.
-            return FollowerMotion(0.0, motion.lead - self.target_velocity * self.gains.period)
+        free = self.target_velocity + float(relative)
+        velocity = min(max(free, 0.0), self.largest_velocity)
+        if velocity != free:
+            lead = motion.lead + (velocity - self.target_velocity) * self.gains.period
         return FollowerMotion(velocity, float(lead))

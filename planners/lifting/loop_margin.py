@@ -18,9 +18,9 @@ class LoopMargin:
     gain: float
     """Factor by which stiffness and mass may grow together [1]."""
     phase: float
-    """Lag that may be added at the frequency where the loop's gain is one [rad]."""
+    """Lag that may be added at any frequency where the loop's gain is one [rad]."""
     delay: float
-    """The same lag as a time [s]."""
+    """Delay that may be added, likewise [s]."""
 
 
 def loop_margin(gains: FollowerGains, stiffness: float, mass: float, delay: float) -> LoopMargin:
@@ -41,13 +41,15 @@ def loop_margin(gains: FollowerGains, stiffness: float, mass: float, delay: floa
     plant = stiffness * gains.period / (z - 1.0) + mass * (z - 1.0) / (z * gains.period)
     loop = plant * _law(gains, z) * np.exp(-1j * w * delay)
     size, angle = np.abs(loop), np.unwrap(np.angle(loop))
-    crossing = int(np.argmax(size < 1.0))
-    phase = math.pi + angle[crossing]
+    # The mass may lift the loop's gain above one again near the sensor's rate: the worst crossing counts.
+    crossings = np.flatnonzero(np.diff(size < 1.0)) + 1
+    lags = math.pi + angle[crossings]
+    phase, delay = lags.min(initial=math.inf), (lags / w[crossings]).min(initial=math.inf)
     # The loop is real and negative where its angle passes an odd multiple of pi.
     turns = np.floor((angle / math.pi + 1.0) / 2.0)
     reversals = np.flatnonzero(np.diff(turns))
     gain = float(1.0 / size[reversals].max()) if len(reversals) else math.inf
-    return LoopMargin(gain, float(phase), float(phase / w[crossing]))
+    return LoopMargin(gain, float(phase), float(delay))
 
 
 def _law(gains: FollowerGains, z: NDArray[np.complex128]) -> NDArray[np.complex128]:

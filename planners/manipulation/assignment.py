@@ -65,8 +65,7 @@ class PostureAssigner:
                 yield survivors, TransitFailure(pose, hand, index, survivors)
         if self._rising is not None and not engagement.goes:
             pose = itinerary.poses[engagement.last]
-            sets = self._rising.grips if hand == "grip" else self._rising.pushes
-            survivors = int(sets[pose, index])
+            survivors = self._rising.postures(pose, hand, index)
             yield survivors, RiseFailure(pose, hand, index, survivors)
         for place in range(engagement.first, engagement.last):
             step = itinerary.motions[place]

@@ -101,15 +101,15 @@ class NodeExaminer:
         """Least joint torque that the hands' contact wrenches ask for, tau = J^T F, over the postures [Nm]."""
         T_world_plate = self.graph.poses.poses[pose].T_world_plate
         com = T_world_plate[:3, :3] @ self.balance.balance.com + T_world_plate[:3, 3]
+        wrenches = rotated(T_world_plate[:3, :3], answer.hand_wrenches)
         total = 0.0
-        for hold, reach, sets, of_plate in (
-            (grip, self.pair.first, self.grip_postures, answer.hand_wrenches[0]),
-            (push, self.pair.second, self.push_postures, answer.hand_wrenches[1]),
+        for hold, reach, sets, wrench in (
+            (grip, self.pair.first, self.grip_postures, wrenches[0]),
+            (push, self.pair.second, self.push_postures, wrenches[1]),
         ):
             if hold is not None:
-                wrench = rotated(T_world_plate[:3, :3], of_plate)
                 loads = reach.loads(T_world_plate, hold.index, self.postures(pose, hold, sets), wrench, com)
-                total += float(np.nanmin(loads))
+                total += float(np.fmin.reduce(loads))
         return total
 
     def _forget_ruled_out(self) -> None:

@@ -81,7 +81,7 @@ class TransitFailure:
 class RiseFailure:
     """From a goal pose only some postures of a hand go straight up.
 
-    It kills nothing: which nodes are goals is said when a graph is built, from `RisingReach`.
+    It kills nothing: which nodes are goals is asked of `RisingReach` when they are examined.
     """
 
     pose: int

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,18 +100,15 @@ class PlateLiftPlanner:
         """Find out which hand reaches which pose in which postures, and what follows from it."""
         self.pair = pair_reach(self.workcell, self.grips, self.pushes, self.settings.pushes.rolls)
         plates = np.array([pose.T_world_plate for pose in self.poses.poses])
-        # The compiled part lets go of the interpreter, so that two threads use two cores.
-        with ThreadPoolExecutor(1) as beside:
-            pushes = beside.submit(self.pair.second.postures, plates, lambda done: None)
-            self.grip_postures = self.pair.first.postures(plates, lambda n: self.progress("reach", n, 2 * len(plates)))
-            self.push_postures = pushes.result()
-        self.progress("reach", 2 * len(plates), 2 * len(plates))
+        self.grip_postures, self.push_postures = self.pair.postures(
+            plates, lambda done: self.progress("reach", done, len(plates))
+        )
         self.lifted = self.workcell.plate_query(self.workcell.holding, self.workcell.lifted, hands=[])
         self._forbid_blocked_poses(plates)
         reach: dict[Hand, NDArray[np.uint64]] = {"grip": self.grip_postures, "push": self.push_postures}
         queries = posture_queries(self.workcell, self.lifted)
         self.follower = PostureFollower(self.poses, self.pair, queries, (self.grips, self.pushes), reach)
-        self.follower.rising = RisingReach.find(
+        self.follower.rising = RisingReach(
             self.balance, self.pair, self.lifted, self.settings.rise_heights,
             balance_program(self.scene, self.settings.cup_reserve),
         )  # fmt: skip
@@ -161,12 +157,9 @@ class PlateLiftPlanner:
         self.progress("merge", 0, 1)
         self.graph = build_graph(self.poses, grips, pushes, self.grip_postures, self.push_postures, self.settings.costs)
         self.failures.apply(self.graph)
-        rising = self.follower.rising
-        if rising is not None:
-            rising.choose_goals(self.graph)
         self.examiner = NodeExaminer(
             self.graph, self.balance, self.pair, self.grip_postures, self.push_postures, self.rejections,
-            self.settings.minimise, rising,
+            self.settings.minimise, self.follower.rising,
         )  # fmt: skip
         self.counts["merges"] += 1
         if self.settings.full:

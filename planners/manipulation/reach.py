@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,6 +28,8 @@ from planners.scene.arm import Arm
 
 CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""
+_BLOCK = 8
+"""Poses that a thread looks at in one go."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,23 +82,20 @@ class HandReach:
         """Number of holds."""
         return len(self.T_plate_flange)
 
-    def postures(self, T_world_plates: Array, done: Callable[[int], None]) -> NDArray[np.uint64]:
+    def postures(self, T_world_plates: Array, holds: slice = slice(None)) -> NDArray[np.uint64]:
         """Return the (poses, holds) sets of postures that reach each pose and are free of collision there.
 
         Args:
             T_world_plates: (poses, 4, 4).
-            done: told the number of poses dealt with, now and then.
+            holds: which of the holds; all if left out.
         """
-        result = np.zeros((len(T_world_plates), self.hold_count), np.uint64)
-        kernel, hand = self.alone.kernel(), self.hand_only.kernel()
-        for first in range(0, len(T_world_plates), 16):
-            block = slice(first, first + 16)
-            _reach(
-                self.arm.dh, self.T_base_world, self.arm.position_min, self.arm.position_max,
-                T_world_plates[block], self.T_plate_flange, self.start_positions.copy(), self.first_joint,
-                kernel, self.alone.plate_frame, hand, self.hand_only.plate_frame, result[block],
-            )  # fmt: skip
-            done(min(first + 16, len(T_world_plates)))
+        T_plate_flange = self.T_plate_flange[holds]
+        result = np.zeros((len(T_world_plates), len(T_plate_flange)), np.uint64)
+        _reach(
+            self.arm.dh, self.T_base_world, self.arm.position_min, self.arm.position_max,
+            T_world_plates, T_plate_flange, self.start_positions.copy(), self.first_joint, self.alone.kernel(),
+            self.alone.plate_frame, self.hand_only.kernel(), self.hand_only.plate_frame, result,
+        )  # fmt: skip
         return result
 
     def hindrance(self, T_world_plate: Transform, hold: int) -> str | None:
@@ -190,6 +190,29 @@ class PairReach:
     second: HandReach
     between: PlateQuery
     """The two arms against one another."""
+
+    def postures(
+        self, T_world_plates: Array, done: Callable[[int], None]
+    ) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Return the (poses, holds) sets of postures of both hands, as `HandReach.postures`.
+
+        Args:
+            T_world_plates: (poses, 4, 4).
+            done: told the number of poses dealt with, now and then.
+        """
+        blocks = [T_world_plates[first : first + _BLOCK] for first in range(0, len(T_world_plates), _BLOCK)]
+        # The compiled part lets go of the interpreter, so that two threads use two cores.
+        threads = ThreadPoolExecutor(2)
+        try:
+            found = [[threads.submit(hand.postures, block) for hand in (self.first, self.second)] for block in blocks]
+            sets = []
+            for number, both in enumerate(found, start=1):
+                sets.append([future.result() for future in both])
+                done(min(number * _BLOCK, len(T_world_plates)))
+        finally:
+            threads.shutdown(cancel_futures=True)
+        first, second = (np.concatenate(column) for column in zip(*sets, strict=True))
+        return first, second
 
     def compatible(
         self, T_world_plates: Array, holds: tuple[int, int], postures: tuple[int, int]

@@ -3,87 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced
-from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array
-from planners.manipulation.graph import HandHold, ManipulationStateGraph
+from planners.manipulation.failures import Hand
+from planners.manipulation.graph import HandHold
 from planners.manipulation.hold_balance import HoldBalance
 from planners.manipulation.reach import PairReach, PlateQuery
 
 
-@dataclass(frozen=True, eq=False)
 class RisingReach:
-    """What is left of the hands' postures when the plate rises from each goal pose, sampled on the way up."""
+    """What is left of the hands' postures when the plate rises from a goal pose; found out where it is asked."""
 
-    pair: PairReach
-    grips: NDArray[np.uint64]
-    """(poses, grips) bit sets of the postures that go all the way up; none where the pose is no goal."""
-    pushes: NDArray[np.uint64]
-    """(poses, pushes), likewise."""
-    T_world_plates: dict[int, Array]
-    """By goal pose: (k, 4, 4) on the way up."""
-    balance: Balance
-    """Program (5) with part of the cup's force kept back for the lifter's jerks."""
-    contacts: tuple[Sequence[GripContacts], Sequence[PushContact]]
-    """Of all grips and pushes."""
-
-    @classmethod
-    def find(
-        cls, holds: HoldBalance, pair: PairReach, lifted: PlateQuery, heights: Sequence[float], reserved: Balance
-    ) -> Self:
-        """Follow every hold up from every goal pose.
+    def __init__(
+        self, holds: HoldBalance, pair: PairReach, lifted: PlateQuery, heights: Sequence[float], reserved: Balance
+    ) -> None:
+        """Gather what is asked.
 
         Args:
             holds: the poses, and all grips and pushes.
             pair: both hands.
             lifted: plate and cup against what stands in the cell.
             heights: (k,) rising, at which postures are looked at [m].
-            reserved: program (5) with the cup's reserve taken off.
+            reserved: program (5) with part of the cup's force kept back for the lifter's jerks.
         """
-        poses = holds.poses
-        up = np.zeros((len(heights), 4, 4))
-        up[:, 2, 3] = heights
-        ways = {goal: poses.poses[goal].T_world_plate + up for goal in poses.goals}
-        grips = np.zeros((len(poses.poses), pair.first.hold_count), np.uint64)
-        pushes = np.zeros((len(poses.poses), pair.second.hold_count), np.uint64)
-        for goal, way in ways.items():
-            if (lifted.first_collisions(way) < 0).all():
-                grips[goal] = np.bitwise_and.reduce(pair.first.postures(way, lambda done: None), axis=0)
-                pushes[goal] = np.bitwise_and.reduce(pair.second.postures(way, lambda done: None), axis=0)
-        return cls(pair, grips, pushes, ways, reserved, (holds.grips, holds.pushes))
+        self._holds, self._pair, self._lifted, self._reserved = holds, pair, lifted, reserved
+        self._up = np.zeros((len(heights), 4, 4))
+        self._up[:, 2, 3] = heights
+        self._free: dict[int, bool] = {}
+        self._postures: dict[tuple[int, Hand, int], int] = {}
 
-    def choose_goals(self, graph: ManipulationStateGraph) -> None:
-        """Take the nodes out of a graph's goals from which one of the hands cannot go up."""
-        pose = graph.node_pose
-        graph.goal[:] &= _goes_up(self.grips, graph.grips)[pose, graph.node_grip]
-        graph.goal[:] &= _goes_up(self.pushes, graph.pushes)[pose, graph.node_push]
+    def way(self, pose: int) -> Array:
+        """Return T_world_plate (k, 4, 4) on the way up from a goal pose."""
+        return self._holds.poses.poses[pose].T_world_plate + self._up
+
+    def postures(self, pose: int, hand: Hand, index: int) -> int:
+        """Return the postures of a hold that go all the way up from a goal pose: a bit set."""
+        key = (pose, hand, index)
+        if key not in self._postures:
+            reach = self._pair.first if hand == "grip" else self._pair.second
+            sets = reach.postures(self.way(pose), slice(index, index + 1)) if self._is_free(pose) else np.zeros(1, int)
+            self._postures[key] = int(np.bitwise_and.reduce(sets, axis=None))
+        return self._postures[key]
 
     def bears(self, pose: int, grip: HandHold, push: HandHold) -> bool:
         """Whether two hands bear the plate at a goal pose, the cup's reserve untouched, and both go up from there."""
-        contacts = self.contacts[0][grip.index], self.contacts[1][push.index]
-        rotation = self.T_world_plates[pose][0, :3, :3]
-        answer = self.balance.solve(rotation, np.empty((0, 3)), *contacts)
+        if not all(self._allowed(pose, grip, push)):
+            return False
+        contacts = self._holds.grips[grip.index], self._holds.pushes[push.index]
+        rotation = self._holds.poses.poses[pose].T_world_plate[:3, :3]
+        answer = self._reserved.solve(rotation, np.empty((0, 3)), *contacts)
         return isinstance(answer, Balanced) and self.together(pose, grip, push)
 
     def together(self, pose: int, grip: HandHold, push: HandHold) -> bool:
         """Whether any postures of both holds go up from a goal pose with the arms apart."""
-        allowed = (
-            int(self.grips[pose, grip.index]) & grip.postures,
-            int(self.pushes[pose, push.index]) & push.postures,
+        allowed = self._allowed(pose, grip, push)
+        return all(allowed) and self._pair.compatible(self.way(pose), (grip.index, push.index), allowed) is not None
+
+    def _allowed(self, pose: int, grip: HandHold, push: HandHold) -> tuple[int, int]:
+        return (
+            self.postures(pose, "grip", grip.index) & grip.postures,
+            self.postures(pose, "push", push.index) & push.postures,
         )
-        if not all(allowed):
-            return False
-        return self.pair.compatible(self.T_world_plates[pose], (grip.index, push.index), allowed) is not None
 
-
-def _goes_up(sets: NDArray[np.uint64], holds: tuple[HandHold, ...]) -> NDArray[np.bool_]:
-    """(poses, 1 + holds), 0 for an absent hand: whether any posture of a hold goes up from a pose."""
-    columns = [(sets[:, hold.index] & np.uint64(hold.postures)) != 0 for hold in holds]
-    return np.column_stack([np.zeros(len(sets), bool), *columns])
+    def _is_free(self, pose: int) -> bool:
+        """Whether plate and cup keep clear of what stands in the cell."""
+        if pose not in self._free:
+            self._free[pose] = bool((self._lifted.first_collisions(self.way(pose)) < 0).all())
+        return self._free[pose]

@@ -27,6 +27,10 @@ STRETCH_MAX = 50.0
 """Slower than this a motion is not made: the path jumps where it should not."""
 
 
+STRETCHES = 40
+"""How often a motion is slowed as a whole before it is given up; two or three times do for smooth paths."""
+
+
 REDUCTION_MAX = 2.0
 """A round lowers the limits by no more than this factor; greater excesses are those of paths that jump."""
 
@@ -49,6 +53,8 @@ class TimingSettings:
     """Acceleration ramps from one bound to the other within this time, which each motion takes longer [s]."""
     velocity_mismatch: float = 0.02
     """Most |Δq/Δt - mean velocity| over a step [rad/s] (the plan document's rule)."""
+    longest: float = 600.0
+    """Time between two stops that no motion takes unless its path is broken [s]."""
     rounds: int = 6
     """How often the motion is slowed locally, where smoothing exceeded a limit, before it is slowed as a whole."""
     tolerated_excess: float = 0.02
@@ -69,7 +75,8 @@ def time_path(
     half a step apart.
 
     Raises:
-        TimingError: The path is not finite somewhere, or jumps between its stops.
+        TimingError: The path is not finite somewhere, jumps between its stops, or is so wild that a motion along it
+            would take longer than `TimingSettings.longest`.
     """
     settings = settings or TimingSettings()
     if path.length == 0.0:
@@ -85,6 +92,25 @@ class _Sampled:
     """(n,) |ds/dt|."""
     rate: NDArray[np.float64]
     """(n,) |d²s/dt²|."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """How far a motion exceeds its limits."""
+
+    motion: _Motion
+    needed: float
+    """By which factor slower it would keep them."""
+    worst: float
+    """The path's parameter where it exceeds them most."""
+
+    @classmethod
+    def of(
+        cls, motion: _Motion, sampled: _Sampled, excess_v: NDArray[np.float64], excess_a: NDArray[np.float64]
+    ) -> _Attempt:
+        """Judge a motion by its speed and acceleration over their limits."""
+        worst = sampled.trajectory.path_parameter[int(np.argmax(np.maximum(excess_v, excess_a)))]
+        return cls(motion, max(float(excess_v.max()), float(np.sqrt(excess_a.max()))), float(worst))
 
 
 class _PieceTiming:
@@ -120,28 +146,29 @@ class _PieceTiming:
             motion = _Motion(self, slow_velocity, slow_acceleration)
             sampled = motion.sample(1.0)
             excess_v, excess_a = self.excess(sampled)
-            stretch = max(1.0, float(excess_v.max()), float(np.sqrt(excess_a.max())))
-            if stretch * motion.duration < best_duration:
-                best, best_duration = (motion, stretch), stretch * motion.duration
+            attempt = _Attempt.of(motion, sampled, excess_v, excess_a)
+            stretch = max(1.0, attempt.needed)
+            if best is None or stretch * motion.duration < best_duration:
+                best, best_duration = attempt, stretch * motion.duration
             if max(excess_v.max(), excess_a.max()) <= 1.0 + self.settings.tolerated_excess:
                 break
             motion.slow_where(excess_v, sampled.trajectory.time, slow_velocity)
             motion.slow_where(excess_a, sampled.trajectory.time, slow_acceleration)
         assert best is not None
-        return self._within_limits(*best)
+        return self._within_limits(best)
 
-    def _within_limits(self, motion: _Motion, stretch: float) -> Trajectory:
+    def _within_limits(self, attempt: _Attempt) -> Trajectory:
         """Slow the whole motion until nothing is exceeded. Slower means more samples, hence the loop."""
-        while True:
+        motion, stretch = attempt.motion, max(1.0, attempt.needed)
+        for _ in range(STRETCHES):
+            if not (stretch < STRETCH_MAX and motion.duration * stretch <= self.settings.longest):
+                break
             sampled = motion.sample(stretch)
-            excess_v, excess_a = self.excess(sampled)
-            needed = max(float(excess_v.max()), float(np.sqrt(excess_a.max())))
-            if needed <= 1.0:
+            attempt = _Attempt.of(motion, sampled, *self.excess(sampled))
+            if attempt.needed <= 1.0:
                 return sampled.trajectory
-            stretch *= needed * (1.0 + ROUNDING)
-            if not stretch < STRETCH_MAX:
-                worst = sampled.trajectory.path_parameter[int(np.argmax(np.maximum(excess_v, excess_a)))]
-                raise TimingError(f"the path jumps near s = {worst:.6g}: no motion slow enough was found")
+            stretch *= attempt.needed * (1.0 + ROUNDING)
+        raise TimingError(f"the path jumps near s = {attempt.worst:.6g}: no motion slow enough was found")
 
     def excess(self, sampled: _Sampled) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speed and acceleration over their limits on each interval (n - 1,); 1 is at the limit."""
@@ -182,6 +209,9 @@ class _Motion:
         )
         self.times = node_times(piece.s, self.squared)
         self.duration = float(self.times[-1]) + piece.settings.smoothing_time
+        if not self.duration <= piece.settings.longest:
+            slowest = piece.s[int(np.argmax(np.diff(self.times)))]
+            raise TimingError(f"the path is too wild near s = {slowest:.6g}: it would take {self.duration:.3g} s")
 
     def sample(self, stretch: float) -> _Sampled:
         """Samples of the motion made slower by the factor `stretch`."""

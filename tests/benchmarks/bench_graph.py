@@ -132,7 +132,7 @@ def _graph_figures(
     _, dcsg_seconds = timed(
         lambda: DenseContactStateGraph.build(planner.prism, scene.plate.com, scene.T_world_plate, settings.sampling)
     )
-    reach = sum(timed(lambda hand=hand: hand.postures(plates, _ignore))[1] for hand in _hands(planner))
+    reach = sum(timed(lambda hand=hand: hand.postures(plates))[1] for hand in _hands(planner))
     _, merge_seconds = timed(
         lambda: build_graph(
             planner.poses, graph.grips, graph.pushes, planner.grip_postures, planner.push_postures, settings.costs
@@ -196,7 +196,3 @@ def _changes(contacts: Iterable[object]) -> int:
 
 def _hands(planner: PlateLiftPlanner) -> tuple:
     return planner.pair.first, planner.pair.second
-
-
-def _ignore(_: int) -> None:
-    pass

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from tests.benchmarks.lift_plots import draw_lift
 from tests.benchmarks.paper_tables import PAPER
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ PAPER_COLOUR, EXTRAPOLATED_COLOUR, OUR_COLOUR = "#8c8c8c", "#4c78a8", "#f58518"
 
 
 def draw(results: Results, folder: Path) -> dict[str, str]:
-    """Draw all pictures; return the file name of each."""
+    """Draw all pictures; return the file name of each, by name; those of lifts are called "lift" and their task."""
     pictures = {"stages": _stages, "comparison": _comparison, "scaling": _scaling}
     # The same figures give the same file.
     with mpl.rc_context({"svg.hashsalt": "liftwright", "font.size": 9.0}):
@@ -36,7 +37,8 @@ def draw(results: Results, folder: Path) -> dict[str, str]:
             figure = Figure(figsize=(7.5, 3.2), layout="constrained")
             drawn(results, figure.subplots())
             figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
-    return {name: f"{name}.svg" for name in pictures}
+    lifts = {f"lift {figures.task}": draw_lift(figures, folder) for figures in results.simulations}
+    return {name: f"{name}.svg" for name in pictures} | {name: file for name, file in lifts.items() if file}
 
 
 def _stages(results: Results, axes: Axes) -> None:

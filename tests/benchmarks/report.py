@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from statistics import fmean, pstdev
 
 from tests.benchmarks.bench_graph import GraphFigures, PathFigures, SearchFigures
 from tests.benchmarks.bench_paper_method import PaperMethodFigures
 from tests.benchmarks.bench_processes import ProcessFigures
 from tests.benchmarks.bench_tasks import TaskFigures
+from tests.benchmarks.lift_report import lift_limits, lift_sections
 from tests.benchmarks.markdown import Cell, cell, table
 from tests.benchmarks.paper_tables import PAPER
 from tests.benchmarks.run import Results
@@ -51,6 +52,7 @@ def report(results: Results, pictures: dict[str, str], *, quick: bool, seconds: 
         _table_4(results),
         _paper_method(results, pictures["comparison"]),
         _scaling(results, pictures["scaling"]),
+        *lift_sections(results.simulations, pictures),
         _kernels(results),
     ]
     return "\n\n".join(sections) + "\n"
@@ -66,7 +68,7 @@ def _reached(results: Results) -> str:
     planning = {task.name: task.planning for task in solved}
     certificate = {task.name: task.certificate for task in solved}
     memory = {figures.name: figures.peak_mib for figures in results.processes}
-    rows = [
+    rows: list[Sequence[Cell]] = [
         _limit("planning [s], slowest of the five tasks", planning, PLANNING_LIMIT, PLANNING_AIM),
         _limit("certificate [s], slowest of the five tasks", certificate, CERTIFICATE_LIMIT, CERTIFICATE_AIM),
         _limit("peak memory of a planning process [MiB]", memory, MEMORY_LIMIT, None),
@@ -82,6 +84,10 @@ def _reached(results: Results) -> str:
         ("tasks solved and certified", f"{len(solved)} of {len(solved)}", None,
          f"{solved_and_certified} of {len(solved)}", _verdict(solved_and_certified == len(solved)), None)
     )  # fmt: skip
+    rows += [
+        (what, limit, None, reached, _verdict(kept), None)
+        for what, limit, reached, kept in lift_limits(results.simulations)
+    ]
     return "## Aimed at and reached\n\n" + table(("", "limit", "aim", "reached", "limit kept", "aim kept"), rows)
 
 

@@ -14,6 +14,7 @@ from tests.benchmarks import (
     bench_processes,
     bench_search,
     bench_service,
+    bench_simulation,
     bench_tasks,
 )
 from tests.benchmarks.machine import describe_run, load
@@ -44,12 +45,13 @@ class Effort:
     densities: tuple[tuple[float, float], ...] = bench_processes.DENSITIES
     kernels: tuple[str, ...] = tuple(KERNELS)
     service: bool = True
+    lifters: int = bench_simulation.LIFTERS
 
 
 FULL = Effort()
 QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
-    kernels=("kinematics",), service=False,
+    kernels=("kinematics",), service=False, lifters=1,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""
 
@@ -69,6 +71,7 @@ class Results:
     paper_method: list[bench_paper_method.PaperMethodFigures]
     scaling: list[bench_processes.ProcessFigures]
     kernels: dict[str, dict[str, float]]
+    simulations: list[bench_simulation.SimulationFigures]
 
 
 def run(effort: Effort, note: Note) -> Results:
@@ -82,9 +85,10 @@ def run(effort: Effort, note: Note) -> Results:
     paper_method = bench_paper_method.measure(note, effort.solvable, effort.paper_sample, effort.paper_programs)
     scaling = bench_processes.measure_scaling(note, effort.scaled, effort.densities)
     kernels = {name: _kernel(name, note) for name in effort.kernels}
+    simulations = bench_simulation.measure(note, effort.solvable, effort.lifters)
     machine["load when done"] = load()
     return Results(
-        machine, tasks, start, processes, service, graphs, searches, paper_method, scaling, kernels,
+        machine, tasks, start, processes, service, graphs, searches, paper_method, scaling, kernels, simulations,
     )  # fmt: skip
 
 

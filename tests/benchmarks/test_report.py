@@ -18,6 +18,8 @@ SECTIONS = (
     "Table IV: searching the graph",
     "The paper's own method on this machine (extrapolated)",
     "How cost grows",
+    "Simulated lifts: what the controller is worth",
+    "Fig. 12 and 13: forces while lifting",
     "Kernels",
 )
 

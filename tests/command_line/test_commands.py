@@ -13,6 +13,7 @@ from support.service import ROOT, TASKS, task
 
 from app.cli import main
 from app.summary import contact_states, largest_hand_force, summarise
+from workers.pipeline import Pipeline
 
 
 def test_a_solved_task_is_0_and_its_document_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -47,6 +48,29 @@ def test_bad_input_is_3_and_is_pointed_at(
 
 def test_a_file_that_is_not_there_is_3() -> None:
     assert main(["plan", "nowhere.json"]) == 3
+
+
+@pytest.mark.parametrize("out", ["no/such/folder/plan.json", "."])
+def test_an_impossible_place_for_the_document_is_told_before_planning(
+    out: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Pipeline, "solve", lambda *_: pytest.fail("it planned"))
+    assert main(["plan", str(TASKS / "ab1.json"), "--out", out]) == 3
+    assert out in capsys.readouterr().err
+
+
+def test_a_document_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "plan.json"
+    out.write_text("the last plan")
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Pipeline, "solve", interrupt)
+    assert main(["plan", str(TASKS / "ab1.json"), "--out", str(out)]) == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
+    assert out.read_text() == "the last plan"
 
 
 def test_an_option_that_cannot_be_followed_is_3_and_named(capsys: pytest.CaptureFixture[str]) -> None:

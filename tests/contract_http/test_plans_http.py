@@ -220,6 +220,16 @@ def test_the_description_is_openapi_3_1_and_every_reference_in_it_leads_somewher
     assert set(description["paths"]["/v1/plans/{plan_id}"]) == {"get", "delete"}
 
 
+def test_the_description_has_what_goes_in_and_what_comes_out(client: httpx.Client) -> None:
+    description = client.get("/openapi.json").json()
+    schemas = description["components"]["schemas"]
+    answers = description["paths"]["/v1/plans/{plan_id}/document"]["get"]["responses"]
+    assert answers["200"]["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/PlanDocument"}
+    assert {"segments", "certificate", "simulation"} <= set(schemas["PlanDocument"]["required"])
+    # Members have their names in JSON, not those in Python.
+    assert "with" in schemas["ContactStateDocument"]["properties"]
+
+
 @pytest.mark.parametrize("path", ["/v1/nothing", "/v1/plans/", "/v1/plans/unknown", "/v1/plans/unknown/document"])
 def test_what_does_not_exist_is_a_404_as_problem_json(client: httpx.Client, path: str) -> None:
     answer = client.get(path)

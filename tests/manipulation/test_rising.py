@@ -21,11 +21,11 @@ def rising(planner):
 def test_postures_that_rise_put_the_hand_where_the_raised_plate_is(planner, rising) -> None:
     """Asked of forward kinematics."""
     checked = 0
-    for reach, sets in ((planner.pair.first, rising.grips), (planner.pair.second, rising.pushes)):
-        goals, holds = np.nonzero(sets)
-        for goal, hold in list(zip(goals.tolist(), holds.tolist(), strict=True))[::25]:
-            for plate in rising.T_world_plates[goal]:
-                for posture in bits(int(sets[goal, hold])):
+    for reach, hand in ((planner.pair.first, "grip"), (planner.pair.second, "push")):
+        asked = [(goal, hold) for goal in planner.poses.goals for hold in range(reach.hold_count)]
+        for goal, hold in asked[::5]:
+            for posture in bits(rising.postures(goal, hand, hold)):
+                for plate in rising.way(goal):
                     q = np.ascontiguousarray(reach.follow(plate[None], hold, posture)[0])
                     wanted = plate @ reach.T_plate_flange[hold, posture // BRANCHES]
                     assert flange_pose(reach.arm.dh, reach.arm.T_world_base, q) == pytest.approx(wanted, abs=1e-6)
@@ -33,10 +33,11 @@ def test_postures_that_rise_put_the_hand_where_the_raised_plate_is(planner, risi
     assert checked > 20
 
 
-def test_only_poses_at_the_goals_height_are_risen_from(planner, rising) -> None:
-    elsewhere = np.setdiff1d(np.arange(len(planner.poses.poses)), planner.poses.goals)
-    assert not rising.grips[elsewhere].any()
-    assert not rising.pushes[elsewhere].any()
+def test_a_hold_keeps_the_postures_that_reach_every_height_on_the_way_up(planner, rising) -> None:
+    for goal in planner.poses.goals[::4]:
+        at_each = planner.pair.second.postures(rising.way(goal))
+        for hold in range(0, planner.pair.second.hold_count, 7):
+            assert rising.postures(goal, "push", hold) == int(at_each[0, hold] & at_each[1, hold])
 
 
 def test_goals_that_were_examined_are_borne_with_the_cups_reserve(planner) -> None:

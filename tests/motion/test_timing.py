@@ -215,6 +215,23 @@ def test_a_curve_that_is_not_finite_or_jumps_is_refused_with_the_place() -> None
         time_path(CurvePath(lambda s: np.where(s > 0.7, s + 0.5, s)[:, None] * np.ones(6), length=1.0), UR3E)
 
 
+@pytest.mark.parametrize(
+    "curve",
+    [
+        lambda s: np.where(s < 0.503, 0.0, 1e4),
+        lambda s: 1e6 * s,
+        lambda s: 1.0 / (s - 0.50137),
+        lambda s: np.sin(3e4 * s),
+        lambda s: np.modf(np.sin(1e7 * s) * 43758.5453)[0],
+    ],
+    ids=["a great jump", "far away", "a pole", "a buzz", "noise"],
+)
+def test_a_curve_broken_beyond_any_pace_is_refused_and_not_followed_for_ever(curve) -> None:
+    """The last one is never followed, however often it is slowed; the others would take hours and gigabytes."""
+    with pytest.raises(TimingError, match=r"near s = \d"):
+        time_path(CurvePath(lambda s: curve(s)[:, None] * np.ones(6), length=1.0), UR3E)
+
+
 def test_motion_rests_at_a_stop() -> None:
     path = polyline(np.array([[0.0] * 6, [1.0] * 6, [0.0] * 5 + [2.0]]), reach_max=0.0)
     assert path.stops.size == 1

@@ -63,6 +63,4 @@ def test_a_share_of_the_load_needs_that_share_of_the_squeeze() -> None:
     wrenches = random_wrenches(50)
     share = np.linspace(0.0, 1.0, 50)
     by_share = scaled(least_squeeze(wrenches, WIDTH, MU, EPS), share)
-    assert by_share.normal == pytest.approx(
-        least_squeeze(wrenches * share[:, None], WIDTH, MU, EPS).normal, abs=1e-9
-    )
+    assert by_share.normal == pytest.approx(least_squeeze(wrenches * share[:, None], WIDTH, MU, EPS).normal, abs=1e-9)

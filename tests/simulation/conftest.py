@@ -27,15 +27,26 @@ class Run:
     stages: list[tuple[str, float]]
 
 
-@pytest.fixture(scope="session")
-def run() -> Run:
-    """PB1, the shortest of the papers' tasks."""
-    task = read_task(json.loads(TASK.read_text()))
+def execute(**changes: Any) -> Run:
+    """Plan PB1, the shortest of the papers' tasks, with changes, and lift it."""
+    task = read_task(json.loads(TASK.read_text()) | changes)
     scene = build_scene(task)
     document = plan(task, scene, silent, perf_counter) | {"id": "pb1"}
     seen: list[tuple[str, float]] = []
     simulation = simulate(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
     return Run(scene, document, simulation, seen)
+
+
+@pytest.fixture(scope="session")
+def run() -> Run:
+    """With the paper's lifter."""
+    return execute()
+
+
+@pytest.fixture(scope="session")
+def cable_run() -> Run:
+    """With a cup on a cable."""
+    return execute(lifter_model="cable")
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, rotation_from_vector
 from workers.simulation.force_sensor import ForceSensor
 from workers.simulation.lifter import SuctionLifter
 from workers.simulation.settings import ContactSettings, CupSettings, SensorSettings, WinchSettings
@@ -36,7 +36,13 @@ def test_the_winch_is_uneven_but_not_faster_than_its_motor(seed: int) -> None:
     assert speeds.max() <= max(WINCH.speed[1], WINCH.jerk_speed) + 1e-9
     assert np.abs(np.diff(speeds[:-1])).max() <= WINCH.acceleration * STEP + 1e-9
     assert (speeds[100:] < 1e-9).any()
-    assert speeds.std() > 0.2 * winch.mean_speed
+    assert speeds.std() > 0.2 * speeds.mean()
+
+
+def test_the_usual_speed_is_the_mean_of_many_lifters() -> None:
+    many = [profile(seed, travel=3.0) for seed in range(20)]
+    mean = sum(winch.heights[-1] for winch in many) / sum(winch.duration for winch in many)
+    assert mean == pytest.approx(WINCH.usual_speed, rel=0.05)
 
 
 def test_the_same_seed_gives_the_same_lifter_and_another_a_different_one() -> None:
@@ -115,3 +121,27 @@ def test_a_tared_sensor_reads_the_force_with_noise_alone() -> None:
     assert readings.std(axis=0) == pytest.approx(np.full(3, 0.5), rel=0.1)
     left = 4.0 * SensorSettings().force_noise / np.sqrt(SensorSettings().tare_readings)
     assert np.abs(readings.mean(axis=0) - [1.0, -2.0, 15.0]).max() < left
+
+
+def on_a_cable(scene) -> SuctionLifter:
+    return lifter(replace(scene, lifter_model="cable"), error=0.0)
+
+
+def test_a_cable_pulls_straight_up_on_a_tilted_plate_wherever_the_cup_is(scene) -> None:
+    cup = on_a_cable(scene)
+    R = rotation_from_vector([0.4, -0.2, 0.3])
+    plate = (R, np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+    place, velocity = cup.place(plate)
+    aside = np.array([0.01, 0.02, 0.0])
+    wrench = cup.give(np.array([0, 0, 30.0, 0, 0, 0]), place + aside, velocity, plate, STEP)
+    assert wrench[:3] == pytest.approx([0.0, 0.0, 30.0])
+    assert wrench[3:] == pytest.approx(np.cross(place - plate[1], wrench[:3]))
+    cup.hang(plate, np.zeros(3))
+    moved = (R, plate[1] - 2.0 * aside, np.zeros(3), np.zeros(3))
+    assert cup.hoist(0.0, 0.0, moved)[:3] == pytest.approx([0.0, 0.0, 30.0])
+
+
+def test_a_slack_cable_does_not_push(scene) -> None:
+    cup = on_a_cable(scene)
+    plate = hang(cup, scene, np.array([0.0, 0.0, 5.0]))
+    assert cup.hoist(-0.1, 0.0, plate) == pytest.approx(np.zeros(6))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import flange_pose, jacobian
 from planners.scene.arm import Arm
-from planners.scene.hand import Gripper
+from planners.scene.hand import Gripper, Pusher
 from workers.simulation.force_sensor import ForceSensor
 from workers.simulation.reference import Stage
 from workers.simulation.settings import SimulationSettings
@@ -23,7 +24,7 @@ _CLEAR = 0.004
 """A stick further than this from the plate has left it [m]."""
 
 
-class SimulatedHand:
+class SimulatedHand(ABC):
     """One arm's hand. Subclasses say how it gets hold of the plate.
 
     Admittance: the hand is commanded to where it should be by the plan, plus how far its compliance gives way under
@@ -55,6 +56,10 @@ class SimulatedHand:
     def slip(self) -> float:
         """How far it has slid on the plate since it got hold of it [m]."""
         return float(self.touch.slips.mean()) if self.touch.engaged else 0.0
+
+    @abstractmethod
+    def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
+        """Get hold of the plate, or let it go, as the plan says at a time [s]."""
 
     def sense(self) -> None:
         """Take a reading."""
@@ -163,8 +168,9 @@ class PushingHand(SimulatedHand):
         """Take the plan's friction coefficient and the plate's centre of mass (3,), plate frame."""
         super().__init__(arm, first_joint, settings, rng)
         contact = settings.contact
-        self.T_flange_hand = arm.hand.T_flange_tcp  # pyright: ignore
-        self._com, self._radius = plate_com, arm.hand.tip_radius  # pyright: ignore
+        assert isinstance(arm.hand, Pusher)
+        self.T_flange_hand = arm.hand.T_flange_tcp
+        self._com, self._radius = plate_com, arm.hand.tip_radius
         self._hold: Mapping[str, Any] | None = None
         self.touch = Touch(
             np.zeros((1, 3)),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, skew
 from planners.scene.scene import PlateLiftScene
 from workers.simulation.settings import ContactSettings, CupSettings
 from workers.simulation.touch import PlateMotion
@@ -48,7 +48,7 @@ class SuctionLifter:
         """Return the pad's place (3,) and its velocity (3,), world."""
         R, com, velocity, spin = plate
         arm = R @ self._arm
-        return com + arm, velocity + np.cross(spin, arm)
+        return com + arm, velocity + skew(spin) @ arm
 
     def give(self, wrench: Array, point: Array, velocity: Array, plate: PlateMotion, step: float) -> Array:
         """Act as the force source for one step and return the (6,) wrench on the plate about its centre of mass.
@@ -94,11 +94,12 @@ class SuctionLifter:
     def lets_go(self, step: float) -> str | None:
         """Say why the cup lets go after a step, None while it holds."""
         s = self._settings
-        self._over = self._over + step if self.pull > self.limit else 0.0
-        if self.pull > s.burst * self.limit:
-            return f"the cup was pulled with {self.pull:.1f} N, more than {s.burst:g} times its {self.limit:g} N"
+        borne = s.strength * self.limit
+        self._over = self._over + step if self.pull > borne else 0.0
+        if self.pull > s.burst * borne:
+            return f"the cup was pulled with {self.pull:.1f} N, more than {s.burst:g} times its {borne:g} N"
         if self._over > s.grace:
-            return f"the cup was over its {self.limit:g} N for {s.grace:g} s"
+            return f"the cup was over its {borne:g} N for {s.grace:g} s"
         if self.slid > self._radius:
             return "the cup slid off its place on the plate"
         return None
@@ -110,7 +111,7 @@ class SuctionLifter:
             self.pull = min(max(0.0, float(force[2])), most)
             self.force = np.array([0.0, 0.0, self.pull])
             arm = R @ self._arm
-            return np.concatenate([self.force, np.cross(arm, self.force)]), np.zeros(3)
+            return np.concatenate([self.force, skew(arm) @ self.force]), np.zeros(3)
         outward = R @ self._outward
         self.pull = min(max(0.0, float(force @ outward)), most)
         across = force - (force @ outward) * outward
@@ -120,4 +121,4 @@ class SuctionLifter:
         twist = float(torque @ outward)
         twist = float(np.clip(twist, -self._radius * grip, self._radius * grip))
         arm = R @ self._arm
-        return np.concatenate([self.force, np.cross(arm, self.force) + twist * outward]), excess
+        return np.concatenate([self.force, skew(arm) @ self.force + twist * outward]), excess

@@ -1,4 +1,4 @@
-"""What is kept of a simulation: curves over time, and the forces at the plan's nodes."""
+"""What is kept of a simulation: curves over time."""
 
 from __future__ import annotations
 
@@ -53,28 +53,3 @@ class Recorder:
             }
             for i, (name, unit) in enumerate(UNITS.items())
         ]
-
-
-@dataclass(frozen=True, eq=False)
-class NodeForces:
-    """Forces at the end of one of the plan's motions, planned and simulated; means over the last moments."""
-
-    segment: int
-    time: float
-    planned: dict[str, Array]
-    simulated: dict[str, Array]
-    """By "left", "right", "cup", "support": (3,) on the plate, world axes [N]."""
-
-    def largest_difference(self) -> float:
-        """Return the largest norm of a difference [N]."""
-        return max(float(np.linalg.norm(self.simulated[name] - force)) for name, force in self.planned.items())
-
-    def document(self) -> dict[str, Any]:
-        """Return the entry of a plan document."""
-        return {
-            "segment": self.segment,
-            "time": self.time,
-            "planned": {name: np.round(force, 3).tolist() for name, force in self.planned.items()},
-            "simulated": {name: np.round(force, 3).tolist() for name, force in self.simulated.items()},
-            "largest_difference": round(self.largest_difference(), 3),
-        }

@@ -47,6 +47,8 @@ class CupSettings:
     """How fast that error changes [s]."""
     saturation: float = 1.0
     """During the manipulation the lifter's force ends at this part of the cup's largest [1]."""
+    strength: float = 1.0
+    """Force that the cup really bears over the one that it is planned with [1]."""
     grace: float = 0.2
     """A cup lets go when it is over its limit for so long [s]."""
     burst: float = 1.3
@@ -73,6 +75,13 @@ class WinchSettings:
     """[m/s]"""
     jerk_time: float = 0.06
     """[s]"""
+
+    @property
+    def usual_speed(self) -> float:
+        """Expected rise over expected time, holds included [m/s]: what is known of such lifters, not of one."""
+        move, speed, hold = (0.5 * sum(ends) for ends in (self.move, self.speed, self.hold))
+        jerk = self.jerk_chance * self.jerk_time
+        return (move * speed + jerk * self.jerk_speed) / (move + jerk + self.hold_chance * hold)
 
 
 @dataclass(frozen=True)
@@ -128,11 +137,11 @@ class SimulationSettings:
     record_period: float = 0.02
     """Of the curves [s]."""
     controlled: bool = True
-    """Whether the hands follow by force; otherwise they rise with the lifter's mean speed, blind."""
+    """Whether the hands follow by force; otherwise they rise at `WinchSettings.usual_speed`, blind."""
     contact: ContactSettings = field(default_factory=ContactSettings)
     cup: CupSettings = field(default_factory=CupSettings)
     winch: WinchSettings = field(default_factory=WinchSettings)
     sensor: SensorSettings = field(default_factory=SensorSettings)
     hand: HandSettings = field(default_factory=HandSettings)
     follower: FollowerGains | None = None
-    """None: those that fit the plate."""
+    """None: those that fit the plate and the cup."""

@@ -12,7 +12,8 @@ import numpy as np
 from planners.geometry.pose import Array, to_pose7
 from planners.progress import Progress
 from planners.scene.scene import PlateLiftScene
-from workers.simulation.execution import Execution, Failure, SimulationOutcome
+from workers.simulation.execution import Execution
+from workers.simulation.outcome import Failure, SimulationOutcome
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.world import World
 
@@ -27,7 +28,10 @@ MODEL = (
     "In the manipulation the lifter is a force source: the planned cup force with a seeded error, at most the cup's "
     "largest force, and the cup's own stiffness about the planned path.",
     "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift "
-    "begins; both hands follow the pushing hand's vertical force by eq. (11).",
+    "begins; both hands follow the pushing hand's vertical force by eq. (11), with V_d the speed "
+    "that such lifters usually have. Without control they rise at that speed, blind.",
+    "The paper's lifter pulls in all directions and its cup holds by friction; on a cable the trolley keeps above the "
+    "cup, which bears a pull from any side and does not slide.",
 )
 """What is modelled, for a person."""
 _MOTION_EVERY = 2
@@ -92,8 +96,8 @@ def _lift(execution: Execution) -> dict[str, Any] | None:
         "height": round(float(height.max(initial=0.0)), _DIGITS),
         "reachable_height": round(lift.path.height, _DIGITS),
         "end_of_reach": lift.path.end,
-        "goal_force": execution.goal_push,
-        "cup_reserve": lift.goal.cup_reserve,
+        "goal_force": lift.forces.push,
+        "cup_reserve": lift.forces.goal.cup_reserve,
         "lifter_travel": round(float(lift.winch.heights[-1]), _DIGITS),
         "lifter_seconds": round(lift.winch.duration, _DIGITS),
         "controlled": execution.settings.controlled,
@@ -116,10 +120,10 @@ def _dips(execution: Execution, least: float) -> dict[str, Any]:
 
 def _manipulation(execution: Execution, weight: float) -> dict[str, Any]:
     """Compare the manipulation with its plan."""
-    differences = [node.largest_difference() for node in execution.nodes]
+    differences = [node.largest_difference() for node in execution.comparison.nodes]
     off = execution.largest_way_off
     return {
-        "nodes": [node.document() for node in execution.nodes],
+        "nodes": [node.document() for node in execution.comparison.nodes],
         "largest_difference": round(max(differences, default=0.0), _DIGITS),
         "largest_difference_of_weight": round(max(differences, default=0.0) / weight, _DIGITS),
         "largest_distance": round(float(off[0]), _DIGITS),

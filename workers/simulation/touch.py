@@ -29,8 +29,6 @@ class Touch:
         """(n,) how far each point has slid on the plate since it was engaged [m]."""
         self.forces = np.zeros((count, 3))
         """(n,) that the points exert on the plate now, world axes [N]."""
-        self.places = np.zeros((count, 3))
-        """(n, 3) where they act, world [m]."""
         self.engaged = False
 
     def engage(self, T_plate_hand: Array, normals: Array) -> None:
@@ -76,7 +74,7 @@ class Touch:
             return np.zeros(6)
         return _act(
             T_world_hand, hand_twist, plate, self.points, self.anchors, self.normals, self.preload, self._stiffness,
-            self.slips, self.forces, self.places,
+            self.slips, self.forces,
         )  # fmt: skip
 
 
@@ -89,7 +87,7 @@ Anchors are in the plate's axes from the centre of mass.
 
 @njit(cache=True, nogil=True)
 def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
-    T, twist, plate, points, anchors, normals, preload, stiffness, slips, forces, places
+    T, twist, plate, points, anchors, normals, preload, stiffness, slips, forces
 ):
     R, com, velocity, spin = plate
     kn, kt, time, mu = stiffness
@@ -135,7 +133,6 @@ def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
                 slips[i] += math.sqrt(slid)
         for j in range(3):
             forces[i, j] = press * n[j] + f[j]
-            places[i, j] = hand[j]
         for j in range(3):
             k, m = (j + 1) % 3, (j + 2) % 3
             total[j] += forces[i, j]

@@ -29,7 +29,7 @@ class WinchProfile:
             if not wanted:
                 wanted = _next_press(step, rng, settings)
             change = settings.acceleration * step
-            speed += float(np.clip(wanted.pop() - speed, -change, change))
+            speed += min(max(wanted.pop() - speed, -change), change)
             heights.append(min(heights[-1] + speed * step, travel))
         return cls(step, np.array(heights))
 
@@ -37,11 +37,6 @@ class WinchProfile:
     def duration(self) -> float:
         """Until the lifter stands for good [s]."""
         return self.step * (len(self.heights) - 1)
-
-    @property
-    def mean_speed(self) -> float:
-        """Over the whole lift, holds included [m/s]."""
-        return float(self.heights[-1] / self.duration) if self.duration > 0.0 else 0.0
 
     def at(self, time: float) -> tuple[float, float]:
         """Return height [m] and speed [m/s]."""

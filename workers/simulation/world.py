@@ -27,21 +27,30 @@ from workers.simulation.touch import PlateMotion
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Send what PyBullet's C code prints on stdout to stderr: stdout may carry a protocol."""
+    """Keep the greeting of PyBullet's C code to itself: stdout may carry a protocol, stderr a progress bar."""
     sys.stdout.flush()
-    kept = os.dup(1)
-    os.dup2(2, 1)
+    sys.stderr.flush()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    for stream, _ in kept:
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
     try:
         yield
     finally:
         # C keeps a buffer of its own.
         ctypes.CDLL(None).fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
 
 
 with _quiet():
     import pybullet as bullet
+
+
+_LAST_LINK = 5
+"""That carries the hand."""
 
 
 class World:
@@ -95,14 +104,11 @@ class World:
 
     def push_plate(self, wrench: Array) -> None:
         """Exert a (6,) wrench on the plate during the next step: world axes, about its centre of mass."""
-        bullet.applyExternalForce(
-            self._plate, -1, wrench[:3], self.plate_motion()[1], bullet.WORLD_FRAME, physicsClientId=self._id
-        )
-        bullet.applyExternalTorque(self._plate, -1, wrench[3:], bullet.WORLD_FRAME, physicsClientId=self._id)
+        self._push(self._plate, -1, wrench, self.plate_motion()[1])
 
-    def push_hand(self, arm: str, force: Array, place: Array) -> None:
-        """Exert a force (3,) at a point (3,) of an arm's hand during the next step, world."""
-        bullet.applyExternalForce(self._arms[arm], 5, force, place, bullet.WORLD_FRAME, physicsClientId=self._id)
+    def push_hand(self, arm: str, wrench: Array, place: Array) -> None:
+        """Exert a (6,) wrench on an arm's hand during the next step: world axes, about a point (3,) of the world."""
+        self._push(self._arms[arm], _LAST_LINK, wrench, place)
 
     def advance(self) -> None:
         """Take one step of the physics."""
@@ -147,13 +153,9 @@ class World:
                 total += size * np.array(axis)
         return total
 
-    def touching_arms(self) -> tuple[str, ...]:
-        """Return the arms that touch the plate with anything but pads and tip."""
-        return tuple(
-            name
-            for name, arm in self._arms.items()
-            if bullet.getContactPoints(bodyA=self._plate, bodyB=arm, physicsClientId=self._id)
-        )
+    def _push(self, body: int, link: int, wrench: Array, place: Array) -> None:
+        bullet.applyExternalForce(body, link, wrench[:3], place, bullet.WORLD_FRAME, physicsClientId=self._id)
+        bullet.applyExternalTorque(body, link, wrench[3:], bullet.WORLD_FRAME, physicsClientId=self._id)
 
     def _build(self) -> None:
         scene, client = self._scene, self._id
