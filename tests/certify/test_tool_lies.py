@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
+from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify
 from planners.contract.plan_document import check_document
