@@ -64,7 +64,7 @@ class SuctionToolPlanner:
         traffic = ToolTraffic(self.workcell, handovers.grasps)
         rng = np.random.default_rng(scene.seed)
         self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
-        routes = RouteMaker(self.workcell, handovers, self.choreographer.motion.bearing, park, settings)
+        routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
         self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
         self.pile = PilePlanner(
             ObjectPlanner(self.choreographer, routes, settings, progress),
