@@ -130,7 +130,7 @@ class SuctionToolPlanner:
             f"with {_counted(handovers, 'handover') if handovers else 'no handover'}"
         )
         if aside:
-            summary += f"; {' and '.join(aside)} put aside first, because others go where it stands"
+            summary += f"; {' and '.join(aside)} put aside first, out of the way of others"
         return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
 
     def _nearest_order(self) -> tuple[str, ...]:
