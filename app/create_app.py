@@ -14,12 +14,13 @@ from app.errors import install_error_handlers
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
-from app.routes import capabilities, plans, probes, viewer
+from app.routes import capabilities, meshes, plans, probes, viewer
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
 from planners.scene.cell import Cell, known_cells, load_cell
 from workers.database import open_database
 from workers.job_queue import JobQueue
+from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
 from workers.worker import Worker
 
@@ -39,6 +40,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         queue = JobQueue(database)
         store = PlanStore(database)
         app.state.cells = await run_in_threadpool(_warm_cells)
+        app.state.meshes = MeshStore(database)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
         app.state.theatre = Theatre(app.state.desk, app.state.cells, settings.data_dir / "drawings")
         worker = Worker(settings, database, queue, store) if with_worker else None
@@ -64,7 +66,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     )
     app.state.settings = settings
     install_error_handlers(app)
-    for router in (plans.router, viewer.router, capabilities.router, probes.router):
+    for router in (plans.router, meshes.router, viewer.router, capabilities.router, probes.router):
         app.include_router(router)
     install_openapi(app)
     return app

@@ -19,6 +19,7 @@ from starlette.routing import compile_path
 from planners.contract.problems import Problem, json_pointer, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
+from planners.geometry.mesh_file import MeshRefused
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
@@ -75,6 +76,26 @@ class NotJsonMedia(ServiceError):
         was = "missing" if given is None else f"{given[:100]!r}"
         super().__init__(f"the Content-Type is {was}; it must be application/json")
         self.headers = {"Accept-Post": "application/json"}
+
+
+class NotMeshMedia(ServiceError):
+    """A body is declared as something else than a mesh."""
+
+    def __init__(self, given: str | None, known: Sequence[str]) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+        self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
+
+
+class BadUpload(ServiceError):
+    """A form does not hold the file that it should."""
+
+
+class MeshNotFound(ServiceError):
+    """No uploaded mesh has that id."""
+
+    def __init__(self, mesh_id: str) -> None:
+        super().__init__(f"there is no mesh {mesh_id[:100]!r}")
 
 
 class EncodedBody(ServiceError):
@@ -138,15 +159,19 @@ TABLE: Mapping[type[Exception], Answer] = {
     NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
     BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
     PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
+    MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
     CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
     AlreadyFinished: Answer(HTTPStatus.CONFLICT, "Already finished"),
     NotFinished: Answer(HTTPStatus.CONFLICT, "Not finished"),
     BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),
     NotJsonMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a JSON body"),
+    NotMeshMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a mesh"),
     EncodedBody: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "An encoded body"),
     ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
+    MeshRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
+    BadUpload: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
@@ -194,6 +219,8 @@ def _problems(error: Exception) -> list[Problem]:
         return problems_of(error)
     if isinstance(error, RequestValidationError):
         return [Problem(pointer=json_pointer(fault["loc"]), detail=fault["msg"]) for fault in error.errors()]
+    if isinstance(error, MeshRefused | BadUpload):
+        return [Problem(pointer="", detail=str(error))]
     return []
 
 

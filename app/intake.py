@@ -12,6 +12,7 @@ from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import read_task, write_task
 from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
+from planners.scene.shape_source import Uploads, no_uploads
 
 DRAINED_BYTES = 32_000_000
 """So much of a body that is refused is still taken off the wire, so that the sender gets to read the answer."""
@@ -28,6 +29,16 @@ async def read_body(request: Request, limit: int) -> bytes:
     media_type = request.headers.get("content-type")
     if media_type is None or media_type.split(";")[0].strip().lower() != "application/json":
         raise NotJsonMedia(media_type)
+    return await read_limited(request, limit)
+
+
+async def read_limited(request: Request, limit: int) -> bytes:
+    """Return the body of a request, whatever it is.
+
+    Raises:
+        EncodedBody: It is declared as compressed.
+        BodyTooLarge: It has more than `limit` bytes; the rest is not kept.
+    """
     coding = request.headers.get("content-encoding", "identity")
     if coding.strip().lower() != "identity":
         raise EncodedBody(coding)
@@ -61,12 +72,12 @@ def _not_worth_reading(request: Request, limit: int) -> bool:
     return size > (limit if waits else limit + DRAINED_BYTES)
 
 
-def accept_task(body: bytes, cells: Mapping[str, Cell]) -> dict[str, Any]:
+def accept_task(body: bytes, cells: Mapping[str, Cell], uploads: Uploads = no_uploads) -> dict[str, Any]:
     """Return the task in a body with every default filled in, once it is known that it can be begun.
 
     Raises:
         NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
     """
     task = read_task(parse_json(body))
-    build_scene(task, cells)
+    build_scene(task, cells, uploads=uploads)
     return write_task(task)

@@ -17,6 +17,29 @@ class Resource(BaseModel):
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
 
+class MeshLinks(Resource):
+    """Where to find it again."""
+
+    self: str
+
+
+class MeshResource(Resource):
+    """An uploaded mesh, as tasks can name it."""
+
+    id: str
+    """Of the file's content: the same file has the same id."""
+    triangles: int
+    size: tuple[float, float, float]
+    """Full lengths, in the unit of the file."""
+    convex_parts: int
+    """How many convex parts stand for it where collision is checked."""
+    excess: float
+    """How far these reach beyond it at most, in the unit of the file."""
+    hint: str | None
+    """What to mind when it is used."""
+    links: MeshLinks
+
+
 class PlanProgress(Resource):
     """How far a job is."""
 

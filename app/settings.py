@@ -16,6 +16,8 @@ class ServiceSettings(WorkerSettings):
     """0: any free one."""
     max_body_bytes: int = Field(default=2_000_000, ge=1000)
     """A larger body is refused [bytes]."""
+    max_mesh_bytes: int = Field(default=20_000_000, ge=1000)
+    """A larger mesh file is refused [bytes]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished, a new one is refused [1]."""
     max_wait_seconds: float = Field(default=60.0, ge=0.0)

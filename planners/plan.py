@@ -7,20 +7,42 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from planners.contract.lift_document import lift_document
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
+from planners.contract.tool_document import tool_document
 from planners.errors import SceneError
 from planners.manipulation.dense_contacts import ContactSampling
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.progress import Progress
-from planners.scene.scene import PLANNED_KINDS, PlateLiftScene
+from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.hold_statics import HoldStatics
+from planners.regrasp.planner import SuctionToolPlanner
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.scene.cell import Cell
+from planners.scene.scene import PlateLiftScene
+from planners.scene.suction_tool import SuctionTool
+from planners.scene.tool_scene import SuctionToolScene
+
+
+class HandoverSource(Protocol):
+    """Where the handovers of a cell and a tool come from: computed, or kept from earlier."""
+
+    def __call__(
+        self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
+    ) -> HandoverDatabase:
+        """Return what `find_handovers` returns for the same arguments."""
+        ...
 
 
 def plan(
-    task: PlateLiftTask | SuctionToolTask, scene: PlateLiftScene, progress: Progress, clock: Callable[[], float]
+    task: PlateLiftTask | SuctionToolTask,
+    scene: PlateLiftScene | SuctionToolScene,
+    progress: Progress,
+    clock: Callable[[], float],
+    handovers: HandoverSource = find_handovers,
 ) -> dict[str, Any]:
     """Plan a task; that there is no plan is an answer, with its reasons.
 
@@ -29,20 +51,30 @@ def plan(
         scene: built from it.
         progress: told what is being done; may raise `PlanningCancelled`.
         clock: seconds, for the statistics only; no decision depends on it.
+        handovers: asked once by a suction-tool task; computing them takes some seconds.
 
     Returns:
         The plan document, without certificate.
 
     Raises:
-        SceneError: the kind of task cannot be planned.
+        SceneError: the scene is not of the task's kind.
         PlanningCancelled: `progress` asked for it.
     """
-    if not isinstance(task, PlateLiftTask):
-        raise SceneError("/kind", f"tasks of kind {task.kind} cannot be planned yet", list(PLANNED_KINDS))
     stopwatch = _Stopwatch(clock, progress)
-    outcome = PlateLiftPlanner(scene, lift_settings(task.options), stopwatch).plan()
-    stopwatch.stop()
-    return lift_document(task, scene, outcome, stopwatch.seconds)
+    if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene):
+        lift = PlateLiftPlanner(scene, lift_settings(task.options), stopwatch).plan()
+        stopwatch.stop()
+        return lift_document(task, scene, lift, stopwatch.seconds)
+    if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
+        settings = ToolPlannerSettings()
+        database = handovers(scene.cell, scene.tool, settings.handovers, stopwatch)
+        moved = SuctionToolPlanner(scene, settings, database, stopwatch).plan()
+        stopwatch("forces", 0, 1)
+        moved = replace(moved, segments=HoldStatics(scene).balanced(moved.segments))
+        stopwatch("forces", 1, 1)
+        stopwatch.stop()
+        return tool_document(task, scene, moved, stopwatch.seconds)
+    raise SceneError("/kind", f"the scene is not that of a task of kind {task.kind}")
 
 
 def lift_settings(options: PlateLiftOptions) -> LiftSettings:

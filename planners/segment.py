@@ -25,6 +25,12 @@ class SegmentKind(Enum):
     """The fingers close."""
     RELEASE = "release"
     """The fingers open."""
+    HANDOVER = "handover"
+    """Both hands hold the body, and nothing moves."""
+    ATTACH = "attach"
+    """The vacuum goes on."""
+    DETACH = "detach"
+    """The vacuum goes off."""
 
 
 @dataclass(frozen=True, eq=False)

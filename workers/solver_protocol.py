@@ -1,6 +1,7 @@
 """What a worker and its solver process say to each other: JSON lines, and one block of bytes at the end.
 
-Parent to child, on stdin: one request `{"id", "task"}`. Stdin then stays open; that it closes means the parent died.
+Parent to child, on stdin: one request `{"id", "task", "meshes"}`. Stdin then stays open; that it closes means the
+parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": {stage, done, total}}`, then either
 `{"document": {outcome, sha256, size}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
 """
@@ -15,6 +16,8 @@ MAX_LINE = 2**24
 
 REJECTED_VARIABLE = "LIFTWRIGHT_REJECTED_DIR"
 """Names the directory for documents that failed their certificate, to find out why."""
+HANDOVERS_VARIABLE = "LIFTWRIGHT_HANDOVERS_DIR"
+"""Names the directory where handover databases are kept; without it each process computes its own."""
 
 
 class Request(TypedDict):
@@ -22,6 +25,8 @@ class Request(TypedDict):
 
     id: str
     task: dict[str, object]
+    meshes: NotRequired[dict[str, dict[str, object]]]
+    """The uploads that the task names, by id, as `SolidMesh.document` gives them."""
 
 
 class Report(TypedDict):

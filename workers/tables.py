@@ -41,3 +41,11 @@ DOCUMENTS = sa.Table(
     sa.Column("sha256", sa.String(64), nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
 )
+
+MESHES = sa.Table(
+    "liftwright_meshes",
+    METADATA,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("gzip", sa.LargeBinary, nullable=False),
+)

@@ -11,15 +11,17 @@ from typing import Any
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 
+from planners.contract.uploads import named_uploads
 from planners.errors import LiftwrightError
 from workers.database import Database
 from workers.executor_lock import ExecutorLock
 from workers.job_queue import APPLICATION, APPLICATION_VERSION, WORKFLOW, JobQueue
+from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
 from workers.progress_scale import ProgressScale
 from workers.settings import WorkerSettings
 from workers.solver import PackedDocument, SolverCommand, SolverDied, SolverFault, SolverPool
-from workers.solver_protocol import REJECTED_VARIABLE, Report, Request
+from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE, Report, Request
 
 REJECTED_FOLDER = "rejected"
 SHUTDOWN_SECONDS = 5
@@ -36,8 +38,10 @@ class Worker:
 
     def __init__(self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore) -> None:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
+        self._meshes = MeshStore(database)
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
-        command = SolverCommand(settings.solver_command, {REJECTED_VARIABLE: str(rejected)})
+        folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
+        command = SolverCommand(settings.solver_command, folders)
         self._pool = SolverPool(command, settings.worker_slots)
         self._slots = asyncio.Semaphore(settings.worker_slots)
         self._running: dict[str, asyncio.Task[PackedDocument]] = {}
@@ -108,9 +112,11 @@ class Worker:
         task = await asyncio.to_thread(self._store.task, plan_id)
         if task is None:
             raise JobFailed("the plan was deleted before it was solved")
+        meshes = await asyncio.to_thread(self._meshes.documents, named_uploads(task))
+        request: Request = {"id": plan_id, "task": task, "meshes": meshes}
         try:
             async with self._slots:
-                document = await self._solve_despite_crashes(plan_id, {"id": plan_id, "task": task})
+                document = await self._solve_despite_crashes(plan_id, request)
         except JobFailed:
             await asyncio.to_thread(self._store.mark_finished, plan_id)
             raise
@@ -123,7 +129,7 @@ class Worker:
             record = await asyncio.to_thread(self._store.begin_attempt, plan_id)
             if record is None:
                 raise JobFailed("the plan was deleted before it was solved")
-            scale = ProgressScale(begun=record.fraction)
+            scale = ProgressScale.of(request["task"], record.fraction)
             try:
                 return await self._attempt(plan_id, request, record.attempts, scale)
             except SolverFault as fault:

@@ -6,10 +6,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
 
+from app.example_tasks import example_tasks
 from app.resources import Resource
 from app.settings import ServiceSettings
-from planners.scene.placements import PLANNED_SHAPES
+from planners.scene.asset_files import known_meshes
 from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
+from planners.scene.shape_source import PLANNED_SHAPES
+from planners.scene.suction_tool import known_tools
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
@@ -19,6 +22,7 @@ class Limits(Resource):
     """What is let in."""
 
     max_body_bytes: int
+    max_mesh_bytes: int
     max_queued: int
     max_wait_seconds: float
     worker_slots: int
@@ -38,8 +42,15 @@ class Capabilities(Resource):
     kinds: list[str]
     cells: list[str]
     lifter_models: list[str]
+    """Of plate lifts."""
+    tools: list[str]
+    """Suction tools by name; a task may also describe one of its own."""
     shapes: list[str]
-    """Of supports and obstacles."""
+    """Of objects, tools and obstacles; a plate and its support are no mesh."""
+    meshes: list[str]
+    """Shipped ones by name; others are uploaded to /v1/meshes."""
+    example_tasks: dict[str, list[str]]
+    """Names of shipped tasks, by kind: files assets/tasks/NAME.json."""
     limits: Limits
     schema_versions: list[str]
     """Of plan documents."""
@@ -55,14 +66,18 @@ def _settings(request: Request) -> ServiceSettings:
 
 @router.get("/capabilities", summary="What this service can plan")
 def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
-    """Return kinds of tasks, cells, lifter models, limits and versions."""
+    """Return kinds of tasks, cells, tools, lifter models, shapes, examples, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
         cells=sorted(request.app.state.cells),
         lifter_models=list(PLANNED_LIFTERS),
+        tools=known_tools(),
         shapes=list(PLANNED_SHAPES),
+        meshes=known_meshes(),
+        example_tasks=example_tasks(),
         limits=Limits(
             max_body_bytes=settings.max_body_bytes,
+            max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
             max_wait_seconds=settings.max_wait_seconds,
             worker_slots=settings.worker_slots,

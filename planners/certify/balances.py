@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from planners.certify.certificate import Check, Finding
-from planners.certify.contact_states import heights, support_height
 from planners.certify.document_view import BodyView, ContactView, PlanView, SegmentView
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
@@ -50,9 +49,21 @@ def contact_sets(motion: SegmentMotion) -> list[ContactSet]:
 
 
 def balance_checks(
-    plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]], settings: CertifySettings
+    plan: PlanView,
+    motions: Sequence[SegmentMotion],
+    sets: Sequence[Sequence[ContactSet]],
+    needs_sets: Callable[[SegmentMotion, BodyView], bool],
+    settings: CertifySettings,
 ) -> list[Check]:
-    """Check forces, moments, counted inertia and the spacing of contact sets; `sets` are those of each segment."""
+    """Check forces, moments, counted inertia and the spacing of contact sets.
+
+    Args:
+        plan: the document.
+        motions: of each segment.
+        sets: of each segment.
+        needs_sets: whether a body's contacts must be shown in a segment.
+        settings: tolerances.
+    """
     force, moment = Finding("balance_force", "N"), Finding("balance_moment", "Nm")
     for contact_set in (one for group in sets for one in group):
         body = plan.bodies[contact_set.body]
@@ -66,7 +77,7 @@ def balance_checks(
         force.check(),
         moment.check(),
         *_inertia(plan, motions, sets, settings),
-        _spacing(plan, motions, sets, settings),
+        _spacing(plan, motions, sets, needs_sets, settings),
     ]
 
 
@@ -157,32 +168,20 @@ def _around(values: Array, sample: int) -> tuple[Array, Array]:
 
 
 def _spacing(
-    plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]], settings: CertifySettings
+    plan: PlanView,
+    motions: Sequence[SegmentMotion],
+    sets: Sequence[Sequence[ContactSet]],
+    needs_sets: Callable[[SegmentMotion, BodyView], bool],
+    settings: CertifySettings,
 ) -> Check:
     finding = Finding("contact_sets", "1")
     for motion, group in zip(motions, sets, strict=True):
         for body in plan.bodies.values():
-            if body.mass is None or body.static or not _needs_sets(plan, motion, body, settings):
+            if body.mass is None or body.static or not needs_sets(motion, body):
                 continue
             samples = sorted({one.sample for one in group if one.body == body.name})
             _note_spacing(motion, body, samples, finding, settings)
     return finding.check()
-
-
-def _needs_sets(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
-    """Whether the body is in a hand for all of the segment, or off its rest."""
-    segment = motion.segment
-    gripped = segment.grip is not None and segment.grip.body == body.name and segment.kind not in ("grip", "release")
-    pushed = segment.push is not None and segment.push.body == body.name
-    if pushed and segment.push is not None and segment.kind in ("approach", "retreat"):
-        pushed = segment.push.arm not in segment.movers
-    return gripped or pushed or not _rests_flat(plan, motion, body, settings)
-
-
-def _rests_flat(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
-    low = body.shape.vertices[:, 2] <= body.shape.vertices[:, 2].min() + _STILL
-    above = heights(motion.body_poses[body.name], body.shape.vertices[low]) - support_height(plan)
-    return bool(np.abs(above).max() <= settings.element_height)
 
 
 def _note_spacing(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from planners.certify.triangle_surface import TriangleSurface
 from planners.geometry.pose import Array
 
 _CYLINDER_SIDES = 64
@@ -54,13 +55,22 @@ class BodyShape:
     vertices: Array
     """(n, 3), all corners [m]."""
     parts: tuple[ConvexPart, ...]
+    surface: TriangleSurface | None = None
+    """Closed; None where the parts' faces are the surface."""
+
+    @property
+    def triangles(self) -> Array:
+        """(m, 3, 3) corners of outward triangles, closed [m]."""
+        if self.surface is not None:
+            return self.surface.triangles
+        return np.concatenate([part.vertices[part.triangles] for part in self.parts])
 
     def inertia(self, mass: float, point: Array) -> Array:
         """Return the moment of inertia about a point of a homogeneous body of this shape: (3, 3) [kg m²].
 
         The second moments of the tetrahedra between the point and each face's triangles are added up, signed.
         """
-        a, b, c = np.swapaxes(np.concatenate([p.vertices[p.triangles] for p in self.parts]) - point, 0, 1)
+        a, b, c = np.swapaxes(self.triangles - point, 0, 1)
         volumes = np.einsum("ni,ni->n", a, np.cross(b, c)) / 6.0
         corners = np.stack([a, b, c, a + b + c], axis=1)
         second = np.einsum("n,nki,nkj->ij", volumes, corners, corners) / 20.0 * (mass / volumes.sum())
@@ -69,8 +79,11 @@ class BodyShape:
     def surface_distance(self, point: Array) -> tuple[float, Array]:
         """Return the distance of a point from the nearest face's plane, negative inside, and its outward normal.
 
-        Exact beside a face, an underestimate beyond an edge; for several parts, of the part nearest to the point.
+        Exact beside a face, an underestimate beyond an edge; for several parts, of the part nearest to the point. Of a
+        mesh it is the distance from the nearest triangle.
         """
+        if self.surface is not None:
+            return self.surface.signed_distance(point)
         best, normal = math.inf, np.zeros(3)
         for part in self.parts:
             heights = part.planes[:, :3] @ point + part.planes[:, 3]
@@ -82,6 +95,8 @@ class BodyShape:
     def normals_near(self, point: Array, distance: float) -> list[Array]:
         """Return the outward normals of the faces that a point is no farther than `distance` from."""
         normals = []
+        if self.surface is not None:
+            return list(self.surface.normals_near(point, distance))
         for part in self.parts:
             heights = part.planes[:, :3] @ point + part.planes[:, 3]
             if heights.max() <= distance:
@@ -138,10 +153,15 @@ def prism(outline: Array, height: float) -> BodyShape:
     return _single(np.vstack(rings))
 
 
-def mesh(vertices: Array, parts: Sequence[Array]) -> BodyShape:
+def mesh(vertices: Array, faces: NDArray[np.intp], parts: Sequence[Array]) -> BodyShape:
     """Return a mesh with its convex parts, each by its points.
 
     Raises:
-        ValueError: A part is flat.
+        ValueError: A part is flat, or the surface has no volume inside.
     """
-    return BodyShape(vertices, tuple(convex_part(part) for part in parts))
+    surface = vertices[faces]
+    a, b, c = np.swapaxes(surface, 0, 1)
+    if float(np.einsum("ij,ij->", a, np.cross(b, c))) <= 0.0:
+        raise ValueError("the surface is not closed and outward")
+    flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0
+    return BodyShape(vertices, tuple(convex_part(part) for part in parts), TriangleSurface(surface[~flat]))

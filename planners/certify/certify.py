@@ -6,25 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from planners.certify.attachments import attachment_checks
-from planners.certify.balances import balance_checks, contact_sets
 from planners.certify.certificate import Certificate, Check
-from planners.certify.collision import CollisionCheck
-from planners.certify.cones import ConeChecks
-from planners.certify.contact_places import ContactPlaceChecks
-from planners.certify.contact_states import contact_state_checks
-from planners.certify.document_view import MalformedDocument, PlanView, read_document
-from planners.certify.holds import hold_checks
-from planners.certify.infeasibility import infeasibility_check
-from planners.certify.joins import join_checks
-from planners.certify.kinds import kind_check
-from planners.certify.lift_task import LiftTask, read_lift_task
-from planners.certify.limits import joint_checks
-from planners.certify.motion import motions_of
-from planners.certify.scene_facts import CellReference, scene_checks
+from planners.certify.document_view import MalformedDocument, PlanView, read_document, read_member, read_text
+from planners.certify.lift_checks import LiftExamination
+from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
-from planners.certify.solids import solids_of
 from planners.certify.surfaces import RobotSurfaces
+from planners.certify.tool_checks import ToolExamination
+
+_EXAMINATIONS = {"plate_lift": LiftExamination, "suction_tool": ToolExamination}
 
 
 def certify(
@@ -49,7 +39,8 @@ def certify(
     settings = settings or CertifySettings()
     try:
         plan = read_document(document)
-        task = read_lift_task(plan.task)
+        kind = read_text(read_member(plan.task, "kind", "/task"), "/task/kind", tuple(_EXAMINATIONS))
+        examination = _EXAMINATIONS[kind](plan, document, surfaces, reference, settings)
         _refuse_nonsense(plan)
     except MalformedDocument as problem:
         return Certificate((Check("structure", False, -1.0, "1", str(problem)),))
@@ -59,9 +50,8 @@ def certify(
     # Numbers that make no sense overflow to inf or nan, which fail the check that meets them.
     with np.errstate(all="ignore"):
         if plan.outcome == "infeasible":
-            scene = scene_checks(plan, document, task, reference, settings)
-            return Certificate((structure, *scene, infeasibility_check(plan, task, settings)))
-        return Certificate((structure, *_checks(plan, document, task, surfaces, reference, settings)))
+            return Certificate((structure, *examination.scene(), examination.proof()))
+        return Certificate((structure, *examination.scene(), *examination.motion()))
 
 
 def _refuse_nonsense(plan: PlanView) -> None:
@@ -73,32 +63,3 @@ def _refuse_nonsense(plan: PlanView) -> None:
             raise MalformedDocument("/explanation/summary", f"a plan that is {plan.outcome} says why")
     elif not plan.segments:
         raise MalformedDocument("/segments", "a solved plan has segments")
-    for name in ("plate", plan.support):
-        if name not in plan.bodies:
-            raise MalformedDocument(f"/bodies/{name}", "is missing")
-
-
-def _checks(
-    plan: PlanView,
-    document: dict[str, Any],
-    task: LiftTask,
-    surfaces: RobotSurfaces,
-    reference: CellReference | None,
-    settings: CertifySettings,
-) -> list[Check]:
-    motions = motions_of(plan)
-    sets = [contact_sets(motion) for motion in motions]
-    home = None if reference is None else reference.home
-    return [
-        *scene_checks(plan, document, task, reference, settings),
-        *joint_checks(plan, settings),
-        kind_check(motions, settings),
-        *join_checks(plan, motions, task, home, settings),
-        *attachment_checks(plan, motions, settings),
-        *hold_checks(plan, motions, settings),
-        *contact_state_checks(plan, motions, task, settings),
-        *balance_checks(plan, motions, sets, settings),
-        *ConeChecks(task, settings).run([one for group in sets for one in group]),
-        *ContactPlaceChecks(plan, task, settings).run(motions, sets),
-        *CollisionCheck(plan, solids_of(plan, surfaces), settings).run(motions),
-    ]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
+from planners.certify.document_view import PlanView, SegmentView
 from planners.certify.motion import SegmentMotion, chord_lengths, relative
 from planners.certify.pairs import TouchRule, pairs_of
 from planners.certify.settings import CertifySettings
@@ -91,8 +91,14 @@ class PairMotion:
 class CollisionCheck:
     """Looks at every pair in every segment."""
 
-    def __init__(self, plan: PlanView, solids: Sequence[Solid], settings: CertifySettings) -> None:
-        self._plan, self._solids, self._settings = plan, solids, settings
+    def __init__(
+        self,
+        plan: PlanView,
+        solids: Sequence[Solid],
+        rule_of: Callable[[SegmentView], TouchRule],
+        settings: CertifySettings,
+    ) -> None:
+        self._rule_of, self._solids, self._settings = rule_of, solids, settings
         static = frozenset(name for name, body in plan.bodies.items() if body.static)
         self._pairs = np.array(pairs_of(solids, static), dtype=int).reshape(-1, 2)
         self._free = Finding("collision", "m")
@@ -108,7 +114,7 @@ class CollisionCheck:
         return [self._free.check(), self._touch.check()]
 
     def _segment(self, motion: SegmentMotion) -> None:
-        rule = TouchRule(self._plan, motion.segment)
+        rule = self._rule_of(motion.segment)
         moving = {frame: motion.moves(frame) for frame in {solid.frame for solid in self._solids}}
         for frame, moves in moving.items():
             self._versions[frame] = self._versions.get(frame, 0) + moves

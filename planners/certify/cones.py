@@ -3,25 +3,58 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from planners.certify.balances import ContactSet
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import ARMS, ContactView
-from planners.certify.lift_task import LiftTask
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 
 _UP = np.array([0.0, 0.0, 1.0])
+_SQUARE = 1e-3
+"""Length of an axis projected on a pad below which it is square to the pad [1]."""
+
+
+@dataclass(frozen=True)
+class StatedCup:
+    """What the hold of a suction cup depends on."""
+
+    radius: float
+    """[m]"""
+    max_force: float
+    """[N]"""
+    mu: float
+    kappa: float
+    """[N]"""
+
+
+@dataclass(frozen=True)
+class ContactLimits:
+    """What contacts of one plan can bear."""
+
+    friction: Mapping[str, float]
+    """By kind of contact: "soft_finger", "point", "environment"."""
+    eps: float
+    """Torsional friction of a finger [m]."""
+    normal: float
+    """Largest normal force of a hand's contact [N]."""
+    hand: float | None
+    """Largest net force of a hand [N]; None: as its contacts allow."""
+    cup: StatedCup | None
+    """None: believed as each contact states it."""
+    model: str
+    """"paper", "cable" or "dexnet"."""
 
 
 class ConeChecks:
     """Friction (paper B, 5c–5e), suction (5f–5h), limits of normals, hands and cup (5i)."""
 
-    def __init__(self, task: LiftTask, settings: CertifySettings) -> None:
-        self._task, self._slack, self._equal = task, settings.cone_slack, settings.join
+    def __init__(self, limits: ContactLimits, settings: CertifySettings) -> None:
+        self._limits, self._slack, self._equal = limits, settings.cone_slack, settings.join
         self._friction = Finding("friction", "N")
         self._suction = Finding("suction", "N")
         self._suction_moment = Finding("suction_moment", "Nm")
@@ -36,11 +69,8 @@ class ConeChecks:
         for contact_set in sets:
             for contact in contact_set.contacts:
                 self._contact(contact, f"{contact_set.where} by {_name(contact)}")
-            for arm in ARMS:
-                forces = [c.force for c in contact_set.contacts if c.by == arm]
-                if forces:
-                    net = float(np.linalg.norm(np.sum(forces, axis=0)))
-                    self._hand.note(self._task.net_limit + self._slack - net, f"{contact_set.where} by {arm}")
+            if self._limits.hand is not None:
+                self._hands(contact_set, self._limits.hand)
         findings = (
             self._friction,
             self._suction,
@@ -53,39 +83,49 @@ class ConeChecks:
         )
         return [finding.check() for finding in findings]
 
+    def _hands(self, contact_set: ContactSet, limit: float) -> None:
+        for arm in ARMS:
+            forces = [c.force for c in contact_set.contacts if c.by == arm]
+            if forces:
+                net = float(np.linalg.norm(np.sum(forces, axis=0)))
+                self._hand.note(limit + self._slack - net, f"{contact_set.where} by {arm}")
+
     def _contact(self, contact: ContactView, where: str) -> None:
         if contact.kind == "suction":
             self._suction_limits(contact, where)
             return
         if contact.kind == "inertia":
             return
-        values, friction = contact.parameters, self._task.friction
+        values = contact.parameters
         pressed = float(contact.force @ contact.normal)
         sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
         turning = float(contact.torque @ contact.normal)
         other = float(np.linalg.norm(contact.torque - turning * contact.normal))
-        stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}[contact.kind]
-        self._same(values["mu"], friction[stated], f"{where}: mu")
+        self._same(values["mu"], self._limits.friction.get(contact.kind), f"{where}: mu")
         if contact.kind == "soft_finger":
-            self._same(values["eps"], friction["eps"], f"{where}: eps")
+            self._same(values["eps"], self._limits.eps, f"{where}: eps")
             sliding = math.hypot(sliding, turning / max(values["eps"], 1e-12))
         else:
             other = math.hypot(other, turning)
         if contact.kind != "environment":
-            self._same(values["limit"], self._task.normal_limit, f"{where}: limit")
+            self._same(values["limit"], self._limits.normal, f"{where}: limit")
         self._torque.note(self._slack - other, where)
         self._friction.note(values["mu"] * pressed - sliding + self._slack, where)
         self._normal.note(pressed + self._slack, f"{where}")
         if values["limit"] is not None:
             self._normal.note(values["limit"] + self._slack - pressed, where)
 
-    def _same(self, value: float | None, stated: float, where: str) -> None:
-        self._parameters.note(-1.0 if value is None else self._equal - abs(value - stated), where)
+    def _same(self, value: float | None, stated: float | None, where: str) -> None:
+        if value is None or stated is None:
+            self._parameters.require(False, where, "is not known")
+        else:
+            self._parameters.note(self._equal - abs(value - stated), where)
 
     def _suction_limits(self, contact: ContactView, where: str) -> None:
-        values, cup, slack = contact.parameters, self._task.cup, self._slack
-        for key, stated in (("mu", cup.mu), ("radius", cup.radius), ("kappa", cup.kappa), ("limit", cup.max_force)):
-            self._same(values[key], stated, f"{where}: {key}")
+        values, cup, slack = contact.parameters, self._limits.cup, self._slack
+        if cup is not None:
+            for key, stated in (("mu", cup.mu), ("radius", cup.radius), ("kappa", cup.kappa), ("limit", cup.max_force)):
+                self._same(values[key], stated, f"{where}: {key}")
         x, z = contact.x_axis, contact.normal
         axes = np.array([x, np.cross(z, x)])
         shear, bend = axes @ contact.force, axes @ contact.torque
@@ -93,14 +133,14 @@ class ConeChecks:
         force = values["suction_force"]
         self._cup.note(values["limit"] + slack - force, where)
         self._cup.note(force + slack, f"{where}: presses")
-        if self._task.lifter_model == "cable":
+        if self._limits.model == "cable":
             up = float(contact.force @ _UP)
             self._suction.note(slack - float(np.linalg.norm(contact.force - up * _UP)), f"{where}: not vertical")
             self._suction.note(slack - abs(up - force), f"{where}: suction_force")
             self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
             return
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
-        hold = values["mu"] * (force if self._task.lifter_model == "paper" else values["limit"] - force)
+        hold = values["mu"] * (force if self._limits.model == "paper" else values["limit"] - force)
         self._suction.note(hold - math.sqrt(3.0) * float(np.abs(shear).max()) + slack, f"{where}: shear")
         radius = values["radius"]
         self._suction_moment.note(radius * hold - math.sqrt(3.0) * abs(twist) + slack, f"{where}: twist")
@@ -114,11 +154,15 @@ def _name(contact: ContactView) -> str:
 
 
 def x_axis_error(contact: ContactView, T_world_body: Array) -> float:
-    """Return the angle between a pad's x axis and the body's x projected on the pad [rad]."""
-    x = T_world_body[:3, 0] - contact.normal * float(T_world_body[:3, 0] @ contact.normal)
-    return angle(contact.x_axis, x)
+    """Return the angle between a pad's x axis and the body's x projected on the pad [rad].
+
+    The body's y stands for its x where that is square to the pad.
+    """
+    x, y = (axis - contact.normal * float(axis @ contact.normal) for axis in T_world_body[:3, :2].T)
+    return angle(contact.x_axis, x if float(np.linalg.norm(x)) > _SQUARE else y)
 
 
 def angle(a: Array, b: Array) -> float:
     """Return the angle between two vectors [rad]."""
-    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.hypot(x, y, z), float(a @ b))

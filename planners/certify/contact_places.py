@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from planners.certify.balances import ContactSet
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
-from planners.certify.cones import angle, x_axis_error
-from planners.certify.contact_states import support_height
+from planners.certify.cones import angle
 from planners.certify.document_view import ARMS, ContactView, PlanView
-from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform, inverse
 
+Maker = Callable[[SegmentMotion, ContactSet, ContactView, str], None]
+"""Checks a contact from the side of who makes it; the text names the contact."""
 
-class ContactPlaceChecks:
+_SAME_PLACE = 1e-7
+"""Points that round to the same multiple of this are one place [m]; tolerances are thousands of it."""
+
+
+class ContactPlaceChecks(ABC):
     """Looks at each contact from both sides: the body that it acts on, and who makes it."""
 
-    def __init__(self, plan: PlanView, task: LiftTask, settings: CertifySettings) -> None:
-        self._plan, self._task, self._settings = plan, task, settings
+    def __init__(self, plan: PlanView, settings: CertifySettings) -> None:
+        self._plan, self._settings = plan, settings
         self._points = Finding("contact_points", "m")
         self._normals = Finding("contact_normals", "rad")
+        self._known: dict[tuple[int, bytes], tuple[float, list[Array]]] = {}
 
     def run(self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]]) -> list[Check]:
         """Check all contact sets of each segment."""
@@ -43,27 +49,50 @@ class ContactPlaceChecks:
         T = contact_set.T_world_body
         # An edge or a corner of the body may press on a face: then the face alone has the normal.
         normal = None if contact.kind == "environment" else -contact.normal
-        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}")
-        maker = {
-            "soft_finger": self._finger,
-            "point": self._tip,
-            "environment": self._environment,
-            "suction": self._pad,
-        }[contact.kind]
-        maker(motion, contact_set, contact, where)
+        slant = self._slant(contact)
+        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}", slant)
+        maker = self._makers().get(contact.kind)
+        if maker is None:
+            self._points.require(False, where, f"nothing makes contacts of kind {contact.kind} here")
+        else:
+            maker(motion, contact_set, contact, where)
+
+    def _slant(self, contact: ContactView) -> float:
+        """Return the largest angle between a contact's normal and that of the body it acts on [rad]."""
+        return self._settings.contact_angle
+
+    @abstractmethod
+    def _makers(self) -> Mapping[str, Maker]:
+        """Return who makes contacts of each kind."""
 
     def _on_surface(
-        self, shape: BodyShape, T_world_body: Transform, point: Array, outward: Array | None, where: str
+        self,
+        shape: BodyShape,
+        T_world_body: Transform,
+        point: Array,
+        outward: Array | None,
+        where: str,
+        slant: float | None = None,
     ) -> None:
         T_body_world = inverse(T_world_body)
         local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
-        height, _ = shape.surface_distance(local)
+        height, normals = self._surface_at(shape, local)
         self._points.note(self._settings.contact_distance - abs(height), where)
         if outward is not None and height <= self._settings.contact_distance:
-            normals = shape.normals_near(local, self._settings.contact_distance)
             direction = T_body_world[:3, :3] @ outward
             error = min((angle(direction, normal) for normal in normals), default=math.pi)
-            self._normals.note(self._settings.contact_angle - error, where)
+            self._normals.note((self._settings.contact_angle if slant is None else slant) - error, where)
+
+    def _surface_at(self, shape: BodyShape, point: Array) -> tuple[float, list[Array]]:
+        """Return the distance of a point of the body frame from the surface, and the normals near it.
+
+        A held body is touched at one place through all of a motion, which is looked at once.
+        """
+        key = id(shape), np.round(point / _SAME_PLACE).tobytes()
+        if key not in self._known:
+            height, _ = shape.surface_distance(point)
+            self._known[key] = height, shape.normals_near(point, self._settings.contact_distance)
+        return self._known[key]
 
     def _meets(self, contact: ContactView, point: Array, normal: Array, where: str) -> None:
         distance = float(np.linalg.norm(contact.point - point))
@@ -80,34 +109,3 @@ class ContactPlaceChecks:
         # Finger 0 is at -y and presses towards +y.
         inward = T_world_tcp[:3, 1] * (1.0 if contact.finger == 0 else -1.0)
         self._meets(contact, T_world_tcp[:3, 3] - inward * float(width[0]) / 2, inward, f"{where}: at the pad")
-
-    def _tip(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
-        hand = self._plan.hands.get(contact.by)
-        if hand is None or hand.T_flange_tip is None:
-            self._points.require(False, where, "has no tip")
-            return
-        T_world_flange = motion.frames[contact.by][contact.sample, 6]
-        tip = T_world_flange[:3, :3] @ hand.T_flange_tip[:3, 3] + T_world_flange[:3, 3]
-        self._meets(contact, tip + hand.tip_radius * contact.normal, contact.normal, f"{where}: at the tip")
-
-    def _environment(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
-        if contact.by != self._plan.support:
-            self._points.require(False, where, f"{contact.body} rests on {self._plan.support}")
-            return
-        above = float(contact.point[2]) - support_height(self._plan)
-        self._points.note(self._settings.contact_distance - abs(above), f"{where}: height of {contact.by}")
-        pose = motion.body_poses[contact.by][contact.sample]
-        self._on_surface(
-            self._plan.bodies[contact.by].shape, pose, contact.point, contact.normal, f"{where}: on {contact.by}"
-        )
-
-    def _pad(self, motion: SegmentMotion, contact_set: ContactSet, contact: ContactView, where: str) -> None:
-        if contact.by != "cup" or contact.body != "plate":
-            self._points.require(False, where, "only the cup sucks, and only at the plate")
-            return
-        T = contact_set.T_world_body
-        top = float(self._plan.bodies["plate"].shape.vertices[:, 2].max())
-        point = T[:3, :3] @ np.append(self._task.cup.position, top) + T[:3, 3]
-        self._meets(contact, point, -T[:3, 2], f"{where}: at the cup")
-        error = x_axis_error(contact, T)
-        self._normals.note(self._settings.contact_angle - error, f"{where}: x axis")

@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ContactStateView, PlanView
+from planners.certify.document_view import BodyView, ContactStateView, PlanView
 from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
 
+_LOWEST = 1e-9
+"""Height above a body's lowest vertex at which a vertex is as low as that [m]."""
 _CORNER = 1e-6
 """Distance at which a stated vertex is a corner of the body [m]."""
 
@@ -121,3 +123,19 @@ def _goal(plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings
     hold.require(bool(kinds), where, "no contact set of plate")
     hold.require("environment" not in kinds, where, "plate still touches its surroundings")
     return [height.check(), hold.check()]
+
+
+def needs_sets(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
+    """Whether the body is in a hand for all of the segment, or off its rest."""
+    segment = motion.segment
+    gripped = segment.grip is not None and segment.grip.body == body.name and segment.kind not in ("grip", "release")
+    pushed = segment.push is not None and segment.push.body == body.name
+    if pushed and segment.push is not None and segment.kind in ("approach", "retreat"):
+        pushed = segment.push.arm not in segment.movers
+    return gripped or pushed or not _rests_flat(plan, motion, body, settings)
+
+
+def _rests_flat(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
+    low = body.shape.vertices[:, 2] <= body.shape.vertices[:, 2].min() + _LOWEST
+    above = heights(motion.body_poses[body.name], body.shape.vertices[low]) - support_height(plan)
+    return bool(np.abs(above).max() <= settings.element_height)

@@ -168,6 +168,7 @@ class SegmentView:
     movers: tuple[str, ...]
     contact_state: ContactStateView | None
     grip: GripView | None
+    second_grip: GripView | None
     push: PushView | None
     time: Array
     positions: Array
@@ -178,6 +179,11 @@ class SegmentView:
     body_poses: dict[str, Array]
     """(n, 4, 4) of every body that moves here."""
     contacts: tuple[ContactView, ...]
+
+    @property
+    def grips(self) -> tuple[GripView, ...]:
+        """The grips there are, that of the hand that acts first."""
+        return tuple(grip for grip in (self.grip, self.second_grip) if grip is not None)
 
     def place(self, sample: int | None = None) -> str:
         """Name the segment, and a sample of it with its time."""
@@ -378,7 +384,12 @@ def _read_mesh(shape: Mapping[str, Any], pointer: str) -> BodyShape:
     if not parts:
         raise MalformedDocument(where, "has no part")
     vertices = read_matrix(read_member(shape, "vertices", pointer), child(pointer, "vertices"), (None, 3))
-    return _refuse_flat(lambda: mesh(vertices, parts), where)
+    at = child(pointer, "faces")
+    numbers = read_matrix(read_member(shape, "faces", pointer), at, (None, 3))
+    faces = numbers.astype(np.intp)
+    if not len(faces) or np.any(faces != numbers) or faces.min() < 0 or faces.max() >= len(vertices):
+        raise MalformedDocument(at, "are no triples of vertices")
+    return _refuse_flat(lambda: mesh(vertices, faces, parts), pointer)
 
 
 def _refuse_flat(build: Any, pointer: str) -> BodyShape:
@@ -520,7 +531,7 @@ class _SegmentReader:
             read_text(arm, child(child(pointer, "movers"), i), ARMS)
             for i, arm in enumerate(read_list(*member("movers")))
         ]
-        grip, push = self._hold(*member("hold"))
+        grip, second_grip, push = self._hold(*member("hold"))
         poses = read_object(*member("body_poses"))
         where = child(pointer, "body_poses")
         return SegmentView(
@@ -529,6 +540,7 @@ class _SegmentReader:
             movers=tuple(movers),
             contact_state=self._contact_state(*member("contact_state")),
             grip=grip,
+            second_grip=second_grip,
             push=push,
             time=time,
             positions=read_matrix(*member("positions"), (n, 12)),
@@ -581,31 +593,37 @@ class _SegmentReader:
             raise MalformedDocument(where, f"{len(vertices)} vertices do not make the element {element!r}")
         return ContactStateView(element, other if isinstance(other, str) else "", vertices)
 
-    def _hold(self, value: Any, pointer: str) -> tuple[GripView | None, PushView | None]:
+    def _hold(self, value: Any, pointer: str) -> tuple[GripView | None, GripView | None, PushView | None]:
         if value is None:
-            return None, None
+            return None, None, None
         hold = read_object(value, pointer)
-        grip_value, push_value = (read_member(hold, "grip", pointer), read_member(hold, "push", pointer))
-        grip = push = None
-        if grip_value is not None:
-            at = child(pointer, "grip")
-            member = read_object(grip_value, at)
-            grip = GripView(
-                arm=self._hand(read_member(member, "arm", at), child(at, "arm"), "gripper"),
-                body=self._body(read_member(member, "body", at), child(at, "body")),
-                T_body_tcp=read_pose(read_member(member, "pose", at), child(at, "pose")),
-                width=read_number(read_member(member, "width", at), child(at, "width")),
-            )
-        if push_value is not None:
-            at = child(pointer, "push")
-            member = read_object(push_value, at)
-            push = PushView(
-                arm=self._hand(read_member(member, "arm", at), child(at, "arm"), "stick"),
-                body=self._body(read_member(member, "body", at), child(at, "body")),
-                point=read_vector(read_member(member, "point", at), child(at, "point"), 3),
-                normal=read_unit(read_member(member, "normal", at), child(at, "normal")),
-            )
-        return grip, push
+        grip = self._grip(read_member(hold, "grip", pointer), child(pointer, "grip"))
+        second = self._grip(hold.get("second_grip"), child(pointer, "second_grip"))
+        if second is not None and (grip is None or grip.arm == second.arm):
+            raise MalformedDocument(child(pointer, "second_grip"), "is not that of the other hand")
+        return grip, second, self._push(read_member(hold, "push", pointer), child(pointer, "push"))
+
+    def _grip(self, value: Any, pointer: str) -> GripView | None:
+        if value is None:
+            return None
+        member = read_object(value, pointer)
+        return GripView(
+            arm=self._hand(read_member(member, "arm", pointer), child(pointer, "arm"), "gripper"),
+            body=self._body(read_member(member, "body", pointer), child(pointer, "body")),
+            T_body_tcp=read_pose(read_member(member, "pose", pointer), child(pointer, "pose")),
+            width=read_number(read_member(member, "width", pointer), child(pointer, "width")),
+        )
+
+    def _push(self, value: Any, pointer: str) -> PushView | None:
+        if value is None:
+            return None
+        member = read_object(value, pointer)
+        return PushView(
+            arm=self._hand(read_member(member, "arm", pointer), child(pointer, "arm"), "stick"),
+            body=self._body(read_member(member, "body", pointer), child(pointer, "body")),
+            point=read_vector(read_member(member, "point", pointer), child(pointer, "point"), 3),
+            normal=read_unit(read_member(member, "normal", pointer), child(pointer, "normal")),
+        )
 
     def _attached(self, value: Any, pointer: str) -> tuple[AttachmentView, ...]:
         attachments = []

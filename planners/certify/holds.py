@@ -7,7 +7,7 @@ import numpy as np
 from planners.certify.attachments import rotation_angles
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView, PushView, SegmentView
+from planners.certify.document_view import GripView, PlanView, PushView, SegmentView
 from planners.certify.motion import SegmentMotion, relative
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
@@ -18,7 +18,8 @@ def hold_checks(plan: PlanView, motions: list[SegmentMotion], settings: CertifyS
     place, turn = Finding("grips", "m"), Finding("grip_angles", "rad")
     width, push = Finding("grip_width", "m"), Finding("pushes", "m")
     for motion in motions:
-        _grip(plan, motion, settings, (place, turn, width))
+        for grip in motion.segment.grips:
+            _grip(plan, motion, grip, settings, (place, turn, width))
         if motion.segment.push is not None:
             _push(plan, motion, motion.segment.push, settings, push)
     return [finding.check() for finding in (place, turn, width, push)]
@@ -35,13 +36,16 @@ def held_samples(segment: SegmentView, arm: str, ends: tuple[str, str]) -> slice
 
 
 def _grip(
-    plan: PlanView, motion: SegmentMotion, settings: CertifySettings, findings: tuple[Finding, Finding, Finding]
+    plan: PlanView,
+    motion: SegmentMotion,
+    grip: GripView,
+    settings: CertifySettings,
+    findings: tuple[Finding, Finding, Finding],
 ) -> None:
-    segment, grip = motion.segment, motion.segment.grip
-    if grip is None:
-        return
+    segment = motion.segment
     place, turn, width = findings
-    chosen = held_samples(segment, grip.arm, ("grip", "release"))
+    acting = grip is segment.grip
+    chosen = held_samples(segment, grip.arm, ("grip", "release")) if acting else slice(None)
     samples = np.arange(len(segment.time))[chosen]
     widths = segment.widths[grip.arm]
     tcp = motion.frames[grip.arm][:, 6] @ plan.hands[grip.arm].T_flange_tcp(widths)

@@ -14,8 +14,9 @@ import numpy as np
 
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
+from planners.certify.cones import StatedCup
 from planners.certify.document_view import CauseView, PlanView
-from planners.certify.lift_task import LiftTask, StatedCup
+from planners.certify.lift_task import LiftTask
 from planners.certify.settings import CertifySettings
 
 _WEIGHTLESS = 1e-12
@@ -42,7 +43,11 @@ def infeasibility_check(plan: PlanView, task: LiftTask, settings: CertifySetting
 
     A cause may overstate what is available, as long as it is still less than what is needed; never understate it.
     """
-    bounds = {"N": weight_bound(plan, task), "m": opening_bound(plan, task)}
+    return proof_check(plan, {"N": weight_bound(plan, task), "m": opening_bound(plan, task)}, settings)
+
+
+def proof_check(plan: PlanView, bounds: dict[str, Bound], settings: CertifySettings) -> Check:
+    """Check that one of the bounds, by unit, is a proof, and that the causes state the bounds' numbers."""
     finding = Finding("infeasibility", "1")
     kind, best = max(bounds.items(), key=lambda item: item[1].missing)
     finding.note(

@@ -6,17 +6,16 @@ import numpy as np
 
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import JOINT_NAMES, PlanView
-from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 
 
 def join_checks(
-    plan: PlanView, motions: list[SegmentMotion], task: LiftTask, home: Array | None, settings: CertifySettings
+    plan: PlanView, motions: list[SegmentMotion], start: Array | None, settings: CertifySettings
 ) -> list[Check]:
-    """Check that segments meet, and that the first starts where the task says."""
-    return [_joins(plan, motions, settings), _start(plan, task, home, settings)]
+    """Check that segments meet, and that the first starts with the joints where they should; None is anywhere."""
+    return [_joins(plan, motions, settings), _start(plan, start, settings)]
 
 
 def _joins(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> Check:
@@ -39,10 +38,9 @@ def _joins(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettin
     return finding.check()
 
 
-def _start(plan: PlanView, task: LiftTask, home: Array | None, settings: CertifySettings) -> Check:
+def _start(plan: PlanView, start: Array | None, settings: CertifySettings) -> Check:
     finding = Finding("start", "rad")
-    stated = home if task.start_positions is None else task.start_positions
-    if plan.segments and stated is not None:
-        distance = np.abs(plan.segments[0].positions[0] - stated)
+    if plan.segments and start is not None:
+        distance = np.abs(plan.segments[0].positions[0] - start)
         finding.note_all(settings.join - distance, lambda j: f"{plan.segments[0].place(0)}: {JOINT_NAMES[j]}")
     return finding.check()

@@ -6,46 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from planners.certify.body_shape import BodyShape
-from planners.certify.document_view import (
-    MalformedDocument,
-    child,
-    read_list,
-    read_member,
-    read_number,
-    read_object,
-    read_positive,
-    read_shape,
-    read_text,
-    read_vector,
+from planners.certify.cones import ContactLimits, StatedCup
+from planners.certify.document_view import read_member, read_number, read_shape, read_text, read_vector
+from planners.certify.stated import (
+    StatedBody,
+    object_member,
+    positive_member,
+    stated_body,
+    stated_obstacles,
+    stated_pose,
+    stated_start,
 )
-from planners.geometry.pose import Array, Transform, from_pose7
+from planners.geometry.pose import Array
 
 LIFTER_MODELS = ("paper", "cable", "dexnet")
 
 
-@dataclass(frozen=True, eq=False)
-class StatedBody:
-    """A body as the task places it."""
-
-    name: str
-    shape: BodyShape | None
-    """None for a mesh that the task names by asset or upload."""
-    T_world_body: Transform
-    mass: float | None = None
-    com: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class StatedCup:
+@dataclass(frozen=True)
+class LifterCup(StatedCup):
     """The lifter's cup."""
 
-    position: Array
-    """(2,) on the plate's top face [m]."""
-    radius: float
-    max_force: float
-    mu: float
-    kappa: float
+    position: tuple[float, float]
+    """On the plate's top face [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +36,7 @@ class LiftTask:
 
     bodies: tuple[StatedBody, ...]
     """Plate, support if there is one, obstacles."""
-    cup: StatedCup
+    cup: LifterCup
     lifter_model: str
     friction: Mapping[str, float]
     """Of kinds grip, push, environment; `eps` [m]."""
@@ -62,6 +44,14 @@ class LiftTask:
     net_limit: float
     start_positions: Array | None
     goal_height: float
+
+    @property
+    def limits(self) -> ContactLimits:
+        """What its contacts can bear."""
+        stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}
+        friction = {kind: self.friction[name] for kind, name in stated.items()}
+        eps = self.friction["eps"]
+        return ContactLimits(friction, eps, self.normal_limit, self.net_limit, self.cup, self.lifter_model)
 
     @property
     def plate(self) -> StatedBody:
@@ -77,9 +67,8 @@ def read_lift_task(task: Mapping[str, Any]) -> LiftTask:
     """
     at = "/task"
     read_text(read_member(task, "kind", at), "/task/kind", ("plate_lift",))
-    friction = _object(task, "friction", at)
-    limits = _object(task, "hand_force_limit", at)
-    start = task.get("start_positions")
+    friction = object_member(task, "friction", at)
+    limits = object_member(task, "hand_force_limit", at)
     return LiftTask(
         bodies=_bodies(task),
         cup=_cup(task),
@@ -88,67 +77,38 @@ def read_lift_task(task: Mapping[str, Any]) -> LiftTask:
             key: read_number(read_member(friction, key, "/task/friction"), f"/task/friction/{key}")
             for key in ("grip", "push", "environment", "eps")
         },
-        normal_limit=_positive(limits, "normal", "/task/hand_force_limit"),
-        net_limit=_positive(limits, "net", "/task/hand_force_limit"),
-        start_positions=None if start is None else read_vector(start, "/task/start_positions", 12),
-        goal_height=_positive(_object(task, "options", at), "goal_height", "/task/options"),
+        normal_limit=positive_member(limits, "normal", "/task/hand_force_limit"),
+        net_limit=positive_member(limits, "net", "/task/hand_force_limit"),
+        start_positions=stated_start(task),
+        goal_height=positive_member(object_member(task, "options", at), "goal_height", "/task/options"),
     )
 
 
-def _object(parent: Mapping[str, Any], key: str, pointer: str) -> Mapping[str, Any]:
-    return read_object(read_member(parent, key, pointer), child(pointer, key))
-
-
-def _positive(parent: Mapping[str, Any], key: str, pointer: str) -> float:
-    return read_positive(read_member(parent, key, pointer), child(pointer, key))
-
-
-def _cup(task: Mapping[str, Any]) -> StatedCup:
-    cup, at = _object(task, "cup", "/task"), "/task/cup"
-    return StatedCup(
-        position=read_vector(read_member(cup, "position", at), "/task/cup/position", 2),
-        radius=_positive(cup, "radius", at),
-        max_force=_positive(cup, "max_force", at),
-        mu=_positive(cup, "mu", at),
+def _cup(task: Mapping[str, Any]) -> LifterCup:
+    cup, at = object_member(task, "cup", "/task"), "/task/cup"
+    x, y = read_vector(read_member(cup, "position", at), "/task/cup/position", 2).tolist()
+    return LifterCup(
+        position=(x, y),
+        radius=positive_member(cup, "radius", at),
+        max_force=positive_member(cup, "max_force", at),
+        mu=positive_member(cup, "mu", at),
         kappa=read_number(read_member(cup, "kappa", at), "/task/cup/kappa"),
     )
 
 
 def _bodies(task: Mapping[str, Any]) -> tuple[StatedBody, ...]:
-    plate, at = _object(task, "plate", "/task"), "/task/plate"
-    shape = _object(plate, "shape", at)
+    plate, at = object_member(task, "plate", "/task"), "/task/plate"
+    shape = object_member(plate, "shape", at)
     read_text(read_member(shape, "type", "/task/plate/shape"), "/task/plate/shape/type", ("box", "prism"))
     bodies = [
         StatedBody(
             name="plate",
             shape=read_shape(shape, "/task/plate/shape"),
-            T_world_body=_pose(read_member(task, "plate_pose", "/task"), "/task/plate_pose"),
-            mass=_positive(plate, "mass", at),
+            T_world_body=stated_pose(read_member(task, "plate_pose", "/task"), "/task/plate_pose"),
+            mass=positive_member(plate, "mass", at),
             com=read_vector(read_member(plate, "com", at), "/task/plate/com", 3),
         )
     ]
     if task.get("support") is not None:
-        bodies.append(_placed("support", _object(task, "support", "/task"), "/task/support"))
-    for index, value in enumerate(read_list(task.get("obstacles", []), "/task/obstacles")):
-        at = child("/task/obstacles", index)
-        obstacle = read_object(value, at)
-        name = read_text(read_member(obstacle, "name", at), child(at, "name"))
-        bodies.append(_placed(name, obstacle, at))
-    return tuple(bodies)
-
-
-def _placed(name: str, body: Mapping[str, Any], pointer: str) -> StatedBody:
-    shape = _object(body, "shape", pointer)
-    return StatedBody(
-        name=name,
-        shape=None if shape.get("type") == "mesh" else read_shape(shape, child(pointer, "shape")),
-        T_world_body=_pose(read_member(body, "pose", pointer), child(pointer, "pose")),
-    )
-
-
-def _pose(value: Any, pointer: str) -> Transform:
-    """Read a pose of a task, whose quaternion need not be exactly unit."""
-    pose = read_vector(value, pointer, 7)
-    if not 0.5 < float(pose[3:] @ pose[3:]) < 2.0:
-        raise MalformedDocument(pointer, "has no quaternion")
-    return from_pose7(pose)
+        bodies.append(stated_body("support", object_member(task, "support", "/task"), "/task/support"))
+    return (*bodies, *stated_obstacles(task))

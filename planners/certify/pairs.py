@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from planners.certify.document_view import PlanView, SegmentView
@@ -32,36 +33,31 @@ def pairs_of(solids: Sequence[Solid], static: frozenset[str]) -> list[tuple[int,
     ]
 
 
-class TouchRule:
-    """Which pairs may touch during one segment.
-
-    Pads and fingers a held body, the tip a pushed one, resting bodies their support, the cup its plate.
-    """
-
-    def __init__(self, plan: PlanView, segment: SegmentView) -> None:
-        self._plan = plan
-        around = [segment]
-        # While a hand is taking hold or letting go, the hold stands in the segment after or before.
-        if segment.kind in ("grip", "approach") and segment.index + 1 < len(plan.segments):
-            around.append(plan.segments[segment.index + 1])
-        if segment.kind in ("release", "retreat") and segment.index > 0:
-            around.append(plan.segments[segment.index - 1])
-        self._held = {(s.grip.arm, s.grip.body) for s in around if s.grip is not None}
-        self._pushed = {(s.push.arm, s.push.body) for s in around if s.push is not None}
+class TouchRule(ABC):
+    """Which pairs may touch during one segment."""
 
     def allows(self, a: Solid, b: Solid) -> bool:
-        """Whether the two may touch."""
+        """Whether the two may touch; no two parts of the robot may."""
         if a.arm is not None and b.arm is not None:
             return False
         if a.arm is None and b.arm is None:
-            return self._rests(a, b) or self._rests(b, a) or {a.group, b.group} == {"cup", "plate"}
-        robot, body = (a, b) if a.arm is not None else (b, a)
-        key = (robot.frame.owner, body.frame.owner)
-        if robot.group in ("pad", "finger"):
-            return key in self._held
-        return robot.group == "tip" and key in self._pushed
+            return self._bodies(a, b)
+        return self._hand(a, b) if a.arm is not None else self._hand(b, a)
 
-    def _rests(self, a: Solid, b: Solid) -> bool:
-        if a.group == "plate":
-            return b.frame.owner == self._plan.support
-        return a.group in ("object", "tool") and b.group in ("table", "support")
+    @abstractmethod
+    def _hand(self, part: Solid, body: Solid) -> bool:
+        """Whether a part of the robot may touch a body."""
+
+    @abstractmethod
+    def _bodies(self, a: Solid, b: Solid) -> bool:
+        """Whether two bodies may touch."""
+
+
+def holds_around(plan: PlanView, segment: SegmentView) -> list[SegmentView]:
+    """Return the segments whose holds count: also the next while a hand comes, and the last while it leaves."""
+    around = [segment]
+    if segment.kind in ("grip", "approach") and segment.index + 1 < len(plan.segments):
+        around.append(plan.segments[segment.index + 1])
+    if segment.kind in ("release", "retreat") and segment.index > 0:
+        around.append(plan.segments[segment.index - 1])
+    return around

@@ -1,23 +1,21 @@
-"""The document's bodies are those of its task, and its cell is the cell that it names."""
+"""The cell of the document is the cell that it names, and its hands are what they are."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from planners.certify.attachments import rotation_angles
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import BodyView, PlanView
-from planners.certify.lift_task import LiftTask, StatedBody
 from planners.certify.settings import CertifySettings
+from planners.certify.stated import StatedBody
 from planners.certify.surfaces import largest_width, pad_height
-from planners.geometry.pose import Array, inverse
-
-_CABLE_LENGTH = 1.1
-"""Contract [m]."""
+from planners.geometry.pose import Array, Transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,47 +28,31 @@ class CellReference:
     """Its static bodies, as documents carry them."""
     home: Array
     """(12,) where the arms start when the task does not say [rad]."""
+    tool_pose: Sequence[float] | None = None
+    """Where a suction tool stands in the cell's rest, if it has one."""
+    tools: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Shipped suction tools by name, each as a task would describe it."""
 
 
 def scene_checks(
-    plan: PlanView,
-    document: Mapping[str, Any],
-    task: LiftTask,
-    reference: CellReference | None,
-    settings: CertifySettings,
+    plan: PlanView, document: Mapping[str, Any], reference: CellReference | None, settings: CertifySettings
 ) -> list[Check]:
-    """Check bodies against the task, hands against their kinematics, and the cell against what is known of it."""
-    checks = [_bodies(plan, task, settings), _grippers(plan, settings)]
+    """Check the cell against what is known of it, and the hands against their kinematics."""
+    checks = [_grippers(plan, settings)]
     if reference is not None:
         checks.insert(0, _cell(document, reference, settings))
     return checks
 
 
-def _bodies(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
-    finding = Finding("task_bodies", "m, kg")
-    for stated in task.bodies:
-        body = plan.bodies.get(stated.name)
-        if body is None:
-            finding.require(False, f"body {stated.name}", "is in the task, not in the document")
-        else:
-            _same_body(body, stated, finding, settings)
-    roles = {"plate": "plate", "support": "support", "cup": "cup", "cable": "cable"}
-    roles |= {stated.name: "obstacle" for stated in task.bodies if stated.name not in roles}
-    for name, body in plan.bodies.items():
-        where, fixed = f"body {name}", name not in ("plate", "cup", "cable")
-        # Whatever the task does not state belongs to the cell.
-        known = body.role == roles[name] if name in roles else body.role in ("table", "frame")
-        finding.require(known, f"{where}: role", f"{body.role!r} is not what the task makes of it")
-        finding.require(body.static == fixed, f"{where}: static", f"must be {fixed}")
-    for name in ("cup", "cable", plan.support):
-        finding.require(name in plan.bodies, f"body {name}", "is missing")
-    if {"cup", "cable"} <= set(plan.bodies):
-        _lifter(plan, task, finding, settings)
-    return finding.check()
-
-
-def _same_body(body: BodyView, stated: StatedBody, finding: Finding, settings: CertifySettings) -> None:
-    differences = {"pose": float(np.abs(body.T_world_start - stated.T_world_body).max())}
+def compare_body(
+    body: BodyView, stated: StatedBody, finding: Finding, settings: CertifySettings, *, settled: bool = False
+) -> None:
+    """Note how far a body is from what the task states of it; one that is `settled` may be a little off its pose."""
+    differences = {}
+    if settled:
+        compare_settled(body, stated.T_world_body, finding, settings)
+    else:
+        differences["pose"] = float(np.abs(body.T_world_start - stated.T_world_body).max())
     if stated.shape is not None:
         differences["shape"] = _difference(body.shape, stated.shape)
     if stated.com is not None:
@@ -81,23 +63,13 @@ def _same_body(body: BodyView, stated: StatedBody, finding: Finding, settings: C
         finding.note(settings.join - difference, f"body {stated.name}: {member}")
 
 
-def _lifter(plan: PlanView, task: LiftTask, finding: Finding, settings: CertifySettings) -> None:
-    """The cup stands on the plate where the task says and is as wide; the cable stands on the cup, 1.1 m high."""
-    plate, cup, cable = (plan.bodies[name] for name in ("plate", "cup", "cable"))
-    T_plate_cup = inverse(plate.T_world_start) @ cup.T_world_start
-    rim = cup.shape.vertices @ T_plate_cup[:3, :3].T + T_plate_cup[:3, 3]
-    middle = (rim.min(axis=0) + rim.max(axis=0)) / 2
-    seat = np.array([*task.cup.position, plate.shape.vertices[:, 2].max()])
-    off = np.linalg.norm(seat - [middle[0], middle[1], rim[:, 2].min()])
-    finding.note(settings.attachment_distance - float(off), "body cup: place on the plate")
-    narrower = task.cup.radius - float(np.linalg.norm(rim[:, :2] - middle[:2], axis=1).max())
-    finding.note(settings.join - narrower, "body cup: radius")
-    low, high = cable.shape.vertices[:, 2].min(), cable.shape.vertices[:, 2].max()
-    finding.note(settings.join - (_CABLE_LENGTH - float(high - low)), "body cable: height")
-    foot = cable.T_world_start[:3, :3] @ [0.0, 0.0, low] + cable.T_world_start[:3, 3]
-    T = plate.T_world_start
-    anchor = T[:3, :3] @ [middle[0], middle[1], rim[:, 2].max()] + T[:3, 3]
-    finding.note(settings.attachment_distance - float(np.linalg.norm(foot - anchor)), "body cable: place on the cup")
+def compare_settled(body: BodyView, T_world_stated: Transform, finding: Finding, settings: CertifySettings) -> None:
+    """Note how far a body was moved from its stated pose onto what carries it."""
+    where = f"body {body.name}: pose"
+    moved = float(np.linalg.norm(body.T_world_start[:3, 3] - T_world_stated[:3, 3]))
+    finding.note(settings.settled_distance + settings.join - moved, where)
+    turned = float(rotation_angles(body.T_world_start[None], T_world_stated)[0])
+    finding.note(settings.settled_angle + settings.join - turned, where)
 
 
 def _difference(a: BodyShape, b: BodyShape) -> float:

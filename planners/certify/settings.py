@@ -61,6 +61,21 @@ class CertifySettings:
     """Part of a body's weight that its acceleration may need without being counted; an engineering choice."""
     stated_bound: float = 1e-6
     """Relative difference of a stated bound from the one derived again; rounding of what a document states."""
+    pad_slant: float = math.radians(15.0)
+    """Angle between a rubber pad or a cup's lip and the curved surface it lies on [rad]; the authors' threshold for
+    facets and for fingers that face one another."""
+    lip_give: float = 1e-3
+    """Distance of the surface from the plane of a cup's lip [m]; an engineering choice."""
+    settled_distance: float = 1e-3
+    """How far a body may be placed from where its task says, onto what carries it [m]; contract, of plates."""
+    settled_angle: float = math.radians(0.1)
+    """The same for its orientation [rad]; contract, of plates."""
+    goal_distance: float = 1e-3
+    """Distance of an object from its goal [m]; contract."""
+    goal_angle: float = math.radians(0.5)
+    """Angle of an object from its goal [rad]; contract."""
+    tool_shape: float = 2e-4
+    """Distance of a tool's surface from the shapes it is described by [m]: round ones have chords."""
     goal_slack: float = 1e-4
     """Lowest vertex below the goal height [m]; contract."""
     touch_depth: float = 1e-3

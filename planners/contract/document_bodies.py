@@ -7,9 +7,10 @@ from typing import Any
 from planners.geometry.pose import to_pose7
 from planners.scene.body import Body
 from planners.scene.scene import PlateLiftScene
+from planners.scene.tool_scene import SuctionToolScene
 
 
-def document_bodies(scene: PlateLiftScene) -> dict[str, dict[str, Any]]:
+def document_bodies(scene: PlateLiftScene | SuctionToolScene) -> dict[str, dict[str, Any]]:
     """Return every body by name as JSON data: those of the cell first, then those of the task."""
     return {**scene.cell.body_documents(), **{body.name: _body_document(body) for body in scene.bodies()}}
 

@@ -8,17 +8,12 @@ from typing import Any
 import numpy as np
 
 from planners.balance.balanced import Balanced
-from planners.contract.document_bodies import document_bodies
-from planners.contract.plan_document import JOINT_NAMES, SCHEMA_VERSION
-from planners.contract.task_spec import PlateLiftTask, write_task
-from planners.geometry.pose import Array, Transform, to_pose7
-from planners.graph.rejections import Rejection
+from planners.contract.document_members import document_of, motion_members, pose_row, rounded
+from planners.contract.task_spec import PlateLiftTask
+from planners.geometry.pose import Array, to_pose7
 from planners.manipulation.lift_plan import LiftPlan
 from planners.scene.scene import PlateLiftScene
 from planners.segment import ContactSet, Segment, SegmentKind
-
-_DIGITS = 12
-"""Decimals of everything sampled: 1e-12 rad, m or N."""
 
 
 def lift_document(
@@ -32,38 +27,7 @@ def lift_document(
         plan: what came out.
         stages: seconds by stage, in order.
     """
-    return {
-        "schema_version": SCHEMA_VERSION,
-        "id": "",
-        "task": write_task(task),
-        "seed": task.seed,
-        "software": {"name": "liftwright", "version": "", "commit": None},
-        "outcome": plan.outcome.value,
-        "explanation": {"summary": plan.summary, "causes": [_cause(cause) for cause in plan.causes]},
-        "cell": scene.cell.document(),
-        "joint_names": list(JOINT_NAMES),
-        "bodies": document_bodies(scene),
-        "segments": list(_segments(plan, scene)),
-        "certificate": None,
-        "simulation": None,
-        "statistics": {
-            "total_seconds": sum(stages.values()),
-            "stages": [{"name": name, "seconds": seconds} for name, seconds in stages.items()],
-            "graph": plan.graph,
-            "search": plan.search,
-            "rejections": plan.rejections.counts(),
-        },
-    }
-
-
-def _cause(cause: Rejection) -> dict[str, Any]:
-    return {
-        "reason": cause.reason,
-        "needed": cause.needed,
-        "available": cause.available,
-        "unit": cause.unit,
-        "where": cause.where or cause.stage,
-    }
+    return document_of(task, scene, plan, _segments(plan, scene), stages)
 
 
 def _segments(plan: LiftPlan, scene: PlateLiftScene) -> Iterator[dict[str, Any]]:
@@ -75,10 +39,8 @@ def _segments(plan: LiftPlan, scene: PlateLiftScene) -> Iterator[dict[str, Any]]
 
 
 def _segment(segment: Segment, scene: PlateLiftScene, begun: float) -> dict[str, Any]:
-    trajectory = segment.trajectory
     return {
-        "kind": segment.kind.value,
-        "movers": list(segment.movers),
+        **motion_members(segment, begun),
         "contact_state": {
             "element": segment.contact.element,
             "index": segment.contact.index,
@@ -86,11 +48,6 @@ def _segment(segment: Segment, scene: PlateLiftScene, begun: float) -> dict[str,
             "vertices": segment.contact_points.tolist(),
         },
         "hold": _hold(segment),
-        "time": _rounded(trajectory.time + begun),
-        "positions": _rounded(trajectory.positions),
-        "velocities": _rounded(trajectory.velocities),
-        "accelerations": _rounded(trajectory.accelerations),
-        "gripper_width": {arm: _rounded(width) for arm, width in segment.widths.items()},
         "attached": _attached(segment, scene),
         "body_poses": _body_poses(segment, scene),
         "contacts": [
@@ -130,7 +87,7 @@ def _body_poses(segment: Segment, scene: PlateLiftScene) -> dict[str, Any]:
     cable[:, :3, 3] = segment.T_world_body[:, :3, :3] @ anchor + segment.T_world_body[:, :3, 3]
     cable[:, 2, 3] += 0.5 * scene.cup.cable_length
     moving = {"plate": segment.T_world_body, "cup": cup, "cable": cable}
-    return {name: [_pose(T) for T in poses] for name, poses in moving.items()}
+    return {name: [pose_row(T) for T in poses] for name, poses in moving.items()}
 
 
 def _contacts(contact_set: ContactSet, segment: Segment, scene: PlateLiftScene) -> Iterator[dict[str, Any]]:
@@ -142,9 +99,9 @@ def _contacts(contact_set: ContactSet, segment: Segment, scene: PlateLiftScene) 
             "sample": contact_set.sample,
             "body": "plate",
             "finger": None,
-            "point": _rounded(R @ balance.points[number] + T_world_plate[:3, 3]),
-            "normal": _rounded(R @ balance.rotations[number][:, 2]),
-            "wrench": _rounded(balance.wrenches_world[number]),
+            "point": rounded(R @ balance.points[number] + T_world_plate[:3, 3]),
+            "normal": rounded(R @ balance.rotations[number][:, 2]),
+            "wrench": rounded(balance.wrenches_world[number]),
             **_parameters(name, balance, segment, scene, R),
         }
 
@@ -169,14 +126,5 @@ def _parameters(name: str, balance: Balanced, segment: Segment, scene: PlateLift
     return {
         "by": "cup", "kind": "suction", "mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa,
         "limit": cup.max_force, "suction_force": balance.suction_force,
-        "x_axis": _rounded(R @ cup.T_plate_cup[:3, 0]),
+        "x_axis": rounded(R @ cup.T_plate_cup[:3, 0]),
     }  # fmt: skip
-
-
-def _pose(T: Transform) -> list[float]:
-    return _rounded(np.array(to_pose7(T)))
-
-
-def _rounded(values: Array) -> list[Any]:
-    # Adding zero turns -0.0 into 0.0.
-    return (np.round(values, _DIGITS) + 0.0).tolist()

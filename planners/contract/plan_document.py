@@ -10,10 +10,21 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, JsonValue, SkipValidation, model_validator
+from pydantic import Field, JsonValue, model_validator
 from pydantic_core import PydanticCustomError
 
-from planners.contract.shapes import Box, Cylinder, Prism
+from planners.contract.considered import Considered
+from planners.contract.document_numbers import (
+    ArmName,
+    Numbers,
+    PoseArray,
+    Real,
+    Rows,
+    SixJoints,
+    Vector,
+    WrenchArray,
+)
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import TaskSpec
 
@@ -26,18 +37,6 @@ JOINTS = (
 JOINT_NAMES = tuple(f"{arm}_{joint}" for arm in ("left", "right") for joint in JOINTS)
 """The order of joints in every array of twelve."""
 
-Real = Annotated[float, Field(allow_inf_nan=False)]
-Vector = tuple[Real, Real, Real]
-PoseArray = tuple[Real, Real, Real, Real, Real, Real, Real]
-"""[x, y, z, w, x, y, z]"""
-SixJoints = tuple[Real, Real, Real, Real, Real, Real]
-WrenchArray = tuple[Real, Real, Real, Real, Real, Real]
-"""[fx, fy, fz, tx, ty, tz] in world axes, the torque about the stated point."""
-Numbers = Annotated[list[float], SkipValidation]
-"""One number a sample."""
-Rows = Annotated[list[list[float]], SkipValidation]
-"""One row a sample."""
-ArmName = Literal["left", "right"]
 Outcome = Literal["solved", "infeasible", "not_found"]
 SegmentKind = Literal[
     "transit", "transfer", "handover", "approach", "retreat", "grip", "release", "attach", "detach"
@@ -107,16 +106,6 @@ class CellDocument(StrictModel):
     hands: dict[ArmName, Annotated[GripperDocument | StickDocument, Field(discriminator="kind")]]
 
 
-class InlineMesh(StrictModel):
-    """A mesh with all its data: nothing else is needed to draw or collide it."""
-
-    type: Literal["mesh"]
-    vertices: Rows
-    faces: Annotated[list[list[int]], SkipValidation]
-    convex_parts: Annotated[list[list[list[float]]], SkipValidation]
-    """Vertices of each convex part."""
-
-
 class BodyDocument(StrictModel):
     """A body at the start."""
 
@@ -164,6 +153,8 @@ class HoldDocument(StrictModel):
 
     grip: GripDocument | None
     push: PushDocument | None
+    second_grip: GripDocument | None = None
+    """Of the other gripper, while a body is passed from hand to hand; `grip` is the one that is taken or given up."""
 
 
 class Attachment(StrictModel):
@@ -411,6 +402,8 @@ class Statistics(StrictModel):
     graph: dict[str, JsonValue]
     search: dict[str, JsonValue]
     rejections: dict[str, int]
+    considered: Considered | None = None
+    """What a suction-tool planner looked at."""
 
 
 class PlanDocument(StrictModel):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, SkipValidation, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from planners.contract.counted import Counted
@@ -68,6 +68,17 @@ class Mesh(StrictModel):
         if (self.asset is None) == (self.upload is None):
             raise PydanticCustomError("mesh_source", "a mesh names either an asset or an upload")
         return self
+
+
+class InlineMesh(StrictModel):
+    """A mesh of a plan document, with all its data: nothing else is needed to draw or collide it."""
+
+    type: Literal["mesh"]
+    vertices: Annotated[list[list[float]], SkipValidation]
+    faces: Annotated[list[list[int]], SkipValidation]
+    """Counter-clockwise from outside; closed."""
+    convex_parts: Annotated[list[list[list[float]]], SkipValidation]
+    """Vertices of each convex part."""
 
 
 Shape = Annotated[Box | Cylinder | Prism | Mesh, Field(discriminator="type")]

@@ -16,6 +16,8 @@ _MIN_SIDE = 1e-6
 """Shortest side that counts as one [m]."""
 _MIN_TURN = 1e-6
 """Smallest sine of the turn at a corner: a straight corner is none."""
+_ON_LINE = 1e-9
+"""Distance within which a point is on a line [m]."""
 
 
 class ShapeError(LiftwrightError):
@@ -96,6 +98,44 @@ def depth_inside(outline: Array, points: Array) -> Array:
     """Return how deep (k, 2) points lie inside [m]: the distance to the nearest side's line, negative outside."""
     offsets = np.asarray(points, dtype=float)[:, None, :] - outline[None, :, :]
     return np.min(np.sum(offsets * inward_normals(outline)[None, :, :], axis=2), axis=1)
+
+
+def overlap(outline: Array, other: Array) -> Array:
+    """Return the corners (m, 2) of the intersection of two convex polygons, counter-clockwise; m is 0 when apart.
+
+    Sutherland and Hodgman's clipping of the first outline by each side of the second.
+    """
+    corners = np.asarray(outline, dtype=float)
+    for start, normal in zip(other, inward_normals(other), strict=True):
+        if len(corners) == 0:
+            break
+        corners = _clip(corners, start, normal)
+    return _without_repeats(corners)
+
+
+def _clip(corners: Array, start: Array, normal: Array) -> Array:
+    """Keep the part of the polygon on the inner side of one line."""
+    heights = (corners - start) @ normal
+    heights[np.abs(heights) < _ON_LINE] = 0.0
+    if np.all(heights >= 0.0):
+        return corners
+    kept: list[Array] = []
+    for index, corner in enumerate(corners):
+        following = (index + 1) % len(corners)
+        here, there = heights[index], heights[following]
+        if here >= 0.0:
+            kept.append(corner)
+        if here * there < 0.0:
+            kept.append(corner + here / (here - there) * (corners[following] - corner))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _without_repeats(corners: Array) -> Array:
+    """Drop corners that coincide with the one before."""
+    if len(corners) == 0:
+        return corners
+    gaps = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    return corners[gaps > _MIN_SIDE]
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -75,3 +75,14 @@ def jacobian(dh: Array, T_world_base: Transform, q: Array, point_world: Array) -
         J[4, i] = zy
         J[5, i] = zz
     return J
+
+
+@njit(cache=True, nogil=True)
+def flange_poses(dh: Array, T_world_base: Transform, Q: Array) -> Array:
+    """Return `T_world_flange` (n, 4, 4) at the joint positions `Q` (n, 6) [rad]; `dh` as in `link_frames`."""
+    frames = np.empty((7, 4, 4))
+    result = np.empty((Q.shape[0], 4, 4))
+    for k in range(Q.shape[0]):
+        link_frames(dh, T_world_base, Q[k], frames)
+        result[k] = frames[6]
+    return result

@@ -7,7 +7,6 @@ posture is kept, so joints move continuously if and only if the branch does.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
+from planners.kinematics.branch import follow_branch, multiply, within_limits
 from planners.kinematics.forward import jacobian
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics
 from planners.kinematics.windings import wrap
@@ -30,7 +30,6 @@ CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""
 _BLOCK = 8
 """Poses that a thread looks at in one go."""
-_TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +112,7 @@ class HandReach:
             q[joints] = self.follow(T_world_plate[None], hold, posture)[0]
             if not np.isfinite(q).all():
                 continue
-            if not _within(q[joints], arm.position_min, arm.position_max):
+            if not within_limits(q[joints], arm.position_min, arm.position_max):
                 reason = f"a joint of the {arm.name} arm would be beyond its limits"
                 continue
             pair = int(self.alone.first_collisions(T_world_plate[None], q)[0])
@@ -159,7 +158,7 @@ class HandReach:
     def follow_flange(self, T_world_flanges: Array, posture: int, reference: Array | None = None) -> Array:
         """Return the (n, 6) joint positions at which the flange is at (n, 4, 4), in the branch of a posture."""
         near = np.empty((0, 6)) if reference is None else np.ascontiguousarray(reference)
-        return _follow(
+        return follow_branch(
             self.arm.dh,
             self.T_base_world,
             np.ascontiguousarray(T_world_flanges),
@@ -240,25 +239,6 @@ def bits(postures: int) -> list[int]:
 
 
 @njit(cache=True, nogil=True)
-def _multiply(A, B, out):
-    """Compose two rigid transforms without leaving the compiled code."""
-    for i in range(3):
-        for j in range(4):
-            value = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
-            out[i, j] = value + A[i, 3] if j == 3 else value
-    out[3, 0], out[3, 1], out[3, 2], out[3, 3] = 0.0, 0.0, 0.0, 1.0
-
-
-@njit(cache=True, nogil=True)
-def _within(q, lo, hi):
-    """Whether the positions, each in (-pi, pi], are within limits, possibly after a whole turn."""
-    for i in range(6):
-        if not (lo[i] <= q[i] <= hi[i] or lo[i] <= q[i] + _TURN <= hi[i] or lo[i] <= q[i] - _TURN <= hi[i]):
-            return False
-    return True
-
-
-@njit(cache=True, nogil=True)
 def _collisions_at(kernel, frame, T_world_plates, q):
     scratch = make_scratch(kernel)
     result = np.empty(T_world_plates.shape[0], np.int64)
@@ -277,15 +257,15 @@ def _reach(
     for p in range(T_world_plates.shape[0]):
         set_frame(kernel, frame, T_world_plates[p])
         set_frame(hand, hand_frame, T_world_plates[p])
-        _multiply(T_base_world, T_world_plates[p], T_base_plate)
+        multiply(T_base_world, T_world_plates[p], T_base_plate)
         for h in range(T_plate_flange.shape[0]):
             found = np.uint64(0)
             for v in range(T_plate_flange.shape[1]):
-                _multiply(T_base_plate, T_plate_flange[h, v], T_base_flange)
+                multiply(T_base_plate, T_plate_flange[h, v], T_base_flange)
                 valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
                 hand_checked = False
                 for branch in range(8):
-                    if not (valid >> branch) & 1 or not _within(solutions[branch], lo, hi):
+                    if not (valid >> branch) & 1 or not within_limits(solutions[branch], lo, hi):
                         continue
                     q[first_joint : first_joint + 6] = solutions[branch]
                     if not hand_checked:
@@ -307,17 +287,17 @@ def _track(
     left = postures
     for p in range(T_world_plates.shape[0]):
         set_frame(kernel, frame, T_world_plates[p])
-        _multiply(T_base_world, T_world_carriers[p], T_base_plate)
+        multiply(T_base_world, T_world_carriers[p], T_base_plate)
         for v in range(T_plate_flange.shape[0]):
             if (left >> np.uint64(8 * v)) & np.uint64(255) == 0:
                 continue
-            _multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+            multiply(T_base_plate, T_plate_flange[v], T_base_flange)
             valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
             for branch in range(8):
                 bit = np.uint64(8 * v + branch)
                 if not (left >> bit) & np.uint64(1):
                     continue
-                good = bool((valid >> branch) & 1) and _within(solutions[branch], lo, hi)
+                good = bool((valid >> branch) & 1) and within_limits(solutions[branch], lo, hi)
                 if good and p > 0:
                     for i in range(6):
                         good = good and abs(wrap(solutions[branch, i] - last[bit, i])) <= CONTINUITY
@@ -333,32 +313,14 @@ def _track(
 
 
 @njit(cache=True, nogil=True)
-def _follow(dh, T_base_world, T_world_flanges, branch, reference):
-    count = T_world_flanges.shape[0]
-    result = np.empty((count, 6))
-    T_base_flange, solutions = np.empty((4, 4)), np.empty((8, 6))
-    for p in range(count):
-        _multiply(T_base_world, T_world_flanges[p], T_base_flange)
-        inverse_kinematics(dh, T_base_flange, 0.0, solutions)
-        for i in range(6):
-            value = solutions[branch, i]
-            if reference.shape[0] > 0:
-                value = reference[p, i] + wrap(value - reference[p, i])
-            elif p > 0:
-                value = result[p - 1, i] + wrap(value - result[p - 1, i])
-            result[p, i] = value
-    return result
-
-
-@njit(cache=True, nogil=True)
 def _loads(dh, T_world_base, T_base_world, T_world_plate, T_plate_flange, postures, wrench, point):
     result = np.full(64, np.nan)
     T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
-    _multiply(T_base_world, T_world_plate, T_base_plate)
+    multiply(T_base_world, T_world_plate, T_base_plate)
     for v in range(T_plate_flange.shape[0]):
         if (postures >> np.uint64(8 * v)) & np.uint64(255) == 0:
             continue
-        _multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+        multiply(T_base_plate, T_plate_flange[v], T_base_flange)
         inverse_kinematics(dh, T_base_flange, 0.0, solutions)
         for branch in range(8):
             if (postures >> np.uint64(8 * v + branch)) & np.uint64(1):
@@ -391,11 +353,11 @@ def _compatible(
                 continue
             good = True
             for p in range(T_world_plates.shape[0]):
-                _multiply(T_base_a, T_world_plates[p], T_plate)
-                _multiply(T_plate, flange_a[a // 8], T_flange)
+                multiply(T_base_a, T_world_plates[p], T_plate)
+                multiply(T_plate, flange_a[a // 8], T_flange)
                 inverse_kinematics(dh_a, T_flange, 0.0, in_a)
-                _multiply(T_base_b, T_world_plates[p], T_plate)
-                _multiply(T_plate, flange_b[b // 8], T_flange)
+                multiply(T_base_b, T_world_plates[p], T_plate)
+                multiply(T_plate, flange_b[b // 8], T_flange)
                 inverse_kinematics(dh_b, T_flange, 0.0, in_b)
                 q[joint_a : joint_a + 6] = in_a[a % 8]
                 q[joint_b : joint_b + 6] = in_b[b % 8]

@@ -222,11 +222,11 @@ class LiftWorkcell:
     def _scene_bodies(self) -> list[CollisionBody]:
         """Plate, cup, cable, support and obstacles. The cup is rigid on the plate; the cable stays upright above it."""
         scene = self.scene
-        cup = placed(scene.cup.body.solid.convex, scene.cup.T_plate_cup_body)
+        cup = tuple(placed(part, scene.cup.T_plate_cup_body) for part in scene.cup.body.solid.convex_parts)
         resting = [body.collision_body_in_world() for body in (scene.support, *scene.obstacles) if body is not None]
         return [
             scene.plate.collision_body(),
-            CollisionBody("cup", "cup", PLATE_FRAME, (cup,)),
+            CollisionBody("cup", "cup", PLATE_FRAME, cup),
             scene.cup.cable_collision_body(),
             *resting,
         ]

@@ -1,4 +1,4 @@
-"""What the files of the assets folder say, validated: robots, hands, mounts and cells."""
+"""What the files of the assets folder say, validated: robots, hands, mounts, cells and tools."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from assets import assets_folder
+from planners.contract.task_spec import CustomTool
 from planners.errors import AssetError
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
@@ -29,6 +30,9 @@ LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", 
 """In the order of the frames they move with."""
 ARM_NAMES: tuple[ArmName, ...] = ("left", "right")
 """In the order of their joints."""
+
+MESHES = "meshes"
+"""The folder of meshes, all OBJ and in metres."""
 
 
 class _Part(BaseModel):
@@ -192,6 +196,12 @@ class StickFile(_HandFile):
     """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
 
 
+class ToolFile(_Asset):
+    """tools/*.yaml: a suction tool, as a task would describe its own."""
+
+    tool: CustomTool
+
+
 class ArmMountFile(Placement):
     """Where an arm's base frame is in the world, and where its joints rest."""
 
@@ -237,6 +247,19 @@ class ArmFile(_Part):
     hand: Name
 
 
+class ToolRestFile(_Part):
+    """A square socket on the table in which a suction tool stands upright."""
+
+    position: tuple[float, float]
+    """Its centre [m]."""
+    clearance: Positive
+    """From the centre to the inner faces of the walls [m]."""
+    height: Positive
+    """Of the walls [m]."""
+    thickness: Positive
+    """Of the walls [m]."""
+
+
 class CellFile(_Asset):
     """cells/*.yaml."""
 
@@ -244,6 +267,7 @@ class CellFile(_Asset):
     arms: dict[ArmName, ArmFile]
     gravity: Triple
     """[m/s^2]"""
+    tool_rest: ToolRestFile | None = None
 
     @model_validator(mode="after")
     def _both_arms_are_there(self) -> Self:
@@ -268,7 +292,7 @@ class AssetShelf:
     folders: tuple[Path, ...]
 
     def names(self, kind: str) -> list[str]:
-        """List the names of all files of a kind ("robots", "hands", "sensors", "mounts", "cells")."""
+        """List the names of all files of a kind ("robots", "hands", "sensors", "mounts", "cells", "tools")."""
         return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
 
     def find(self, kind: str, name: str, where: str) -> Path:
@@ -325,6 +349,29 @@ def read_hand_file(path: Path) -> GripperFile | StickFile:
 def read_sensor_file(path: Path) -> SensorFile:
     """Read sensors/*.yaml."""
     return _validated(SensorFile, path, _read_mapping(path))
+
+
+def known_meshes() -> list[str]:
+    """List the names of the meshes that are shipped."""
+    return sorted(path.stem for path in (assets_folder() / MESHES).glob("*.obj"))
+
+
+def read_mesh_asset(name: str) -> tuple[bytes, Literal["obj"]]:
+    """Return a shipped mesh's file, in metres, and its format.
+
+    Raises:
+        AssetError: There is none of this name.
+    """
+    path = assets_folder() / MESHES / f"{name}.obj"
+    try:
+        return path.read_bytes(), "obj"
+    except OSError as error:
+        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def read_tool_file(path: Path) -> ToolFile:
+    """Read tools/*.yaml."""
+    return _validated(ToolFile, path, _read_mapping(path))
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from planners.contract.shapes import Box, Cylinder, Prism
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform
 from planners.geometry.shapes import placed
-from planners.scene.solid import Solid
+from planners.scene.solid import ExtrudedSolid, Solid
 
 Role = Literal["plate", "object", "tool", "support", "obstacle", "table", "frame", "cup", "cable"]
 
@@ -20,8 +20,8 @@ class Body:
 
     name: str
     role: Role
-    shape: Box | Cylinder | Prism
-    """As the task names it; its frame is the body frame."""
+    shape: Box | Cylinder | Prism | InlineMesh
+    """As the task names it, a mesh with all its data; its frame is the body frame."""
     solid: Solid
     mass: float | None
     """[kg]; None where nothing depends on it."""
@@ -33,16 +33,19 @@ class Body:
 
     def collision_body(self) -> CollisionBody:
         """Return the body for collision queries, in a movable frame that has its name."""
-        return CollisionBody(self.name, self.role, self.name, (self.solid.convex,))
+        return CollisionBody(self.name, self.role, self.name, self.solid.convex_parts)
 
     def collision_body_in_world(self) -> CollisionBody:
         """Return the body for collision queries, fixed in the world where it is at the start."""
-        return CollisionBody(self.name, self.role, "world", (placed(self.solid.convex, self.T_world_body),))
+        parts = tuple(placed(part, self.T_world_body) for part in self.solid.convex_parts)
+        return CollisionBody(self.name, self.role, "world", parts)
 
 
 @dataclass(frozen=True, eq=False)
 class Plate(Body):
     """The plate that is lifted: a convex outline extruded along z, its top face towards +z."""
+
+    solid: ExtrudedSolid
 
     @property
     def outline(self) -> Array:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Array, transform
+from planners.geometry.pose import Array, Transform, transform
 from planners.geometry.shapes import box, placed
 from planners.scene.arm import Arm
 from planners.scene.asset_files import (
@@ -22,6 +22,7 @@ from planners.scene.asset_files import (
     CellFile,
     FrameFile,
     MountFile,
+    ToolRestFile,
     fingerprint,
     read_cell_file,
     read_mount_file,
@@ -61,6 +62,15 @@ class StaticBox:
 
 
 @dataclass(frozen=True, eq=False)
+class ToolRest:
+    """A square socket on the table in which a suction tool stands upright on its cup."""
+
+    T_world_tool: Transform
+    """Where a tool stands in it."""
+    walls: tuple[StaticBox, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Cell:
     """Everything that stays when the task changes."""
 
@@ -70,9 +80,11 @@ class Cell:
     arms: dict[str, Arm]
     """By name, left first."""
     boxes: tuple[StaticBox, ...]
-    """The table first."""
+    """The table first; the walls of the tool rest, if any, are among them."""
     gravity: Array
     """(3,) [m/s^2]."""
+    tool_rest: ToolRest | None
+    """Where a suction tool is kept."""
 
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
@@ -183,7 +195,9 @@ def _load(path: Path, shelf: AssetShelf) -> Cell:
     contents = [file.model_dump_json(), mount.model_dump_json()]
     contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
     digest = fingerprint(text.encode() for text in contents)
-    return Cell(file.name, digest, arms, _boxes(mount), np.array(file.gravity))
+    rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
+    boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
+    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest)
 
 
 def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> dict[str, Arm]:
@@ -204,6 +218,23 @@ def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> di
 def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:
     platform = [_static_box(f"platform_{name}", "frame", file) for name, file in mount.platform.items()]
     return (_static_box("table", "table", mount.table), *platform, *_columns(mount.frame))
+
+
+def _tool_rest(file: ToolRestFile, mount: MountFile) -> ToolRest:
+    """Put four walls round the place; those in front and behind close the corners."""
+    x, y = file.position
+    top = mount.table.center[2] + 0.5 * mount.table.size[2]
+    middle = file.clearance + 0.5 * file.thickness
+    z = top + 0.5 * file.height
+    across = np.array([file.thickness, 2.0 * (file.clearance + file.thickness), file.height])
+    along = np.array([2.0 * file.clearance, file.thickness, file.height])
+    walls = (
+        StaticBox("tool_rest_front", "frame", np.array([x + middle, y, z]), across),
+        StaticBox("tool_rest_back", "frame", np.array([x - middle, y, z]), across),
+        StaticBox("tool_rest_left", "frame", np.array([x, y + middle, z]), along),
+        StaticBox("tool_rest_right", "frame", np.array([x, y - middle, z]), along),
+    )
+    return ToolRest(transform(position=[x, y, top]), walls)
 
 
 def _static_box(name: str, role: str, file: BoxFile) -> StaticBox:

@@ -1,4 +1,4 @@
-"""Bodies that overlap at the start."""
+"""Bodies that overlap where a task puts them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _IDENTITY = np.eye(4)
 
 
 class BodiesOverlap(SceneError):
-    """Two bodies touch or overlap at the start; every member of the task that places one of them is pointed at."""
+    """Two bodies touch or overlap; every member of the task that places one of them is pointed at."""
 
-    def __init__(self, a: PlacedBody, b: PlacedBody) -> None:
+    def __init__(self, a: PlacedBody, b: PlacedBody, when: str) -> None:
         self.pointers = tuple(dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None))
-        super().__init__(self.pointers[0], f"{a.name} and {b.name} touch or overlap at the start")
+        super().__init__(self.pointers[0], f"{a.name} and {b.name} touch or overlap {when}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,18 @@ def placed_arms(cell: Cell, positions: Array, widths: dict[str, float]) -> list[
     return [placed_body(body, frames[body.frame], "/start_positions") for body in moving]
 
 
+def raised(body: PlacedBody, height: float) -> PlacedBody:
+    """Return a body moved straight up by `height` [m]."""
+    up = np.array([0.0, 0.0, height])
+    shapes = tuple(ConvexShape(shape.vertices + up, shape.radius) for shape in body.shapes)
+    return PlacedBody(body.name, body.pointer, shapes, body.lowest + up, body.highest + up)
+
+
 def refuse_overlaps(
-    group: Sequence[PlacedBody], others: Sequence[PlacedBody], allowed: Container[tuple[str, str]] = ()
+    group: Sequence[PlacedBody],
+    others: Sequence[PlacedBody],
+    allowed: Container[tuple[str, str]] = (),
+    when: str = "at the start",
 ) -> None:
     """Check every body of one group against every body of another.
 
@@ -75,13 +85,22 @@ def refuse_overlaps(
         group: Bodies.
         others: Bodies; may be the same list, then each pair is met once.
         allowed: Sorted pairs of names that may touch.
+        when: Ends the sentence that refuses.
 
     Raises:
         BodiesOverlap: for the first pair, in the order given, that touches or overlaps.
     """
-    for a, b in _near(group, others, 0.0):
-        if _sorted_names(a, b) not in allowed and gap(a, b) <= 0.0:
-            raise BodiesOverlap(a, b)
+    overlap = first_overlap(group, others, allowed)
+    if overlap is not None:
+        raise BodiesOverlap(*overlap, when)
+
+
+def first_overlap(
+    group: Sequence[PlacedBody], others: Sequence[PlacedBody], allowed: Container[tuple[str, str]] = ()
+) -> tuple[PlacedBody, PlacedBody] | None:
+    """Return the first pair, in the order given, that touches or overlaps, as `refuse_overlaps` checks them."""
+    pairs = _near(group, others, 0.0)
+    return next(((a, b) for a, b in pairs if _sorted_names(a, b) not in allowed and gap(a, b) <= 0.0), None)
 
 
 def gaps_below(

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planners.contract.shapes import Box, Cylinder, Mesh, Prism
+from planners.contract.shapes import Mesh
 from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
 from planners.errors import SceneError
 from planners.geometry import polygon
-from planners.geometry.pose import Array, Transform, from_pose7
-from planners.scene.body import Body, Plate, Role
+from planners.geometry.pose import Array, from_pose7
+from planners.scene.body import Body, Plate
 from planners.scene.cell import Cell
 from planners.scene.rest import (
     REST_GAP,
@@ -28,10 +28,11 @@ from planners.scene.rest import (
     settled,
     upper_surface,
 )
+from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import solid_of
 
-PLANNED_SHAPES = ("box", "cylinder", "prism")
-"""The types of shapes that can be planned with."""
+SUPPORT_SHAPES = ("box", "cylinder", "prism")
+"""The types of shapes that a plate may lie on."""
 CONTAINMENT_SLACK = 1e-9
 """Rounding allowed where a point must lie inside a body [m]."""
 
@@ -44,10 +45,13 @@ def table_surface(cell: Cell) -> Surface:
     return Surface("table", cell.table_top, top[ConvexHull(top).vertices])
 
 
-def place_support(support: Support, table: Surface) -> Body:
+def place_support(support: Support, table: Surface, shapes: ShapeSource) -> Body:
     """Settle the support on the table; its centre must be over it, or it would tip."""
-    shape = _known_shape(support.shape, "/support/shape")
-    body = _static_body("support", "support", shape, from_pose7(support.pose))
+    if isinstance(support.shape, Mesh):
+        detail = "plates are not lifted off meshes yet"
+        raise SceneError("/support/shape/type", detail, list(SUPPORT_SHAPES))
+    stated, solid = shapes.find(support.shape, "/support/shape")
+    body = Body("support", "support", stated, solid, None, np.zeros(3), from_pose7(support.pose), static=True)
     face = lowest_face(body.solid, body.T_world_body)
     if not rests_level(face, body.T_world_body, table.height):
         raise SceneError("/support/pose", _why_not_level("the support", body, table))
@@ -77,10 +81,11 @@ def place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tu
     return replace(plate, T_world_body=T_world_plate), surface
 
 
-def place_obstacle(index: int, obstacle: Obstacle) -> Body:
+def place_obstacle(index: int, obstacle: Obstacle, shapes: ShapeSource) -> Body:
     """Place the obstacle of this index; it may be anywhere."""
-    shape = _known_shape(obstacle.shape, f"/obstacles/{index}/shape")
-    return _static_body(obstacle.name, "obstacle", shape, from_pose7(obstacle.pose))
+    stated, solid = shapes.find(obstacle.shape, f"/obstacles/{index}/shape")
+    T_world_obstacle = from_pose7(obstacle.pose)
+    return Body(obstacle.name, "obstacle", stated, solid, None, np.zeros(3), T_world_obstacle, static=True)
 
 
 def _surface_below(plate: Plate, support: Body | None, table: Surface) -> Surface:
@@ -119,13 +124,3 @@ def _check_footprint(corners: Array, surface: Surface) -> None:
         raise SceneError("/support/shape", "the support is smaller than the plate: its whole bottom face must rest")
     detail = f"the plate's bottom face sticks out {1e3 * beyond:.4g} mm over the edge of the {surface.name}"
     raise SceneError("/plate_pose", detail)
-
-
-def _known_shape(shape: Box | Cylinder | Prism | Mesh, pointer: str) -> Box | Cylinder | Prism:
-    if isinstance(shape, Mesh):
-        raise SceneError(f"{pointer}/type", "meshes cannot be planned with yet", list(PLANNED_SHAPES))
-    return shape
-
-
-def _static_body(name: str, role: Role, shape: Box | Cylinder | Prism, T_world_body: Transform) -> Body:
-    return Body(name, role, shape, solid_of(shape), None, np.zeros(3), T_world_body, static=True)

@@ -1,16 +1,16 @@
-"""PlateLiftScene: everything a plate lift is planned for, checked and in one place."""
+"""From a task to its scene; and PlateLiftScene: everything a plate lift is planned for, checked and in one place."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 
 from planners.contract.task_spec import (
+    KINDS,
     HandForceLimit,
-    Obstacle,
     PlateLiftFriction,
     PlateLiftTask,
     SuctionToolTask,
@@ -19,20 +19,22 @@ from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body, Plate
-from planners.scene.cell import Cell, known_cells, load_cell
+from planners.scene.cell import Cell
 from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
 from planners.scene.given_holds import GivenGrip, GivenPush, settle_grips, settle_pushes
 from planners.scene.hand import Gripper
 from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
+from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
 from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
+from planners.scene.task_checks import check_names, find_cell, start_positions
+from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 
-PLANNED_KINDS = ("plate_lift",)
+PLANNED_KINDS = KINDS
 """The kinds of task that can be planned."""
 PLANNED_LIFTERS: tuple[Literal["paper", "cable"], ...] = ("paper", "cable")
 FINGER_GAP = 0.008
 """Between each pad and the plate while the gripper is open around it [m]: fully open fingers would need more room
 under a tilted plate."""
-RESERVED_NAMES = frozenset({"plate", "support", "table", "cup", "cable", "tool", "world", "left", "right"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,30 +79,67 @@ class PlateLiftScene:
         return (self.plate, *support, self.cup.body, self.cup.cable, *self.obstacles)
 
 
+@overload
+def build_scene(
+    task: PlateLiftTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
+) -> PlateLiftScene: ...
+
+
+@overload
+def build_scene(
+    task: SuctionToolTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
+) -> SuctionToolScene: ...
+
+
+@overload
 def build_scene(
     task: PlateLiftTask | SuctionToolTask,
     cells: Mapping[str, Cell] | None = None,
     lifter: LifterShape = DEFAULT_LIFTER,
-) -> PlateLiftScene:
+    uploads: Uploads = no_uploads,
+) -> PlateLiftScene | SuctionToolScene: ...
+
+
+def build_scene(
+    task: PlateLiftTask | SuctionToolTask,
+    cells: Mapping[str, Cell] | None = None,
+    lifter: LifterShape = DEFAULT_LIFTER,
+    uploads: Uploads = no_uploads,
+) -> PlateLiftScene | SuctionToolScene:
     """Place everything a task names, and refuse what cannot stand as it says.
 
     Args:
         task: What is asked for.
         cells: The cells there are, by name. None: the shipped ones, read from their files, which takes most of the
             time.
-        lifter: The bodies that stand for the vacuum lifter.
+        lifter: The bodies that stand for the vacuum lifter of a plate lift.
+        uploads: Finds the meshes that the task names as uploads.
 
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
-    if not isinstance(task, PlateLiftTask):
-        raise SceneError("/kind", f"tasks of kind {task.kind} cannot be planned yet", list(PLANNED_KINDS))
+    if isinstance(task, SuctionToolTask):
+        return build_tool_scene(task, cells, uploads)
+    return _build_lift_scene(task, cells, lifter, uploads)
+
+
+def _build_lift_scene(
+    task: PlateLiftTask, cells: Mapping[str, Cell] | None, lifter: LifterShape, uploads: Uploads
+) -> PlateLiftScene:
     if task.lifter_model == "dexnet":
         raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
-    cell = _cell(task.cell, cells)
-    _check_names(task.obstacles, cell)
+    needed = "a plate lift needs a cell with one gripper and one stick"
+    cell = find_cell(task.cell, cells, _lifts_plates, needed)
+    check_names(((obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)), cell)
+    shapes = ShapeSource(uploads)
     table = table_surface(cell)
-    support = None if task.support is None else place_support(task.support, table)
+    support = None if task.support is None else place_support(task.support, table, shapes)
     plate, surface = place_plate(task, support, table)
     _check_pad(task, plate)
     scene = PlateLiftScene(
@@ -114,8 +153,8 @@ def build_scene(
         lifter_model=task.lifter_model,
         friction=task.friction,
         hand_force_limit=task.hand_force_limit,
-        obstacles=tuple(place_obstacle(i, obstacle) for i, obstacle in enumerate(task.obstacles)),
-        start_positions=_start_positions(task, cell),
+        obstacles=tuple(place_obstacle(i, obstacle, shapes) for i, obstacle in enumerate(task.obstacles)),
+        start_positions=start_positions(task.start_positions, cell),
         start_widths={name: _open_around(plate, cell) for name in cell.gripper_arms},
         seed=task.seed,
         given_grips=settle_grips(task.options, plate, _gripper(cell)),
@@ -123,18 +162,6 @@ def build_scene(
     )
     _refuse_overlaps_at_start(scene)
     return scene
-
-
-def _cell(name: str, cells: Mapping[str, Cell] | None) -> Cell:
-    known = known_cells() if cells is None else list(cells)
-    find = load_cell if cells is None else cells.__getitem__
-    if name not in known:
-        raise SceneError("/cell", f"there is no cell {name}", known)
-    cell = find(name)
-    if not _lifts_plates(cell):
-        fitting = [other for other in known if _lifts_plates(find(other))]
-        raise SceneError("/cell", "a plate lift needs a cell with one gripper and one stick", fitting)
-    return cell
 
 
 def _lifts_plates(cell: Cell) -> bool:
@@ -151,34 +178,11 @@ def _open_around(plate: Plate, cell: Cell) -> float:
     return min(plate.height + 2.0 * FINGER_GAP, _gripper(cell).width_max)
 
 
-def _check_names(obstacles: Iterable[Obstacle], cell: Cell) -> None:
-    taken = RESERVED_NAMES | {body.name for body in cell.collision_bodies()}
-    seen: set[str] = set()
-    for i, obstacle in enumerate(obstacles):
-        if obstacle.name in taken:
-            raise SceneError(f"/obstacles/{i}/name", f"the name {obstacle.name} is reserved")
-        if obstacle.name in seen:
-            raise SceneError(f"/obstacles/{i}/name", f"the name {obstacle.name} is used twice")
-        seen.add(obstacle.name)
-
-
 def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
     inside = float(polygon.depth_inside(plate.outline, np.array([task.cup.position]))[0])
     if inside < task.cup.radius - CONTAINMENT_SLACK:
         beyond = 1e3 * (task.cup.radius - inside)
         raise SceneError("/cup/position", f"the pad sticks out {beyond:.4g} mm over the edge of the plate's top face")
-
-
-def _start_positions(task: PlateLiftTask, cell: Cell) -> Array:
-    if task.start_positions is None:
-        return cell.home
-    lower = np.concatenate([arm.position_min for arm in cell.arms.values()])
-    upper = np.concatenate([arm.position_max for arm in cell.arms.values()])
-    positions = np.array(task.start_positions)
-    for i in np.flatnonzero((positions < lower) | (positions > upper)):
-        detail = f"the joint's limits are {lower[i]:.6g} and {upper[i]:.6g} rad"
-        raise SceneError(f"/start_positions/{i}", detail)
-    return positions
 
 
 def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:

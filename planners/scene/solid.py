@@ -1,25 +1,31 @@
-"""Solids that bodies are made of: an outline extruded along z, which boxes, cylinders and prisms all are."""
+"""Solids that bodies are made of: outlines extruded along z, closed meshes, and several of them joined."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from planners.contract.shapes import Box, Cylinder, Prism
-from planners.geometry import polygon, shapes
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
+from planners.geometry import polygon, shapes, surface
 from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, Transform
 
 RIM_POINTS = 96
 """Points that stand for a round outline; the chords lie inside the circle by at most 0.06 % of its radius."""
 
+Surface = tuple[Array, NDArray[np.int64]]
+"""Vertices (n, 3) [m] and triangles (m, 3), closed and counter-clockwise from outside."""
+
 
 @dataclass(frozen=True, eq=False)
 class FlatFace:
-    """A flat face that a solid can rest on, in the solid's frame."""
+    """A flat, convex face of a solid, in the solid's frame."""
 
     normal: Array
     """(3,) unit, out of the solid."""
@@ -27,8 +33,42 @@ class FlatFace:
     """(k, 3), counter-clockwise seen from outside [m]."""
 
 
+class Solid(ABC):
+    """A rigid shape in its own frame."""
+
+    @property
+    @abstractmethod
+    def convex_parts(self) -> tuple[ConvexShape, ...]:
+        """Convex shapes that together contain the solid."""
+
+    @property
+    @abstractmethod
+    def excess(self) -> float:
+        """How far the convex shapes reach beyond the surface at most [m]."""
+
+    @abstractmethod
+    def surface(self) -> Surface:
+        """Return the solid's surface as closed meshes of triangles, outward.
+
+        A round solid's has chords, inside it by at most 0.06 % of its radius. That of a solid made of several shapes
+        is each shape's own.
+        """
+
+    @abstractmethod
+    def depth(self, point: Sequence[float] | Array) -> float:
+        """Return how deep (3,) `point` lies inside [m], negative outside."""
+
+    @abstractmethod
+    def flat_faces(self) -> list[FlatFace]:
+        """Return the faces it can rest on; of a round solid, only the flat ones."""
+
+    @abstractmethod
+    def flat_pieces(self) -> list[FlatFace]:
+        """Return convex pieces of all flat places of its surface: what may lie on it, lies on these."""
+
+
 @dataclass(frozen=True, eq=False)
-class Solid:
+class ExtrudedSolid(Solid):
     """A convex outline extruded along z; the origin is at mid-height."""
 
     outline: Array
@@ -39,15 +79,39 @@ class Solid:
     convex: ConvexShape
     """The solid, or a drawing of it that contains it."""
 
+    @property
+    def convex_parts(self) -> tuple[ConvexShape, ...]:
+        """The one convex shape it is."""
+        return (self.convex,)
+
+    @property
+    def excess(self) -> float:
+        """Of a round one, how far its drawing with flats reaches beyond one with chords [m]."""
+        if not self.is_round:
+            return 0.0
+        drawn = np.linalg.norm(self.convex.vertices[:, :2], axis=1).max()
+        return float(drawn - np.linalg.norm(self.outline, axis=1).min() * math.cos(math.pi / len(self.outline)))
+
+    def surface(self) -> Surface:
+        """Return the solid's surface, outward; a round one has `RIM_POINTS` chords."""
+        n = len(self.outline)
+        low, high = self._rings()
+        k = np.arange(n)
+        after = (k + 1) % n
+        fan = np.arange(1, n - 1)
+        top = n + np.column_stack([np.zeros_like(fan), fan, fan + 1])
+        bottom = np.column_stack([np.zeros_like(fan), fan + 1, fan])
+        sides = np.vstack([np.column_stack([k, after, n + after]), np.column_stack([k, n + after, n + k])])
+        return np.vstack([low, high]), np.vstack([bottom, top, sides]).astype(np.int64)
+
     def depth(self, point: Sequence[float] | Array) -> float:
         """Return how deep (3,) `point` lies inside [m]: the distance to the nearest face's plane, negative outside."""
         x, y, z = point
         return min(float(polygon.depth_inside(self.outline, np.array([[x, y]]))[0]), 0.5 * self.height - abs(z))
 
     def flat_faces(self) -> list[FlatFace]:
-        """Return the faces it can rest on: bottom, top and, unless it is round, its sides."""
-        low = np.column_stack([self.outline, np.full(len(self.outline), -0.5 * self.height)])
-        high = low + np.array([0.0, 0.0, self.height])
+        """Return bottom, top and, unless it is round, the sides."""
+        low, high = self._rings()
         faces = [FlatFace(np.array([0.0, 0.0, -1.0]), low[::-1]), FlatFace(np.array([0.0, 0.0, 1.0]), high)]
         if self.is_round:
             return faces
@@ -56,17 +120,143 @@ class Solid:
             faces.append(FlatFace(np.append(normal, 0.0), np.array([low[i], low[j], high[j], high[i]])))
         return faces
 
+    def flat_pieces(self) -> list[FlatFace]:
+        """Return its flat faces, which are convex."""
+        return self.flat_faces()
 
-def solid_of(shape: Box | Cylinder | Prism) -> Solid:
+    def _rings(self) -> tuple[Array, Array]:
+        low = np.column_stack([self.outline, np.full(len(self.outline), -0.5 * self.height)])
+        return low, low + np.array([0.0, 0.0, self.height])
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSolid(Solid):
+    """A closed mesh, and convex shapes that contain it."""
+
+    vertices: Array
+    """(n, 3) [m]."""
+    faces: NDArray[np.int64]
+    """(m, 3), counter-clockwise from outside."""
+    parts: tuple[ConvexShape, ...]
+    parts_excess: float = 0.0
+    """How far the convex shapes reach beyond the mesh at most [m]."""
+
+    @property
+    def excess(self) -> float:
+        """How far the convex shapes reach beyond the mesh at most [m]."""
+        return self.parts_excess
+
+    @property
+    def convex_parts(self) -> tuple[ConvexShape, ...]:
+        """Convex shapes whose union contains the mesh."""
+        return self.parts
+
+    def surface(self) -> Surface:
+        """Return the mesh."""
+        return self.vertices, self.faces
+
+    def depth(self, point: Sequence[float] | Array) -> float:
+        """Return how far (3,) `point` is from the nearest triangle [m], negative outside."""
+        return surface.depth(self.vertices, self.faces, np.asarray(point, dtype=float))
+
+    def flat_faces(self) -> list[FlatFace]:
+        """Return the faces of the convex hull: a body rests on its hull."""
+        return self._hull_faces
+
+    def flat_pieces(self) -> list[FlatFace]:
+        """Return the flat places of the mesh, whole where they are convex, else in triangles."""
+        return self._pieces
+
+    @cached_property
+    def _hull_faces(self) -> list[FlatFace]:
+        return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.vertices)]
+
+    @cached_property
+    def _pieces(self) -> list[FlatFace]:
+        return [FlatFace(normal, corners) for normal, corners in surface.flat_pieces(self.vertices, self.faces)]
+
+
+@dataclass(frozen=True, eq=False)
+class CompoundSolid(Solid):
+    """Solids that are rigidly joined; they may touch or overlap."""
+
+    pieces: tuple[tuple[Solid, Transform], ...]
+    """Each with its `T_compound_piece`."""
+
+    @property
+    def convex_parts(self) -> tuple[ConvexShape, ...]:
+        """Those of all pieces."""
+        return self._parts
+
+    @property
+    def excess(self) -> float:
+        """The largest of the pieces' [m]."""
+        return max(solid.excess for solid, _ in self.pieces)
+
+    def surface(self) -> Surface:
+        """Return the closed surfaces of all pieces; where pieces overlap, parts of them are inside."""
+        return self._surface
+
+    def depth(self, point: Sequence[float] | Array) -> float:
+        """Return how deep (3,) `point` lies in the piece that it is deepest in [m], negative outside all."""
+        at = np.asarray(point, dtype=float)
+        return max(solid.depth(T[:3, :3].T @ (at - T[:3, 3])) for solid, T in self.pieces)
+
+    def flat_faces(self) -> list[FlatFace]:
+        """Return the faces of the convex hull: a body rests on its hull."""
+        return self._hull_faces
+
+    def flat_pieces(self) -> list[FlatFace]:
+        """Return the flat places of all pieces."""
+        return [
+            FlatFace(T[:3, :3] @ face.normal, face.corners @ T[:3, :3].T + T[:3, 3])
+            for solid, T in self.pieces
+            for face in solid.flat_pieces()
+        ]
+
+    @cached_property
+    def _parts(self) -> tuple[ConvexShape, ...]:
+        return tuple(shapes.placed(part, T) for solid, T in self.pieces for part in solid.convex_parts)
+
+    @cached_property
+    def _surface(self) -> Surface:
+        vertices: list[Array] = []
+        faces: list[NDArray[np.int64]] = []
+        count = 0
+        for solid, T in self.pieces:
+            own_vertices, own_faces = solid.surface()
+            vertices.append(own_vertices @ T[:3, :3].T + T[:3, 3])
+            faces.append(own_faces + count)
+            count += len(own_vertices)
+        return np.vstack(vertices), np.vstack(faces)
+
+    @cached_property
+    def _hull_faces(self) -> list[FlatFace]:
+        return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.surface()[0])]
+
+
+def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
     """Build the solid of a shape of the contract; both have the same frame."""
     match shape:
         case Box():
             x, y, z = (0.5 * length for length in shape.size)
             outline = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-            return Solid(outline, 2.0 * z, False, shapes.box(shape.size))
+            return ExtrudedSolid(outline, 2.0 * z, False, shapes.box(shape.size))
         case Prism():
-            return Solid(np.array(shape.outline), shape.height, False, shapes.prism(shape.outline, shape.height))
+            prism = shapes.prism(shape.outline, shape.height)
+            return ExtrudedSolid(np.array(shape.outline), shape.height, False, prism)
         case Cylinder():
             angles = 2.0 * math.pi * np.arange(RIM_POINTS) / RIM_POINTS
             rim = shape.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-            return Solid(rim, shape.height, True, shapes.cylinder(shape.radius, shape.height))
+            return ExtrudedSolid(rim, shape.height, True, shapes.cylinder(shape.radius, shape.height))
+
+
+def inline_mesh(solid: Solid) -> InlineMesh:
+    """Return a solid as the shape of a plan document: with all its data."""
+    vertices, faces = solid.surface()
+    return InlineMesh(
+        type="mesh",
+        vertices=vertices.tolist(),
+        faces=faces.tolist(),
+        convex_parts=[part.vertices.tolist() for part in solid.convex_parts],
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from planners.certify import CertifySettings, RobotSurfaces
 from planners.certify.collision import CollisionCheck, PairMotion
 from planners.certify.document_view import read_document
+from planners.certify.lift_pairs import LiftTouchRule
 from planners.certify.motion import SegmentMotion, motions_of
 from planners.certify.pairs import pairs_of
 from planners.certify.solids import Solid, solids_of
@@ -54,7 +56,7 @@ def test_verdicts_are_those_of_dense_sampling(
     obstacle_near(document, np.array([0.26, 0.2, 1.45]) + rng.normal(size=3) * 0.12, float(rng.uniform(0.01, 0.05)))
     plan = read_document(document)
     solids = [s for s in solids_of(plan, surfaces) if s.name == "post" or s.arm == "left"]
-    (free, _) = CollisionCheck(plan, solids, CertifySettings()).run(motions_of(plan))
+    (free, _) = CollisionCheck(plan, solids, partial(LiftTouchRule, plan), CertifySettings()).run(motions_of(plan))
     (motion,) = motions_of(plan)
     static = frozenset({"post"})
     smallest = np.inf

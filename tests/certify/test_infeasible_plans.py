@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 
 from planners.certify import CellReference, RobotSurfaces, certify
 from planners.certify.body_shape import prism
+from planners.certify.cones import StatedCup
 from planners.certify.infeasibility import face_distances, largest_lift
-from planners.certify.lift_task import StatedCup
 
 Document = dict[str, Any]
 WIDE_OPEN = 0.085
@@ -157,7 +157,7 @@ def test_not_found_claims_nothing_and_needs_no_proof(document: Document, surface
 @pytest.mark.parametrize("mu", [0.1, 0.5, 2.0])
 def test_the_lifters_bound_is_the_best_of_a_linear_program_over_all_tilts(model: str, mu: float) -> None:
     """Forces along the plate's axes, at every tilt and about every axis of it."""
-    cup = StatedCup(np.zeros(2), 0.0175, 20.0, mu, 0.005)
+    cup = StatedCup(0.0175, 20.0, mu, 0.005)
     best = 0.0
     for tilt in np.linspace(0.0, np.pi, 61):
         for turn in (0.0, np.pi / 4):

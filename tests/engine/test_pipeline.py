@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import trimesh
 from support.service import task
 
 from planners.certify import Certificate, Check, load_surfaces
+from planners.errors import SceneError
+from planners.geometry.mesh_intake import take_mesh
 from planners.progress import silent
 from planners.scene.cell import load_cell
 from workers.pipeline import CertificateFailed, Pipeline
@@ -72,8 +77,42 @@ def test_a_simulation_that_fails_is_told_and_the_plan_is_delivered() -> None:
     assert document["simulation"] == {"outcome": "slipped", "seed": 7}
 
 
+def test_uploaded_meshes_come_with_the_request() -> None:
+    scenes: list[Any] = []
+
+    def plan(_task: Any, scene: Any, *_: Any) -> dict[str, Any]:
+        scenes.append(scene)
+        return a_plan()
+
+    bin_shape = {"type": "mesh", "upload": "bin", "scale": 0.001}
+    body = {**task(), "obstacles": [{"name": "bin", "shape": bin_shape, "pose": [0.7, 0.6, 1.2, 1, 0, 0, 0]}]}
+    content = trimesh.creation.box((100, 200, 300)).export(file_type="stl")
+    mesh = take_mesh(content, "stl").document()
+    request: Request = {"id": "p1", "task": body, "meshes": {"bin": json.loads(json.dumps(mesh))}}
+    dataclasses.replace(pipeline(passed=True), plan=plan).solve(request, silent)
+    (scene,) = scenes
+    vertices, _ = scene.obstacles[0].solid.surface()
+    assert np.ptp(vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
+    with pytest.raises(SceneError, match="there is no upload bin"):
+        pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
+
+
 def test_a_task_may_leave_the_simulation_out() -> None:
     body = {**task(), "options": {"simulate": False}}
     document = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
     assert "simulation" not in document
     assert [stage["name"] for stage in document["statistics"]["stages"]] == ["scene", "search", "certify"]
+
+
+def test_the_planner_is_given_where_handovers_are_kept() -> None:
+    given: list[Any] = []
+
+    def plan(*arguments: Any) -> dict[str, Any]:
+        given.append(arguments[-1])
+        return a_plan()
+
+    def kept(*_: Any) -> Any:
+        return pytest.fail("a plate lift has no handovers")
+
+    dataclasses.replace(pipeline(passed=True), plan=plan, handovers=kept).solve(REQUEST, silent)
+    assert given == [kept]

@@ -22,6 +22,10 @@ def cells():
     return {name: load_cell(name) for name in known_cells()}
 
 
+def member(container, step):
+    return int(step) if isinstance(container, list) else step
+
+
 def body_of(case):
     body = json.loads((ROOT / f"assets/tasks/{case.get('task', 'ab1')}.json").read_text())
     for pointer, value in copy.deepcopy(case["with"]).items():
@@ -30,8 +34,8 @@ def body_of(case):
         *path, key = pointer.split("/")[1:]
         container = body
         for step in path:
-            container = container[step]
-        container[int(key) if isinstance(container, list) else key] = value
+            container = container[member(container, step)]
+        container[member(container, key)] = value
     return body
 
 

@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, to_pose7
 from planners.kinematics.forward import flange_pose, jacobian
 from planners.scene.body import Body
@@ -167,7 +168,8 @@ class World:
             self._static(_box(static.size, client), [*static.center, 1.0, 0.0, 0.0, 0.0])
         for body in (scene.support, *scene.obstacles):
             if body is not None:
-                self._static(_shape(body, np.zeros(3), client), to_pose7(body.T_world_body))
+                for part in body.solid.convex_parts:
+                    self._static(_hull(part, np.zeros(3), client), to_pose7(body.T_world_body))
         self._plate = self._free_plate()
         self._arms = _load_arms(scene.cell, client)
         self._torque_max = np.concatenate([arm.torque_max for arm in scene.cell.arms.values()])
@@ -241,5 +243,11 @@ def _shape(body: Body, at: Array, client: int) -> int:
     """Return the collision shape of a convex body whose own frame is at `at`."""
     if body.shape.type == "box":
         return _box(np.array(body.shape.size), client, at)
-    options: dict[str, Any] = {"vertices": (body.solid.convex.vertices + at).tolist()}
+    (part,) = body.solid.convex_parts
+    return _hull(part, at, client)
+
+
+def _hull(part: ConvexShape, at: Array, client: int) -> int:
+    """Return the collision shape of a convex part whose frame is at `at`."""
+    options: dict[str, Any] = {"vertices": (part.vertices + at).tolist()}
     return bullet.createCollisionShape(bullet.GEOM_MESH, physicsClientId=client, **options)

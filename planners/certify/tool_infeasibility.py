@@ -1,0 +1,76 @@
+"""What proves that a suction-tool task has no plan, derived again from the task.
+
+An object that is moved hangs on the cup, whose wrench bears its weight at least where it is lifted; and with it the
+tool hangs in one hand or in two. A tool whose every convex part is wider than a gripper opens cannot be gripped.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planners.certify.body_shape import ConvexPart
+from planners.certify.certificate import Check
+from planners.certify.cones import StatedCup
+from planners.certify.document_view import PlanView
+from planners.certify.goals import goal_margin, nearest_turn
+from planners.certify.infeasibility import Bound, largest_lift, proof_check
+from planners.certify.settings import CertifySettings
+from planners.certify.tool_task import TOOL, ToolTask
+from planners.geometry.pose import inverse
+
+_WEIGHTLESS = 1e-12
+"""Stands for no mass at all, so that shares of it are numbers [kg]."""
+
+
+def tool_infeasibility_check(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Check:
+    """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers."""
+    forces = [hand_bound(plan, task, settings)]
+    if task.tool is not None:
+        forces.append(cup_bound(plan, task, task.tool.cup, settings))
+    bounds = {"N": max(forces, key=lambda bound: bound.missing), "m": opening_bound(plan)}
+    return proof_check(plan, bounds, settings)
+
+
+def _heaviest(plan: PlanView, task: ToolTask, settings: CertifySettings) -> float:
+    """Return the mass of the heaviest object that is not at its goal at the start [kg]."""
+    masses = [_WEIGHTLESS]
+    for stated in task.objects:
+        T = inverse(stated.T_world_goal) @ stated.body.T_world_body
+        shape = plan.bodies[stated.body.name].shape
+        if goal_margin(T, nearest_turn(T, stated, shape.vertices), settings) < 0.0:
+            masses.append(stated.body.mass or 0.0)
+    return max(masses)
+
+
+def cup_bound(plan: PlanView, task: ToolTask, cup: StatedCup, settings: CertifySettings) -> Bound:
+    """Return the weight of the heaviest object that has to move, and the most that the cup bears [N]."""
+    weight = float(np.linalg.norm(plan.gravity)) * _heaviest(plan, task, settings)
+    return Bound(weight, (weight,), largest_lift(cup, "dexnet"))
+
+
+def hand_bound(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Bound:
+    """Return the weight of tool and heaviest object, and the most that the fingers of two hands bear [N].
+
+    A hand's two fingers bear at most their friction across the closing axis, and one normal force along it.
+    """
+    mass = _heaviest(plan, task, settings) + (plan.bodies[TOOL].mass or 0.0)
+    weight = float(np.linalg.norm(plan.gravity)) * mass
+    return Bound(weight, (weight,), 2.0 * task.grip_force_limit * math.hypot(1.0, 2.0 * task.grip_friction))
+
+
+def opening_bound(plan: PlanView) -> Bound:
+    """Return the narrowest width of any part of the tool, and how far a gripper opens [m]."""
+    narrowest = min(_width(part) for part in plan.bodies[TOOL].shape.parts)
+    open_widths = [float(hand.tcp_table[-1, 0]) for hand in plan.hands.values() if hand.tcp_table is not None]
+    return Bound(narrowest, (narrowest,), max(open_widths, default=0.0))
+
+
+def _width(part: ConvexPart) -> float:
+    """Return the least width of a convex part: square to a face, or to an edge of each of two sides."""
+    first, second = np.triu_indices(len(part.edges), 1)
+    crosses = np.cross(part.edges[first], part.edges[second])
+    lengths = np.linalg.norm(crosses, axis=1)
+    directions = np.vstack([part.planes[:, :3], crosses[lengths > 1e-6] / lengths[lengths > 1e-6, None]])
+    return float(np.ptp(part.vertices @ directions.T, axis=0).min())

@@ -1,0 +1,175 @@
+"""Closed surfaces of triangles: what is inside, how far it is to them, and their flat places."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from planners.geometry.pose import Array, frame_from_z
+
+Faces = NDArray[np.int64]
+FlatPiece = tuple[Array, Array]
+"""(3,) outward unit normal and (k, 3) corners, counter-clockwise from outside [m]."""
+
+SAME_NORMAL = 1e-3
+"""Neighbouring triangles belong to one plane when their normals differ by less [rad]."""
+CONVEX_SHARE = 1.0 - 1e-6
+"""A flat place that fills this share of its convex hull is convex."""
+
+_STRAIGHT = 1e-9
+"""A border that turns by less has no corner there [rad]."""
+
+
+def triangle_normals(vertices: Array, faces: Faces) -> tuple[Array, Array]:
+    """Return the unit normals (m, 3) and the areas (m,) [m²]; the normal of a triangle without area is zero."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1)
+    return cross / np.where(length > 0.0, length, 1.0)[:, None], 0.5 * length
+
+
+def volume(vertices: Array, faces: Faces) -> float:
+    """Return the volume inside [m³]; negative where the triangles look inward."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def winding_numbers(vertices: Array, faces: Faces, points: Array) -> Array:
+    """Return how often the surface goes round each of the (k, 3) points: 1 inside, 0 outside.
+
+    The sum of the triangles' solid angles over 4 pi (Van Oosterom and Strackee).
+    """
+    numbers = np.empty(len(points))
+    for i, point in enumerate(points):
+        a, b, c = (vertices[faces[:, k]] - point for k in range(3))
+        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dots = (np.einsum("ij,ij->i", p, q) * length for p, q, length in ((a, b, lc), (b, c, la), (c, a, lb)))
+        numbers[i] = np.sum(np.arctan2(triple, la * lb * lc + sum(dots))) / (2.0 * np.pi)
+    return numbers
+
+
+def distance(vertices: Array, faces: Faces, point: Array) -> float:
+    """Return the distance of a (3,) point from the nearest triangle [m]."""
+    corners = vertices[faces] - point
+    sides = np.roll(corners, -1, axis=1) - corners
+    lengths = np.einsum("ijk,ijk->ij", sides, sides)
+    along = -np.einsum("ijk,ijk->ij", corners, sides) / np.where(lengths > 0.0, lengths, 1.0)
+    on_sides = corners + np.clip(along, 0.0, 1.0)[:, :, None] * sides
+    nearest = np.linalg.norm(on_sides, axis=2).min(axis=1)
+    normals, areas = triangle_normals(vertices, faces)
+    inward = np.cross(normals[:, None, :], sides)
+    above = np.all(np.einsum("ijk,ijk->ij", inward, -corners) >= 0.0, axis=1) & (areas > 0.0)
+    heights = np.abs(np.einsum("ij,ij->i", normals, corners[:, 0]))
+    return float(np.where(above, heights, nearest).min())
+
+
+def depth(vertices: Array, faces: Faces, point: Array) -> float:
+    """Return how far a (3,) point is from the surface [m], negative outside."""
+    inside = winding_numbers(vertices, faces, point[None])[0] > 0.5
+    return distance(vertices, faces, point) * (1.0 if inside else -1.0)
+
+
+def hull_faces(vertices: Array) -> list[FlatPiece]:
+    """Return the faces of the convex hull of (n, 3) points, coplanar triangles joined."""
+    hull = ConvexHull(vertices)
+    index = np.zeros(len(vertices), dtype=np.int64)
+    index[hull.vertices] = np.arange(len(hull.vertices))
+    corners, faces = vertices[hull.vertices], index[hull.simplices]
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return [_hull_of(corners, faces, group)[0] for group in coplanar_groups(corners, faces)]
+
+
+def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
+    """Return convex flat pieces that together are the surface: a flat place whole if it is convex, else triangles."""
+    normals, areas = triangle_normals(vertices, faces)
+    pieces: list[FlatPiece] = []
+    for group in coplanar_groups(vertices, faces):
+        piece, area = _hull_of(vertices, faces, group)
+        if areas[group].sum() >= CONVEX_SHARE * area:
+            pieces.append(piece)
+        else:
+            pieces += [(normals[k], vertices[faces[k]]) for k in group if areas[k] > 0.0]
+    return pieces
+
+
+def coplanar_groups(vertices: Array, faces: Faces) -> list[Faces]:
+    """Return the connected groups of triangles in one plane, as arrays of triangle numbers, largest area first.
+
+    Each triangle of a group has a normal within `SAME_NORMAL` of that of the group's largest one.
+    """
+    normals, areas = triangle_normals(vertices, faces)
+    neighbours = _neighbours(faces)
+    free = areas > 0.0
+    groups: list[Faces] = []
+    for seed in np.argsort(-areas, kind="stable"):
+        if not free[seed]:
+            continue
+        free[seed] = False
+        group, front = [seed], [seed]
+        while front:
+            for other in neighbours.get(int(front.pop()), ()):
+                if free[other] and normals[other] @ normals[seed] > np.cos(SAME_NORMAL):
+                    free[other] = False
+                    group.append(other)
+                    front.append(other)
+        groups.append(np.array(group, dtype=np.int64))
+    return groups
+
+
+def _neighbours(faces: Faces) -> dict[int, list[int]]:
+    """Return the triangles that share a side with each triangle."""
+    owners: dict[tuple[int, int], list[int]] = {}
+    for number, (a, b, c) in enumerate(faces.tolist()):
+        for pair in ((a, b), (b, c), (c, a)):
+            owners.setdefault((min(pair), max(pair)), []).append(number)
+    neighbours: dict[int, list[int]] = {}
+    for sharing in owners.values():
+        for number in sharing:
+            neighbours.setdefault(number, []).extend(other for other in sharing if other != number)
+    return neighbours
+
+
+def _hull_of(vertices: Array, faces: Faces, group: Faces) -> tuple[FlatPiece, float]:
+    """Return the convex outline of a flat group of triangles, and its area [m²]."""
+    normals, areas = triangle_normals(vertices, faces[group])
+    normal = areas @ normals
+    normal /= np.linalg.norm(normal)
+    loop = _boundary_loop(faces[group])
+    corners = None if loop is None else _convex_corners(vertices[loop], normal)
+    if corners is not None:
+        return (normal, corners), float(areas.sum())
+    points = vertices[np.unique(faces[group])]
+    R = frame_from_z(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    hull = ConvexHull((points - points[0]) @ R[:, :2])
+    return (normal, points[hull.vertices]), float(hull.volume)
+
+
+def _convex_corners(loop: Array, normal: Array) -> Array | None:
+    """Return those of (n, 3) points round a flat place that are corners; None unless it is convex."""
+    sides = np.roll(loop, -1, axis=0) - loop
+    after = sides / np.linalg.norm(sides, axis=1)[:, None]
+    before = np.roll(after, 1, axis=0)
+    sines, cosines = np.cross(before, after) @ normal, np.einsum("ij,ij->i", before, after)
+    turns = np.arctan2(sines, cosines)
+    # Several small left turns make one full circle, those of an outline that crosses itself make more.
+    if turns.min() < -_STRAIGHT or turns.sum() > 3.0 * np.pi:
+        return None
+    corners = loop[turns > _STRAIGHT]
+    return corners if len(corners) > 2 else None
+
+
+def _boundary_loop(faces: Faces) -> Faces | None:
+    """Return the corners round triangles that share sides, counter-clockwise; None if they have several borders."""
+    sides = {(a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)}
+    following = {a: b for a, b in sides if (b, a) not in sides}
+    loop = [next(iter(following))] if following else []
+    while loop and len(loop) <= len(following) and (after := following.get(loop[-1])) != loop[0]:
+        if after is None:
+            return None
+        loop.append(after)
+    border = sum((b, a) not in sides for a, b in sides)
+    return np.array(loop, dtype=np.int64) if loop and len(loop) == len(following) == border else None

@@ -1,0 +1,376 @@
+"""Whether cup and fingers hold what they carry along a timed motion, and with which forces.
+
+An object hangs on the cup alone: the wrench of the suction contact follows from its weight and its inertia. The tool
+is in one hand or in two: the fingers bear the tool's weight and inertia and the reaction of the suction contact. Where
+both hands hold the tool, each bears the share of the load that makes both squeeze equally hard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from planners.contract.shapes import Box
+from planners.errors import LiftwrightError
+from planners.geometry.pose import Array, Transform, transform
+from planners.geometry.wrench import wrench_about
+from planners.graph.rejections import Rejection
+from planners.regrasp.finger_forces import FingerForces, least_squeeze, scaled
+from planners.regrasp.inertia import MassProperties
+from planners.regrasp.resting import RestingPoints, resting_points
+from planners.regrasp.suction_hold import least_margin, suction_margin
+from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
+from planners.scene.body import Body
+from planners.scene.cell import StaticBox
+from planners.scene.solid import FlatFace, solid_of
+from planners.scene.suction_tool import TOOL_NAME
+from planners.scene.tool_scene import SuctionToolScene
+from planners.segment import SegmentKind
+
+EPS = 0.0075
+"""Torsional friction of a finger, as a length [m]; as in paper B, and no task's choice."""
+_SLOWEST = 32.0
+"""Factors of time beyond which slowing down is not tried: inertia is a thousandth of what it was."""
+_SLOWING_STEPS = 12
+_WEIGHTLESS = 1e-9
+"""Squeeze of a hand that bears nothing [N]."""
+_CUP_KINDS = (SegmentKind.ATTACH, SegmentKind.DETACH)
+"""Kinds in which the object rests though it is on the cup."""
+PAD_AXIS_LENGTH = 1e-3
+"""An axis of a body whose projection on the pad is shorter is square to the pad [1]."""
+
+
+class UnheldError(LiftwrightError):
+    """Contact forces were asked for where there are none; `rejection` says what gives way."""
+
+    def __init__(self, rejection: Rejection) -> None:
+        self.rejection = rejection
+        super().__init__(f"{rejection.reason} ({rejection.where})")
+
+
+@dataclass(frozen=True)
+class HoldSettings:
+    """How often forces are shown."""
+
+    set_rotation: float = math.radians(1.9)
+    """Largest turn of a body between two contact sets [rad]: the document's rule is 2 degrees."""
+    set_travel: float = 0.0095
+    """Largest way of a centre of mass between two contact sets [m]: the document's rule is 10 mm."""
+    set_pause: float = 0.24
+    """Longest time between two contact sets while a body is held still [s]: the document's rule is 0.25 s."""
+
+
+@dataclass(frozen=True)
+class WorstHold:
+    """Where along a motion least is left of what cup and fingers can bear."""
+
+    margin: float
+    """Part of the nearest limit that is left, negative where it is exceeded [1]; infinite where nothing is held."""
+    at_rest: float
+    """The same if the motion were made very slowly: where this is negative too, slowing down does not help [1]."""
+    rejection: Rejection | None
+    """What gives way; None where all holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Load:
+    """What one body asks for at n samples: its weight, and its inertia at the speed of the motion."""
+
+    poses: Array
+    """(n, 4, 4)"""
+    centres: Array
+    """(n, 3)"""
+    weight: Array
+    """(6,) about the centre of mass, world axes."""
+    inertia: Array
+    """(n, 6) likewise."""
+
+    def wrenches(self, slowness: float = 1.0) -> Array:
+        """Return (n, 6) that must be exerted on the body, about its centre of mass, if time is stretched so much."""
+        return -(self.weight + self.inertia / slowness**2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Bearing:
+    """What cup and hands exert at n samples."""
+
+    suction: Array
+    """(n, 6) of the tool on the object, world axes, about the centre of the lip; zero while the object rests."""
+    hands: tuple[FingerForces, ...]
+    """Of each hand that bears the tool, TCP axes."""
+    cup_margin: Array
+    """(n,) part of the cup's limits that is left; infinite where the cup bears nothing."""
+    hand_margin: Array
+    """(n,) likewise of the finger that squeezes hardest."""
+
+    @property
+    def margin(self) -> float:
+        """The least of all margins."""
+        return float(min(self.cup_margin.min(), self.hand_margin.min()))
+
+
+class HoldStatics:
+    """Contact forces of one suction-tool scene."""
+
+    def __init__(self, scene: SuctionToolScene, settings: HoldSettings | None = None) -> None:
+        """Take masses and shapes from the scene; nothing is computed yet."""
+        self.scene, self.settings = scene, settings or HoldSettings()
+        bodies = [scene.tool.body, *(moved.body for moved in scene.objects)]
+        self._bodies = {body.name: body for body in bodies}
+        self._masses = {body.name: _mass_properties(body) for body in bodies}
+        self._fixed = {box.name: (_box_faces(box), transform(None, box.center)) for box in scene.cell.boxes}
+        self._fixed |= {body.name: (body.solid.flat_pieces(), body.T_world_body) for body in scene.obstacles}
+
+    def start(self) -> dict[str, Transform]:
+        """Return where tool and objects are at the start."""
+        return {name: body.T_world_body for name, body in self._bodies.items()}
+
+    def worst(self, segment: ToolSegment, places: Mapping[str, Transform]) -> WorstHold:
+        """Return where cup or fingers are nearest to giving way in a segment, looked at every sample.
+
+        Args:
+            segment: timed; its contact sets are not read.
+            places: where tool and objects are when it begins.
+        """
+        if not bearers(segment):
+            return WorstHold(math.inf, math.inf, None)
+        if segment.kind in _CUP_KINDS and self._resting(segment, places)[1] is None:
+            assert segment.sucked is not None
+            reason = "The object does not stand where the cup takes it or puts it down."
+            return WorstHold(-math.inf, -math.inf, Rejection("rest", reason, segment.sucked.name))
+        loads = self._loads(segment, places)
+        bearing = self._bearing(segment, loads)
+        margin = bearing.margin
+        rejection = self._rejection(segment, loads, bearing) if margin < 0.0 else None
+        return WorstHold(margin, self._bearing(segment, loads, math.inf).margin, rejection)
+
+    def stretch(self, segment: ToolSegment, places: Mapping[str, Transform], reserve: float = 0.0) -> float | None:
+        """Return the factor, 1 or more, by which a segment's time must be stretched for cup and fingers to hold.
+
+        None where they would not hold however slow it is. `reserve` is the part of every limit that must be left.
+        """
+        if not bearers(segment):
+            return 1.0
+        loads = self._loads(segment, places)
+
+        def holds(slowness: float) -> bool:
+            return self._bearing(segment, loads, slowness).margin >= reserve
+
+        if holds(1.0):
+            return 1.0
+        if not holds(_SLOWEST):
+            return None
+        low, high = 1.0, _SLOWEST
+        for _ in range(_SLOWING_STEPS):
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if holds(middle) else (middle, high)
+        return high
+
+    def balanced(self, segments: Iterable[ToolSegment]) -> tuple[ToolSegment, ...]:
+        """Return the segments of a whole plan with their contact sets.
+
+        Raises:
+            UnheldError: Cup or fingers give way, or an object would tip over where it is put down.
+        """
+        places = self.start()
+        complete = []
+        for segment in segments:
+            complete.append(replace(segment, contact_sets=self.sets(segment, places)))
+            places.update({name: poses[-1] for name, poses in segment.body_poses.items()})
+        return tuple(complete)
+
+    def sets(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[ToolContactSet, ...]:
+        """Return the contact sets of a segment: of the tool while it is held, of an object while it is on the cup.
+
+        Raises:
+            UnheldError: Cup or fingers give way, or an object would tip over where it is put down.
+        """
+        if not bearers(segment):
+            return ()
+        worst = self.worst(segment, places)
+        if worst.rejection is not None:
+            raise UnheldError(worst.rejection)
+        loads = self._loads(segment, places)
+        bearing = self._bearing(segment, loads)
+        standing = self._standing(segment, places) if segment.kind in _CUP_KINDS else ()
+        return tuple(
+            contact_set
+            for sample in self._samples(segment, loads)
+            for contact_set in self._sets_at(segment, loads, bearing, standing, sample)
+        )
+
+    # Loads and who bears them.
+
+    def _loads(self, segment: ToolSegment, places: Mapping[str, Transform]) -> dict[str, _Load]:
+        names = [TOOL_NAME] if segment.sucked is None else [TOOL_NAME, segment.sucked.name]
+        time = segment.trajectory.time
+        loads = {}
+        for name in names:
+            mass = self._masses[name]
+            poses = segment.body_poses.get(name)
+            if poses is None:
+                poses = np.broadcast_to(places[name], (len(time), 4, 4))
+            weight = np.concatenate([mass.mass * self.scene.cell.gravity, np.zeros(3)])
+            loads[name] = _Load(poses, mass.centres(poses), weight, mass.inertial_wrenches(time, poses))
+        return loads
+
+    def _bearing(self, segment: ToolSegment, loads: Mapping[str, _Load], slowness: float = 1.0) -> _Bearing:
+        tool = loads[TOOL_NAME]
+        lip = tool.poses[:, :3, 3]
+        suction, cup_margin = np.zeros((len(lip), 6)), np.full(len(lip), np.inf)
+        if segment.sucked is not None and segment.kind not in _CUP_KINDS:
+            load = loads[segment.sucked.name]
+            suction = wrench_about(load.wrenches(slowness), load.centres, lip)
+            cup_margin = suction_margin(_in_axes(tool.poses, suction), self.scene.tool.cup)
+        # The reaction of the object is minus the suction, and the hands exert minus that.
+        needed = wrench_about(tool.wrenches(slowness), tool.centres, lip) + suction
+        hands = self._hands(segment, needed, tool.poses)
+        normal = np.max([forces.normal for forces in hands], axis=0)
+        return _Bearing(suction, hands, cup_margin, 1.0 - normal / self.scene.grip_force_limit)
+
+    def _hands(self, segment: ToolSegment, needed: Array, tool_poses: Array) -> tuple[FingerForces, ...]:
+        """Return the forces of each hand that bears; `needed` is about the lip, world axes."""
+        alone = [self._squeeze(hold, needed, tool_poses) for hold in bearers(segment)]
+        if len(alone) == 1:
+            return tuple(alone)
+        # Forces grow with the load, so hands squeeze equally where the loads are inversely as what each needs alone.
+        first, second = (forces.normal for forces in alone)
+        share = second / np.maximum(first + second, _WEIGHTLESS)
+        return scaled(alone[0], share), scaled(alone[1], 1.0 - share)
+
+    def _squeeze(self, hold: ToolHold, needed: Array, tool_poses: Array) -> FingerForces:
+        tcp = tool_poses @ hold.T_tool_tcp
+        about_tcp = wrench_about(needed, tool_poses[:, :3, 3], tcp[:, :3, 3])
+        return least_squeeze(_in_axes(tcp, about_tcp), hold.width, self.scene.friction.grip, EPS)
+
+    # What gives way.
+
+    def _rejection(self, segment: ToolSegment, loads: Mapping[str, _Load], bearing: _Bearing) -> Rejection:
+        time, limit = segment.trajectory.time, self.scene.grip_force_limit
+        if bearing.cup_margin.min() < bearing.hand_margin.min():
+            assert segment.sucked is not None
+            weakest = least_margin(_in_axes(loads[TOOL_NAME].poses, bearing.suction), self.scene.tool.cup)
+            where = f"{segment.sucked.name}, {time[weakest.sample]:.3f} s into a {segment.kind.value}"
+            return Rejection("suction", weakest.limit.value, where, 1.0 - weakest.margin, 1.0, "1")
+        sample = int(np.argmin(bearing.hand_margin))
+        where = f"{bearers(segment)[0].arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
+        squeeze = limit * (1.0 - float(bearing.hand_margin[sample]))
+        return Rejection("grip", "The tool needs a harder squeeze than fingers may exert.", where, squeeze, limit, "N")
+
+    def _resting(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[RestingPoints, Array | None]:
+        """Return what the object on the cup stands on, and with which forces; None if it would tip over."""
+        assert segment.sucked is not None
+        name = segment.sucked.name
+        mass = self._masses[name]
+        below = {n: (b.solid.flat_pieces(), places[n]) for n, b in self._bodies.items() if n not in (name, TOOL_NAME)}
+        points = resting_points(self._bodies[name].solid.flat_pieces(), places[name], below | self._fixed)
+        com = mass.centres(places[name][None])[0]
+        return points, points.forces(mass.mass * float(np.linalg.norm(self.scene.cell.gravity)), com)
+
+    # Contact sets.
+
+    def _standing(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[ContactForce, ...]:
+        points, forces = self._resting(segment, places)
+        assert forces is not None
+        up = np.array([0.0, 0.0, 1.0])
+        wrenches = np.outer(forces, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        return tuple(
+            ContactForce(by, "environment", point, up, wrench)
+            for by, point, wrench in zip(points.by, points.points, wrenches, strict=True)
+        )
+
+    def _samples(self, segment: ToolSegment, loads: Mapping[str, _Load]) -> list[int]:
+        """Return first and last sample and, between them, as few as the document's rule allows."""
+        time, last = segment.trajectory.time, len(segment.trajectory.time) - 1
+        chosen = [0]
+        for sample in range(1, last + 1):
+            before = chosen[-1]
+            if sample - 1 > before and self._far(loads, time, before, sample):
+                chosen.append(sample - 1)
+        return [*chosen, last]
+
+    def _far(self, loads: Mapping[str, _Load], time: Array, one: int, other: int) -> bool:
+        far = time[other] - time[one] > self.settings.set_pause
+        for load in loads.values():
+            chord = np.linalg.norm(load.poses[other, :3, :3] - load.poses[one, :3, :3]) / math.sqrt(2.0)
+            far |= 2.0 * math.asin(min(1.0, 0.5 * float(chord))) > self.settings.set_rotation
+            far |= float(np.linalg.norm(load.centres[other] - load.centres[one])) > self.settings.set_travel
+        return bool(far)
+
+    def _sets_at(
+        self,
+        segment: ToolSegment,
+        loads: Mapping[str, _Load],
+        bearing: _Bearing,
+        standing: tuple[ContactForce, ...],
+        sample: int,
+    ) -> Iterator[ToolContactSet]:
+        tool = loads[TOOL_NAME]
+        forces = list(self._finger_contacts(segment, tool.poses[sample], bearing, sample))
+        if segment.sucked is not None:
+            name = segment.sucked.name
+            point, outward = tool.poses[sample, :3, 3], tool.poses[sample, :3, 2]
+            wrench = bearing.suction[sample]
+            forces.append(ContactForce(name, "suction", point, outward, -wrench))
+            on_object = [ContactForce(TOOL_NAME, "suction", point, -outward, wrench), *standing]
+            yield ToolContactSet(sample, name, (*on_object, *_inertia(loads[name], sample)))
+        yield ToolContactSet(sample, TOOL_NAME, (*forces, *_inertia(tool, sample)))
+
+    @staticmethod
+    def _finger_contacts(
+        segment: ToolSegment, T_world_tool: Transform, bearing: _Bearing, sample: int
+    ) -> Iterator[ContactForce]:
+        for hold, exerted in zip(bearers(segment), bearing.hands, strict=True):
+            T = T_world_tool @ hold.T_tool_tcp
+            for finger, inward in ((0, 1.0), (1, -1.0)):
+                normal = inward * T[:3, 1]
+                wrench = np.concatenate(
+                    [T[:3, :3] @ exerted.forces[sample, finger], exerted.torques[sample, finger] * T[:3, 1]]
+                )
+                point = T[:3, 3] - 0.5 * hold.width * normal
+                yield ContactForce(hold.arm, "soft_finger", point, normal, wrench, finger)
+
+
+def bearers(segment: ToolSegment) -> tuple[ToolHold, ...]:
+    """Return the holds that bear the tool all along: not the one that is being taken or given up."""
+    return segment.holds[1:] if segment.kind in (SegmentKind.GRIP, SegmentKind.RELEASE) else segment.holds
+
+
+def pad_axes(poses: Array, outward: Array) -> Array:
+    """Return the x axis of the pad by the document's rule: (n, 3).
+
+    The body's x axis projected on the pad; its y axis where x is square to the pad.
+
+    Args:
+        poses: (n, 4, 4) `T_world_body` of the body that the contact is listed on.
+        outward: (n, 3) unit, square to the pad.
+    """
+    x, y = (poses[:, :3, k] - outward * np.sum(poses[:, :3, k] * outward, axis=1, keepdims=True) for k in (0, 1))
+    axes = np.where(np.linalg.norm(x, axis=1, keepdims=True) > PAD_AXIS_LENGTH, x, y)
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _in_axes(poses: Array, wrenches: Array) -> Array:
+    """Write wrenches (n, 6), given in world axes, in the axes of frames (n, 4, 4); the point stays."""
+    return np.einsum("nji,nkj->nki", poses[:, :3, :3], wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
+
+
+def _inertia(load: _Load, sample: int) -> tuple[ContactForce, ...]:
+    """Return the entry of kind `inertia`; none where there is no motion."""
+    wrench = load.inertia[sample]
+    if not wrench.any():
+        return ()
+    return (ContactForce("", "inertia", load.centres[sample], np.zeros(3), wrench),)
+
+
+def _box_faces(box: StaticBox) -> list[FlatFace]:
+    x, y, z = box.size.tolist()
+    return solid_of(Box(type="box", size=(x, y, z))).flat_pieces()
+
+
+def _mass_properties(body: Body) -> MassProperties:
+    assert body.mass is not None
+    return MassProperties.homogeneous(body.mass, body.com, *body.solid.surface())

@@ -1,0 +1,215 @@
+"""Move one object: choose a suction pose and a regrasp sequence, and turn it into motion (paper A, Fig. 2)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from itertools import islice
+
+from planners.geometry.pose import inverse
+from planners.graph.rejections import Rejection
+from planners.progress import Progress
+from planners.regrasp.grasp_layer import GraspLayer
+from planners.regrasp.object_report import ObjectReport
+from planners.regrasp.regrasp_graph import Edge, Handover, Pick, Sequence, Transfer
+from planners.regrasp.route_figures import route_figures
+from planners.regrasp.route_maker import RouteMaker
+from planners.regrasp.suction_poses import SuctionPoses
+from planners.regrasp.suction_route import RouteCosts, SuctionRoute
+from planners.regrasp.tool_choreography import ToolChoreographer
+from planners.regrasp.tool_motion import Stuck
+from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.tool_stage import ToolStage
+from planners.scene.moved_object import MovedObject
+
+_NOT_NEEDED = Rejection("suction", "Another suction pose was found first.")
+
+
+class ObjectPlanner:
+    """Plans one object after the other; knows everything that stays the same between them."""
+
+    def __init__(
+        self, choreographer: ToolChoreographer, routes: RouteMaker, settings: ToolPlannerSettings, progress: Progress
+    ) -> None:
+        """Take what all objects share.
+
+        Args:
+            choreographer: turns steps into motion.
+            routes: grasps and handovers.
+            settings: budgets and distances.
+            progress: told of what is being done; may raise to stop.
+        """
+        self.choreographer, self.routes = choreographer, routes
+        self.settings, self.progress = settings, progress
+
+    def plan(
+        self, stage: ToolStage, target: MovedObject, suctions: SuctionPoses, last: bool
+    ) -> tuple[ToolStage | None, ObjectReport]:
+        """Move an object to its goal, or tell why not.
+
+        Args:
+            stage: where everything is.
+            target: the object.
+            suctions: in the order in which they are to be tried.
+            last: whether no object follows: then any grasp is good to end with.
+        """
+        report = ObjectReport(target.name)
+        start = self.routes.start(stage)
+        if not start.nodes.any():
+            reasons = {} if start.layer is None else start.layer.rejected()
+            for reason, mask in reasons.items():
+                report.rejections.add(Rejection("grasp", f"Where the tool rests: {reason}"), int(mask.sum()))
+            return None, report
+        costs = RouteCosts((0.0 if last else self.settings.partner_weight) * self.routes.partnerless)
+        poses = suctions.poses[: self.settings.suction_poses]
+        following = self.routes.routes(stage, target, poses, start, costs)
+        tried: list[SuctionRoute] = []
+        while routes := list(islice(following, self.settings.suction_group)):
+            self.progress(f"regrasp {target.name}", len(tried), len(poses))
+            tried += routes
+            done = self._try_group(stage, target, routes, report)
+            if done is not None:
+                self._tell(stage, tried, done[1], report)
+                return done[0], report
+            if report.counts["tries"] >= self.settings.tries:
+                break
+        self._tell(stage, tried, None, report)
+        return None, report
+
+    # One group of suction poses.
+
+    def _try_group(
+        self, stage: ToolStage, target: MovedObject, routes: list[SuctionRoute], report: ObjectReport
+    ) -> tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None:
+        """Try the sequences of several suction poses, those with the fewest handovers first."""
+        realised: dict[tuple[int | Edge, ...], ToolStage] = {}
+        for number, sequence in self._sequences(routes):
+            route = routes[number]
+            route.sequences += 1
+            report.counts["tries"] += 1
+            self.progress(f"motion {target.name}", report.counts["tries"], 0)
+            done = self._realise(stage, target, route, sequence, realised, (number,), report)
+            self.progress(f"regrasp {target.name}", report.counts["tries"], 0)
+            if done is not None:
+                return done, (route, sequence)
+            if report.counts["tries"] >= self.settings.tries:
+                break
+        return None
+
+    def _sequences(self, routes: list[SuctionRoute]) -> Iterator[tuple[int, Sequence]]:
+        """Yield route numbers and sequences: direct ones of all routes, cheapest first, then route by route."""
+        near, everything = self.settings.near_goals, max(len(route.goals) for route in routes)
+        for goals in sorted({min(near, everything), everything}):
+            while True:
+                found = [
+                    (sequence.cost, number, sequence)
+                    for number, route in enumerate(routes)
+                    if route.sequences < self.settings.sequences and (sequence := route.best(0, goals)) is not None
+                ]
+                if not found:
+                    break
+                _, number, sequence = min(found, key=lambda entry: entry[:2])
+                yield number, sequence
+        for handovers in range(1, 2 * self.settings.most_handovers + 1):
+            for number, route in enumerate(routes):
+                while route.sequences < (1 + handovers) * self.settings.sequences:
+                    sequence = route.best(handovers, near)
+                    if sequence is None:
+                        break
+                    yield number, sequence
+
+    def _realise(
+        self,
+        stage: ToolStage,
+        target: MovedObject,
+        route: SuctionRoute,
+        sequence: Sequence,
+        realised: dict[tuple[int | Edge, ...], ToolStage],
+        key: tuple[int | Edge, ...],
+        report: ObjectReport,
+    ) -> ToolStage | None:
+        """Move along a sequence; where it gets stuck, take out the edge that could not be moved."""
+        goal = route.goals[sequence.goal]
+        for edge in sequence.edges:
+            key = (*key, edge)
+            if key not in realised:
+                try:
+                    realised[key] = self._step(stage, target, route, goal, edge)
+                except Stuck as stuck:
+                    report.rejections.add(stuck.rejection)
+                    report.counts["edges deleted"] += 1
+                    route.delete(edge, stuck.rejection)
+                    return None
+                route.passed(edge)
+            stage = realised[key]
+        return stage
+
+    def _step(
+        self, stage: ToolStage, target: MovedObject, route: SuctionRoute, goal: GraspLayer, edge: Edge
+    ) -> ToolStage:
+        """Move along one edge.
+
+        Raises:
+            Stuck: it cannot be moved.
+        """
+        plan = self.choreographer
+        match edge:
+            case Pick(node=node):
+                if stage.holder is not None:
+                    return stage
+                assert route.start.layer is not None
+                return plan.pick_up(stage, self.routes.held(node), int(route.start.layer.branches[node]))
+            case Handover(receiver=receiver):
+                held = self.routes.held(receiver)
+                return plan.hand_over(stage, held, self.routes.places(stage, held))
+            case Transfer(round=0, node=node):
+                branches = int(route.suction.branches[node])
+                return plan.suck(stage, target.name, route.pose.T_object_tool, branches)
+            case Transfer(node=node):
+                T_world_goal = goal.T_world_tool @ inverse(route.pose.T_object_tool)
+                return plan.put_down(stage, T_world_goal, int(goal.branches[node]))
+
+    # Telling.
+
+    def _tell(
+        self,
+        stage: ToolStage,
+        routes: list[SuctionRoute],
+        done: tuple[SuctionRoute, Sequence] | None,
+        report: ObjectReport,
+    ) -> None:
+        """Write down all that was tried."""
+        report.counts["suction poses"] += len(routes)
+        report.counts["nodes"] += sum(route.asked for route in routes)
+        report.counts["edges"] += max((route.edge_count for route in routes), default=0)
+        chosen, sequence = done or (None, None)
+        for route in routes:
+            rejection = None if route is chosen else self._given_up(route, done is not None)
+            report.suctions.append(ConsideredSuction(report.name, route.pose.T_object_tool, rejection))
+            if rejection is not None and not route.sequences and done is None:
+                report.rejections.add(rejection)
+        drawn = chosen or max(routes, key=lambda route: route.sequences, default=None)
+        if drawn is not None:
+            report.figures = route_figures(report.name, drawn, stage.T_world_tool, sequence)
+        if sequence is not None:
+            self._tell_steps(stage, sequence, report)
+
+    def _given_up(self, route: SuctionRoute, found: bool) -> Rejection:
+        """Return why a suction pose is not used."""
+        reasons = Counter(rejection for rejection in route.tried.values() if rejection is not None)
+        if reasons:
+            return max(reasons, key=reasons.__getitem__)
+        return _NOT_NEEDED if found else route.emptiness()
+
+    def _tell_steps(self, stage: ToolStage, sequence: Sequence, report: ObjectReport) -> None:
+        """Write down the grasps of the sequence that was moved."""
+        by = "picked up" if stage.holder is None else "held"
+        for edge in sequence.edges:
+            if isinstance(edge, Handover):
+                held = self.routes.held(edge.receiver)
+                report.steps.append(RegraspStep(report.name, edge.round, held.arm, held.grasp, "handover"))
+            elif isinstance(edge, Pick):
+                held = self.routes.held(edge.node)
+                report.steps.append(RegraspStep(report.name, 0, held.arm, held.grasp, by))
+        report.counts["handovers"] += sequence.handovers

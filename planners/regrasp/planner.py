@@ -1,0 +1,229 @@
+"""Plan a suction-tool task: object after object, in an order that works (paper A, Fig. 2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planners.geometry.pose import Transform
+from planners.graph.rejections import Rejection, Rejections
+from planners.progress import Progress
+from planners.regrasp.handovers import HandoverDatabase, find_handovers
+from planners.regrasp.hold_statics import HoldStatics
+from planners.regrasp.hose import hose_turns
+from planners.regrasp.object_order import ObjectOrder
+from planners.regrasp.object_planner import ObjectPlanner
+from planners.regrasp.object_report import ObjectReport
+from planners.regrasp.park_pose import park_poses, start_clash
+from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
+from planners.regrasp.route_maker import RouteMaker
+from planners.regrasp.set_aside import SetAside
+from planners.regrasp.tool_capacity import impossibilities
+from planners.regrasp.tool_choreography import ToolChoreographer
+from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.tool_stage import ToolStage
+from planners.regrasp.tool_traffic import ToolTraffic
+from planners.regrasp.tool_workcell import ToolWorkcell
+from planners.scene.moved_object import MovedObject
+from planners.scene.tool_placements import StillBodies
+from planners.scene.tool_scene import SuctionToolScene
+
+_SAME_PLACE = 5e-4
+"""An object nearer to its goal than this is there already [m]: half of what the contract allows."""
+_SAME_TURN = 4e-3
+"""The same for its orientation [rad]."""
+_MOST_CAUSES = 5
+"""Reasons that are told where there is no plan; all of them are counted."""
+
+
+class SuctionToolPlanner:
+    """All that is known about one suction-tool task while it is planned."""
+
+    def __init__(
+        self,
+        scene: SuctionToolScene,
+        settings: ToolPlannerSettings,
+        handovers: HandoverDatabase | None,
+        progress: Progress,
+    ) -> None:
+        """Prepare; nothing is planned yet.
+
+        Args:
+            scene: the task.
+            settings: budgets and distances.
+            handovers: of the scene's cell and tool; None: it is computed.
+            progress: told of what is being done; may raise to stop.
+        """
+        self.scene, self.settings = scene, settings
+        self.rejections = Rejections()
+        if handovers is None:
+            handovers = find_handovers(scene.cell, scene.tool, settings.handovers, progress)
+        self.handovers = handovers
+        self.workcell = ToolWorkcell.of(scene, settings.handovers.clearance)
+        park = park_poses(scene, self.workcell)
+        traffic = ToolTraffic(self.workcell, handovers.grasps)
+        rng = np.random.default_rng(scene.seed)
+        self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
+        routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
+        self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
+        self.pile = PilePlanner(
+            ObjectPlanner(self.choreographer, routes, settings, progress),
+            self.suctions,
+            SetAside(StillBodies.of(scene.cell, scene.obstacles), settings.set_aside),
+            len(scene.objects) + settings.orders,
+        )
+        self._targets = {each.name: each for each in scene.objects}
+
+    def plan(self) -> ToolPlan:
+        """Plan the task; that there is no plan is an answer, with its reasons."""
+        to_move = [target for target in self.scene.objects if not _is_there(target)]
+        proofs = tuple(impossibilities(self.scene, to_move))
+        if proofs:
+            return self._unsolved(ToolOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs)
+        obstacle = self._obstacle(to_move)
+        if obstacle is not None:
+            return self._unsolved(ToolOutcome.NOT_FOUND, *obstacle)
+        there = frozenset(self._targets) - {target.name for target in to_move}
+        course = self.pile.plan(Course(self._start(), self._targets, there))
+        return self._not_found(there) if course is None else self._solved(course)
+
+    def _start(self) -> ToolStage:
+        scene = self.scene
+        return ToolStage(
+            q=scene.start_positions.copy(),
+            widths=dict(scene.start_widths),
+            holder=None,
+            T_world_tool=scene.tool.T_world_tool,
+            T_world_objects={each.name: each.body.T_world_body for each in scene.objects},
+            sucked=None,
+            segments=(),
+        )
+
+    def _obstacle(self, to_move: list[MovedObject]) -> tuple[str, tuple[Rejection, ...]] | None:
+        """Say what stands against any plan before a motion is tried, in a sentence and with its causes."""
+        clash = start_clash(self.scene, self.workcell)
+        if clash is not None:
+            reason = Rejection("start", f"{clash[0]} and {clash[1]} touch at the start")
+            return f"The start is not free: {clash[0]} touches {clash[1]}.", (reason,)
+        if to_move and not len(self.handovers.grasps):
+            reason = Rejection("grasp", "no grasp of the tool was found that is free of collision")
+            return "No grasp of the tool was found.", (reason,)
+        for target in to_move:
+            found = self.suctions.to_goal(target)
+            if not found.poses:
+                causes = tuple(rejection for rejection, _ in found.rejections.most_common(_MOST_CAUSES))
+                return f"No place was found where the cup can sit on {target.name}.", causes
+        return None
+
+    # What came out.
+
+    def _solved(self, course: Course) -> ToolPlan:
+        reports = course.reports
+        order = tuple(report.name for report in reports)
+        if not order:
+            return self._plan(ToolOutcome.SOLVED, "Every object is at its goal already.", (), course)
+        aside = [report.name for report in reports if report.aside]
+        how = "nearest to its goal first" if order == self._nearest_order() else "in another order than nearest first"
+        handovers = sum(report.counts["handovers"] for report in reports)
+        summary = (
+            f"{_counted(len(order) - len(aside), 'object')} moved, {how} ({', '.join(order)}), "
+            f"with {_counted(handovers, 'handover') if handovers else 'no handover'}"
+        )
+        if aside:
+            summary += f"; {' and '.join(aside)} put aside first, out of the way of others"
+        return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
+
+    def _nearest_order(self) -> tuple[str, ...]:
+        """Return the objects that have to be moved in the order that is tried first."""
+        order = ObjectOrder.of(self.scene.objects)
+        moved = {name for name, target in self._targets.items() if _is_there(target)}
+        following: list[str] = []
+        while possible := order.next(moved | set(following)):
+            following.append(possible[0])
+        return tuple(following)
+
+    def _not_found(self, there: frozenset[str]) -> ToolPlan:
+        failed = self.pile.failed
+        if not failed:
+            causes = ObjectOrder.of(self.scene.objects).deadlock(there)
+            return self._unsolved(ToolOutcome.NOT_FOUND, "No object can be moved first.", causes)
+        causes = tuple(rejection for rejection, _ in failed[0].rejections.most_common(_MOST_CAUSES))
+        names = sorted({report.name for report in failed})
+        summary = (
+            f"No way was found to move {' or '.join(names)}: {self.pile.counts['suction poses']} suction poses and "
+            f"{self.pile.counts['tries']} grasp sequences were tried."
+        )
+        return self._plan(ToolOutcome.NOT_FOUND, summary, causes, None)
+
+    def _unsolved(self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
+        for cause in causes:
+            self.rejections.add(cause)
+        return self._plan(outcome, summary, causes, None)
+
+    def _plan(
+        self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...], course: Course | None
+    ) -> ToolPlan:
+        reports = () if course is None else course.reports
+        everyone = (*self.pile.failed, *reports)
+        for report in everyone:
+            self.rejections.include(report.rejections)
+        for found in self.suctions.found.values():
+            self.rejections.include(found.rejections)
+        segments = () if course is None else course.stage.segments
+        turns = hose_turns(segments)
+        return ToolPlan(
+            outcome=outcome,
+            segments=segments,
+            summary=summary,
+            causes=causes,
+            rejections=self.rejections,
+            graph=self._graph_figures(),
+            search=self._search_figures(reports) | {"hose_turns": turns.end, "most_hose_turns": turns.most},
+            order=tuple(report.name for report in reports),
+            steps=tuple(step for report in reports for step in report.steps),
+            considered=Considered(
+                places={name: found.candidates for name, found in self.suctions.found.items()},
+                suctions=tuple(each for report in everyone for each in report.suctions),
+            ),
+            grasps=self.handovers.grasps,
+            regrasp=tuple(report.figures for report in everyone if report.figures is not None),
+            hose_turns=turns.end,
+            most_hose_turns=turns.most,
+        )
+
+    def _graph_figures(self) -> dict[str, int]:
+        base = self.handovers
+        return {
+            "grasps": len(base.grasps),
+            "handover_pairs": int(base.partners.sum()),
+            "handover_orientations": len(base.T_world_tool),
+            "nodes": self.pile.counts["nodes"],
+            "edges": self.pile.counts["edges"],
+        }
+
+    def _search_figures(self, reports: tuple[ObjectReport, ...]) -> dict[str, int | float | str | None]:
+        counts = self.pile.counts
+        return {
+            "objects_planned": self.pile.planned,
+            "put_aside": sum(report.aside for report in reports),
+            "suction_poses": counts["suction poses"],
+            "sequences": counts["tries"],
+            "edges_deleted": counts["edges deleted"],
+            "motion_queries": self.choreographer.motion.queries,
+            "handovers": sum(report.counts["handovers"] for report in reports),
+        }
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def _is_there(target: MovedObject) -> bool:
+    return any(_same(target.body.T_world_body, T) for T in target.goals)
+
+
+def _same(one: Transform, other: Transform) -> bool:
+    return bool(
+        np.linalg.norm(one[:3, 3] - other[:3, 3]) < _SAME_PLACE
+        and np.linalg.norm(one[:3, :3] - other[:3, :3]) < np.sqrt(2.0) * _SAME_TURN
+    )

@@ -1,0 +1,143 @@
+"""From steps of a regrasp sequence to motion: each step becomes planned, checked and timed segments."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planners.geometry.pose import Array, Transform, inverse
+from planners.graph.rejections import Rejection
+from planners.regrasp.grasps import TOOL_FRAME
+from planners.regrasp.hold_statics import HoldStatics
+from planners.regrasp.stage_writer import StageWriter
+from planners.regrasp.tool_exchange import Exchange, HandoverPlace
+from planners.regrasp.tool_motion import Stuck, ToolMotion, commonest, moved_by
+from planners.regrasp.tool_segment import SuckedObject
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.tool_stage import HeldGrasp, ToolStage
+from planners.regrasp.tool_switches import ToolSwitches
+from planners.regrasp.tool_traffic import ToolTraffic
+from planners.regrasp.visit import StraightLeg, Visit
+from planners.segment import SegmentKind
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class ToolChoreographer:
+    """Plans the motion of single steps in one scene: each leads from one stage to the next, or raises `Stuck`."""
+
+    def __init__(
+        self,
+        traffic: ToolTraffic,
+        statics: HoldStatics,
+        park: Mapping[str, Array],
+        settings: ToolPlannerSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        """Take what all steps share.
+
+        Args:
+            traffic: collision queries.
+            statics: whether cup and fingers hold.
+            park: (6,) where each arm stands while the other moves [rad].
+            settings: distances, paces and budgets.
+            rng: of the searches for free motion.
+        """
+        self.traffic, self.settings = traffic, settings
+        self.workcell, self.grasps = traffic.workcell, traffic.grasps
+        writer = StageWriter(traffic.workcell, traffic.grasps, settings.timing.sample_step)
+        self.motion = ToolMotion(traffic, writer, statics, park, settings, rng)
+        self.switches = ToolSwitches(traffic, writer, statics, settings.pace)
+
+    def pick_up(self, stage: ToolStage, held: HeldGrasp, branches: int) -> ToolStage:
+        """Take the tool from where it rests and lift it straight up."""
+        stage = self.switches.shaped(self.motion.parked(stage, self.workcell.other(held.arm)), held)
+        T_world_flange = stage.T_world_tool @ self.traffic.T_tool_flange(held)
+        lift = StraightLeg(T_world_flange, self.settings.carry.unrest * _UP)
+        visit = Visit(self.motion.arm(held.arm), (self.motion.approach(T_world_flange), lift))
+        taken = replace(stage, holder=held, widths={**stage.widths, held.arm: float(self.grasps.widths[held.grasp])})
+        close = self.traffic.close_pairs(stage, frozenset({TOOL_FRAME}))
+        posture = self.motion.choose(
+            stage,
+            visit,
+            branches,
+            [self.traffic.hand(stage, held.arm, around=True), self.traffic.carrying(taken, close)],
+        )
+        stage, posture = self.motion.arrive(stage, visit, posture, SegmentKind.TRANSIT)
+        stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.APPROACH)
+        stage = self.switches.gripped(stage, held)
+        return self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, close)
+
+    def suck(self, stage: ToolStage, name: str, T_object_tool: Transform, branches: int) -> ToolStage:
+        """Bring the tool onto an object along the facet's normal, and lift both straight up."""
+        carry, held = self.settings.carry, stage.held
+        stage = self.motion.parked(stage, self.workcell.other(held.arm))
+        T_world_tool = stage.T_world_objects[name] @ T_object_tool
+        T_world_flange = T_world_tool @ self.traffic.T_tool_flange(held)
+        normal = T_world_tool[:3, 2]
+        above = StraightLeg(moved_by(T_world_flange, carry.descent * normal), -carry.descent * normal)
+        visit = Visit(self.motion.arm(held.arm), (above, StraightLeg(T_world_flange, carry.lift * _UP)))
+        sucked = SuckedObject(name, inverse(T_object_tool))
+        bare = replace(stage, T_world_tool=T_world_tool)
+        laden = replace(bare, sucked=sucked)
+        cup = self.traffic.close_pairs(bare, frozenset({TOOL_FRAME}))
+        rest = self.traffic.close_pairs(laden, frozenset({TOOL_FRAME, name}))
+        postures = self.motion.choose(
+            stage, visit, branches, [self.traffic.carrying(bare, cup), self.traffic.carrying(laden, rest)]
+        )
+        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER)
+        stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, cup)
+        stage = self.switches.vacuum(replace(stage, sucked=sucked), SegmentKind.ATTACH)
+        return self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, rest)
+
+    def put_down(self, stage: ToolStage, T_world_goal: Transform, branches: int) -> ToolStage:
+        """Bring tool and object over the goal, lower them, let go, and take the tool off along the facet's normal."""
+        carry, held, sucked = self.settings.carry, stage.held, stage.sucked
+        assert sucked is not None
+        name = sucked.name
+        stage = self.motion.parked(stage, self.workcell.other(held.arm))
+        T_world_tool = T_world_goal @ inverse(sucked.T_tool_object)
+        T_world_flange = T_world_tool @ self.traffic.T_tool_flange(held)
+        lowered = StraightLeg(moved_by(T_world_flange, carry.lift * _UP), -carry.lift * _UP)
+        leaving = StraightLeg(T_world_flange, carry.descent * T_world_tool[:3, 2])
+        visit = Visit(self.motion.arm(held.arm), (lowered, leaving))
+        laden = replace(stage, T_world_tool=T_world_tool, T_world_objects={**stage.T_world_objects, name: T_world_goal})
+        bare = replace(laden, sucked=None)
+        rest = self.traffic.close_pairs(laden, frozenset({TOOL_FRAME, name}))
+        cup = self.traffic.close_pairs(bare, frozenset({TOOL_FRAME}))
+        postures = self.motion.choose(
+            stage, visit, branches, [self.traffic.carrying(laden, rest), self.traffic.carrying(bare, cup)]
+        )
+        up = carry.lift * _UP
+        over = replace(
+            laden,
+            T_world_tool=moved_by(T_world_tool, up),
+            T_world_objects={**laden.T_world_objects, name: moved_by(T_world_goal, up)},
+        )
+        beside = self.traffic.close_pairs(over, over.carried)
+        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, beside)
+        stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, rest)
+        stage = replace(self.switches.vacuum(stage, SegmentKind.DETACH), sucked=None)
+        return self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, cup)
+
+    def hand_over(self, stage: ToolStage, receiver: HeldGrasp, places: Sequence[HandoverPlace]) -> ToolStage:
+        """Bring the tool to a handover place, let the other arm take it there, and park the arm that gave it.
+
+        Places are tried in the order given until the budget of motions is spent.
+        """
+        stage = self.motion.parked(stage, receiver.arm)
+        reasons: Counter[Rejection] = Counter()
+        moved = 0
+        for place in places:
+            if moved >= self.settings.orientations:
+                break
+            try:
+                exchange = Exchange(self.motion, self.switches, stage, receiver, place)
+                moved += 1
+                return exchange.realise()
+            except Stuck as stuck:
+                reasons[stuck.rejection] += 1
+        raise Stuck(commonest(reasons, Rejection("handover", "no place is known for the two grasps")))

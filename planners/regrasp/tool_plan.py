@@ -1,0 +1,81 @@
+"""What comes out of planning a suction-tool task."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from planners.geometry.pose import Transform
+from planners.graph.rejections import Rejection, Rejections
+from planners.regrasp.grasps import ToolGrasps
+from planners.regrasp.regrasp_figures import RegraspFigures
+from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.tool_segment import ToolSegment
+
+
+class ToolOutcome(Enum):
+    """How planning ended. The value is its name in the plan document."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    """A weight or a width proves that no plan exists, see `tool_capacity`."""
+    NOT_FOUND = "not_found"
+    """No plan among the suction poses, grasps and motions that were tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsideredSuction:
+    """A suction pose that was tried for an object."""
+
+    object: str
+    T_object_tool: Transform
+    rejection: Rejection | None
+    """Why it was given up; None for the one that is used."""
+
+
+@dataclass(frozen=True, eq=False)
+class Considered:
+    """Where the cup was looked at, for drawing. Which grasps were, is in `ToolPlan.regrasp`."""
+
+    places: dict[str, tuple[SuctionCandidate, ...]]
+    """By object, all sampled places of the cup."""
+    suctions: tuple[ConsideredSuction, ...]
+
+
+@dataclass(frozen=True)
+class RegraspStep:
+    """One grasp of the sequence that was found, for reports."""
+
+    object: str
+    round: int
+    """0: the tool alone, 1: with the object."""
+    arm: str
+    grasp: int
+    by: str
+    """How the grasp came about: "held", "picked up" or "handover"."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPlan:
+    """What came out of planning a suction-tool task, and what it cost."""
+
+    outcome: ToolOutcome
+    segments: tuple[ToolSegment, ...]
+    summary: str
+    causes: tuple[Rejection, ...]
+    rejections: Rejections
+    graph: dict[str, int]
+    search: dict[str, int | float | str | None]
+    order: tuple[str, ...]
+    """Objects as they are moved; one that is put aside first comes twice."""
+    steps: tuple[RegraspStep, ...]
+    """The grasps of the tool, one after the other."""
+    considered: Considered
+    grasps: ToolGrasps
+    """All grasps of the tool that are free of collision."""
+    regrasp: tuple[RegraspFigures, ...]
+    """The regrasp graph of every move that was planned, those first that were not found."""
+    hose_turns: float
+    """Turns of the tool about its own axis from start to end, signed [1]: so often its vacuum hose winds about it."""
+    most_hose_turns: float
+    """The most of it at any time, unsigned [1]."""

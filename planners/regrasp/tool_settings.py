@@ -1,0 +1,96 @@
+"""Budgets, distances and paces of a suction-tool plan."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from planners.motion.query import MotionSettings
+from planners.motion.timing import TimingSettings
+from planners.regrasp.carried import CarriedPace
+from planners.regrasp.handovers import HandoverSettings
+from planners.regrasp.set_aside import SetAsideSettings
+from planners.regrasp.suction_poses import SuctionSettings
+
+
+@dataclass(frozen=True)
+class CarrySettings:
+    """Straight ways of the tool and of what it carries. Distances are those of the paper where it names them."""
+
+    unrest: float = 0.080
+    """Straight up with the tool off its rest [m]: more than the depth of a socket."""
+    descent: float = 0.050
+    """Along the normal of the facet, onto the object and off it [m]."""
+    lift: float = 0.050
+    """Straight up with the object, and straight down to its goal [m]."""
+    approach: float = 0.070
+    """Of a hand along its own z, to the tool and off it (the authors') [m]."""
+    layer_step: float = 0.0125
+    """Between the places of a straight way at which a grasp of a layer is looked at [m]."""
+    step: float = 0.005
+    """Between the places of a straight way that is followed [m]."""
+    continuity: float = 0.25
+    """Largest joint step between those that still counts as continuous [rad]."""
+    executed_share: float = 0.5
+    """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
+
+
+@dataclass(frozen=True)
+class ToolPace:
+    """How fast hands go where they are next to something, and how long fingers and vacuum take."""
+
+    straight_speed: float = 0.15
+    """Of hand or tool on a straight way [m/s]."""
+    straight_acceleration: float = 0.5
+    """[m/s^2]"""
+    carried_speed: float = 0.10
+    """The same with an object on the cup [m/s]."""
+    carried_acceleration: float = 0.3
+    """[m/s^2]"""
+    finger_time: float = 0.4
+    """Fingers close or open [s]."""
+    vacuum_time: float = 0.5
+    """The vacuum builds up, or the object comes off the cup [s]."""
+    handover_time: float = 0.2
+    """Both hands hold the tool before the giver lets go [s]."""
+
+
+@dataclass(frozen=True)
+class ToolPlannerSettings:
+    """Budgets and choices of a suction-tool plan. Budgets count tries, never seconds."""
+
+    suction: SuctionSettings = field(default_factory=SuctionSettings)
+    handovers: HandoverSettings = field(default_factory=HandoverSettings)
+    carry: CarrySettings = field(default_factory=CarrySettings)
+    pace: ToolPace = field(default_factory=ToolPace)
+    carried: CarriedPace = field(default_factory=CarriedPace)
+    motion: MotionSettings = field(default_factory=lambda: MotionSettings(max_iterations=500))
+    timing: TimingSettings = field(default_factory=TimingSettings)
+    set_aside: SetAsideSettings = field(default_factory=SetAsideSettings)
+    most_handovers: int = 2
+    """In each of the two rounds."""
+    suction_group: int = 8
+    """Suction poses that are asked together for the route with the fewest handovers: the rolls of one place."""
+    near_goals: int = 6
+    """Goals of one object that are asked first, those that turn the tool least; the rest only for direct routes."""
+    suction_poses: int = 40
+    """Suction poses of an object that are tried at all."""
+    sequences: int = 8
+    """Sequences of one suction pose whose motion is tried before the next suction pose."""
+    tries: int = 40
+    """Sequences of one object whose motion is tried, over all suction poses."""
+    orientations: int = 6
+    """Handover orientations of one pair of grasps whose motion is tried."""
+    orders: int = 8
+    """Moves that are planned because another order is tried or an object is put aside, beyond one for each object."""
+    carried_tilt: float = math.radians(40.0)
+    """Most tilt of the tool while an object hangs on it, unless an end of the motion is tilted more [rad]."""
+    handover_tilt: float = math.radians(75.0)
+    """Most tilt of the tool at a handover while an object hangs on it [rad]: a level cup bears no push at all."""
+    finger_reserve: float = 0.1
+    """Part of the fingers' largest force that is left at rest, for what inertia adds; motion is slowed for the rest."""
+    hold_reserve: float = 0.0
+    """What must be left of every limit of cup and fingers [N]."""
+    partner_weight: float = 0.5
+    """Cost of ending with a grasp that has no handover partner against one that has the most [rad], where further
+    objects follow."""

@@ -1,0 +1,167 @@
+"""The cell with a suction tool and objects in it, as collision queries ask for it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+from planners.collision.model import CollisionModel, CollisionQuery, NamePair, PairChoice, PairMask
+from planners.collision.placement import Placement
+from planners.errors import LiftwrightError
+from planners.geometry.convex import CollisionBody
+from planners.regrasp.grasps import TOOL_FRAME
+from planners.scene.arm import Arm
+from planners.scene.body import Body
+from planners.scene.cell import Cell
+from planners.scene.hand import Gripper
+from planners.scene.suction_tool import SuctionTool
+from planners.scene.tool_scene import SuctionToolScene
+
+
+@dataclass(frozen=True)
+class ToolClearance:
+    """How far bodies keep apart while planning; the certificate asks for no penetration."""
+
+    margin: float = 0.003
+    """Between bodies that have nothing to do with one another [m]: at 1 mm plans were seen to touch."""
+    finger_margin: float = 0.0
+    """Between the tool and the parts of the fingers next to the pads that hold it, or are about to [m]."""
+    touch_depth: float = 0.0005
+    """How deep bodies that touch by intention may seem to overlap [m]: rounding, and a soft lip."""
+    width_step: float = 0.001
+    """Openings of a hand that differ by less share a collision model [m]: fingers are off by a quarter of it."""
+
+    def __post_init__(self) -> None:
+        if min(self.margin, self.finger_margin, self.touch_depth) < 0.0 or self.width_step <= 0.0:
+            raise LiftwrightError("clearances are not negative, and the step between openings is positive")
+
+
+@dataclass(frozen=True, eq=False)
+class ToolWorkcell:
+    """Two grippers, the tool, the objects and what stands about. One collision model for each pair of openings.
+
+    Movable frames: "tool", and each object's own name. Models are built when first asked for.
+    """
+
+    cell: Cell
+    tool: SuctionTool
+    objects: tuple[Body, ...] = ()
+    obstacles: tuple[Body, ...] = ()
+    settings: ToolClearance = field(default_factory=ToolClearance)
+    _models: dict[tuple[float, ...], CollisionModel] = field(default_factory=dict, init=False, repr=False)
+    _masks: dict[Hashable, PairMask] = field(default_factory=dict, init=False, repr=False)
+
+    @staticmethod
+    def of(scene: SuctionToolScene, settings: ToolClearance | None = None) -> ToolWorkcell:
+        """Return the workcell of a scene."""
+        bodies = tuple(moved.body for moved in scene.objects)
+        return ToolWorkcell(scene.cell, scene.tool, bodies, scene.obstacles, settings or ToolClearance())
+
+    def arm(self, name: str) -> Arm:
+        """Return an arm by name."""
+        return self.cell.arms[name]
+
+    def gripper(self, arm: str) -> Gripper:
+        """Return the hand of an arm."""
+        hand = self.arm(arm).hand
+        assert isinstance(hand, Gripper)
+        return hand
+
+    def joints(self, arm: str) -> slice:
+        """Return the places of an arm's joints among all twelve."""
+        first = 6 * list(self.cell.arms).index(arm)
+        return slice(first, first + 6)
+
+    def other(self, arm: str) -> str:
+        """Return the other arm."""
+        return next(name for name in self.cell.arms if name != arm)
+
+    def model(self, widths: Mapping[str, float]) -> CollisionModel:
+        """Return the collision model at these openings by arm [m], to `ToolClearance.width_step`."""
+        step = self.settings.width_step
+        drawn = {arm: min(round(widths[arm] / step) * step, self.gripper(arm).width_max) for arm in self.cell.arms}
+        key = tuple(drawn.values())
+        if key not in self._models:
+            self._models[key] = self._build(drawn)
+        return self._models[key]
+
+    def pairs(self, key: Hashable, choice: PairChoice) -> PairMask:
+        """Return which pairs a choice takes; asked once for each key, which says all of the choice.
+
+        Asking every pair takes longer than everything else about a query. Models differ in where fingers are, and have
+        the same bodies in the same order.
+        """
+        if key not in self._masks:
+            model = self.model({arm: self.gripper(arm).width_max for arm in self.cell.arms})
+            self._masks[key] = model.pair_mask(choice)
+        return self._masks[key]
+
+    def query(  # noqa: PLR0913 - openings, places, and what may be how close
+        self,
+        widths: Mapping[str, float],
+        placements: Mapping[str, Placement | None],
+        *,
+        holding: Iterable[str] = (),
+        around: Iterable[str] = (),
+        touching: Iterable[NamePair] = (),
+        margins: Mapping[NamePair, float] | None = None,
+        share: float = 1.0,
+        only: PairChoice | PairMask | None = None,
+    ) -> CollisionQuery:
+        """Place tool and objects and choose what is kept apart.
+
+        Args:
+            widths: opening of each arm's hand [m].
+            placements: of the frame "tool" and of each object's, by name: Fixed, Attached to an arm or Riding on the
+                tool; None where it is not there.
+            holding: arms whose hands hold the tool: their pads touch it, and the fingers come close.
+            around: arms whose open fingers are about to hold it, or have just let go of it.
+            touching: pairs of names that touch by intention: cup and object, an object and what it rests on.
+            margins: other margins for some pairs [m]; they win.
+            share: the part of all margins that is kept.
+            only: checks these pairs alone.
+        """
+        settings, holding = self.settings, frozenset(holding)
+        near = {(name, TOOL_FRAME): settings.finger_margin for arm in {*holding, *around} for name in self.fingers(arm)}
+        meant = {pair: -settings.touch_depth for pair in touching}
+        given = dict(margins or {})
+        kept = {pair: share * margin if margin > 0.0 else margin for pair, margin in (near | meant | given).items()}
+        return self.model(widths).scene(
+            placements,
+            allowed=[(pad, TOOL_FRAME) for arm in sorted(holding) for pad in self.pads(arm)],
+            margin=share * settings.margin,
+            margins=kept,
+            only=only,
+        )
+
+    def pads(self, arm: str) -> tuple[str, str]:
+        """Return the names of the pads of an arm's hand, finger 0 first."""
+        return (f"{arm}_pad_0", f"{arm}_pad_1")
+
+    def fingers(self, arm: str) -> tuple[str, ...]:
+        """Return the names of the parts of the fingers of an arm's hand but the pads."""
+        parts = sorted(self.gripper(arm).finger_parts)
+        return tuple(f"{arm}_finger_{finger}_{part}" for finger in (0, 1) for part in parts)
+
+    def is_hand(self, body: CollisionBody, arm: str) -> bool:
+        """Tell whether a body is part of the hand of an arm: on its flange, but not the last link."""
+        return body.frame == f"{arm}/6" and body.name != f"{arm}_wrist_3"
+
+    def with_arm(self, arm: str) -> PairChoice:
+        """Choose all pairs that have a body of an arm."""
+        return lambda a, b: arm in (a.group, b.group)
+
+    def between_arms(self, a: CollisionBody, b: CollisionBody) -> bool:
+        """Choose the pairs of one arm with the other."""
+        return a.group != b.group and a.group in self.cell.arms and b.group in self.cell.arms
+
+    def _build(self, widths: Mapping[str, float]) -> CollisionModel:
+        cell = self.cell
+        bodies = [
+            *cell.collision_bodies(widths),
+            self.tool.body.collision_body(),
+            *(body.collision_body() for body in self.objects),
+            *(body.collision_body_in_world() for body in self.obstacles),
+        ]
+        arms = {name: (arm.dh, arm.T_world_base) for name, arm in cell.arms.items()}
+        return CollisionModel.build(arms, bodies, cell.excluded_pairs)

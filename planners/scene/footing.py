@@ -1,0 +1,157 @@
+"""What carries a body that lies or stands on others, and whether it would tip off them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from planners.geometry import polygon
+from planners.geometry.pose import Array, Transform, to_pose7
+from planners.scene.rest import (
+    EDGE_SLACK,
+    REST_GAP,
+    REST_TILT,
+    Surface,
+    face_tilt,
+    footprint,
+    gaps,
+    lowest_face,
+    rests_level,
+    settled,
+)
+from planners.scene.solid import FlatFace, Solid
+
+SMALLEST_OVERLAP = 1e-9
+"""Places that share less are beside one another, not above [m²]."""
+SAME_HEIGHT = 1e-5
+"""Places no farther apart in height carry a body together [m]."""
+SAME_PLANE = 1e-5
+"""How far a flat piece may be off the plane of the face that rests and still belong to it [m]."""
+TIP_SLACK = 1e-6
+"""How far beyond what carries it a centre of mass may be: rounding [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Footing:
+    """Where a body rests once it is settled, and on what."""
+
+    T_world_body: Transform
+    supports: tuple[str, ...]
+    """Names of the bodies that carry it, sorted."""
+
+
+@dataclass(frozen=True)
+class Unsupported:
+    """Why a body does not rest."""
+
+    reason: str
+    """Said of the body: "is tilted …"."""
+
+
+def level_places(name: str, solid: Solid, T_world_body: Transform) -> list[Surface]:
+    """Return the level, upward places of a body's surface, which others can rest on; each is convex."""
+    places = []
+    for piece in solid.flat_pieces():
+        corners = piece.corners @ T_world_body[:3, :3].T + T_world_body[:3, 3]
+        if T_world_body[2, :3] @ piece.normal > 0.0 and float(np.ptp(corners[:, 2])) <= EDGE_SLACK:
+            places.append(Surface(name, float(corners[:, 2].mean()), corners[:, :2]))
+    return [place for place in places if polygon.area(place.outline) > SMALLEST_OVERLAP]
+
+
+def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iterable[Surface]) -> Footing | Unsupported:
+    """Settle a body on the places under it.
+
+    It rests if its lowest flat face is within `REST_GAP` and `REST_TILT` of the highest places it is above, and its
+    centre of mass is above the hull of what touches. It may stick out over an edge, or bridge two places.
+
+    Args:
+        solid: of the body; a mesh rests on a face of its convex hull.
+        T_world_body: where it is, not settled yet.
+        com: (3,) in the body frame [m].
+        places: level places that may carry it.
+    """
+    face = lowest_face(solid, T_world_body)
+    tilt = face_tilt(face, T_world_body)
+    below = [place for place in places if _shares(footprint(face, T_world_body), place.outline)]
+    if tilt > REST_TILT:
+        degrees = math.degrees(tilt)
+        reason = f"is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees"
+        return Unsupported(reason + _advice(solid, T_world_body, com, below))
+    if not below:
+        return Unsupported("rests on nothing: nothing level is below it")
+    fitting = [place for place in below if rests_level(face, T_world_body, place.height)]
+    if not fitting:
+        return Unsupported(_why_apart(face, T_world_body, below) + _advice(solid, T_world_body, com, below))
+    height = max(place.height for place in fitting)
+    T_settled = settled(face, T_world_body, height)
+    touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]
+    points = {place: _touching_points(solid, face, T_settled, place) for place in touching}
+    center = (T_settled[:3, :3] @ com + T_settled[:3, 3])[:2]
+    beyond = _beyond(np.vstack(list(points.values())), center)
+    if beyond > TIP_SLACK:
+        return Unsupported(f"would tip over: its centre of mass is {1e3 * beyond:.4g} mm beyond what carries it")
+    supports = sorted({place.name for place, corners in points.items() if len(corners)})
+    return Footing(T_settled, tuple(supports))
+
+
+def _shares(outline: Array, other: Array) -> bool:
+    if np.any(outline.max(axis=0) < other.min(axis=0)) or np.any(other.max(axis=0) < outline.min(axis=0)):
+        return False
+    shared = polygon.overlap(outline, other)
+    return len(shared) > 2 and polygon.area(shared) > SMALLEST_OVERLAP
+
+
+def _touching_points(solid: Solid, face: FlatFace, T_world_body: Transform, place: Surface) -> Array:
+    """Return the (k, 2) corners of what a face, or of a mesh the flat pieces in its plane, shares with a place."""
+    on_place = footprint(face, T_world_body)
+    corners = [on_place[polygon.depth_inside(place.outline, on_place) >= -EDGE_SLACK]]
+    for piece in solid.flat_pieces():
+        apart = (piece.corners - face.corners[0]) @ face.normal
+        if piece.normal @ face.normal > 0.0 and float(np.abs(apart).max()) <= SAME_PLANE:
+            corners.append(polygon.overlap(footprint(piece, T_world_body), place.outline))
+    return np.vstack(corners)
+
+
+def _beyond(points: Array, center: Array) -> float:
+    """Return how far (2,) `center` is outside the hull of (k, 2) points [m]; infinite if they span no area."""
+    try:
+        hull = points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        return math.inf
+    return -float(polygon.depth_inside(hull, center[None])[0])
+
+
+def _why_apart(face: FlatFace, T_world_body: Transform, below: Sequence[Surface]) -> str:
+    nearest = _nearest(face, T_world_body, below)
+    heights = gaps(face, T_world_body, nearest.height)
+    farthest = 1e3 * float(heights[np.argmax(np.abs(heights))])
+    where = "above" if farthest > 0.0 else "below"
+    return (
+        f"rests on nothing: its bottom face is {abs(farthest):.4g} mm {where} the top of {nearest.name}, "
+        f"more than {1e3 * REST_GAP:g} mm"
+    )
+
+
+def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[Surface]) -> str:
+    """Say where the body would rest, on the face that looks most nearly down among those it does not tip off."""
+    steady = [face for face in solid.flat_faces() if _is_steady(face, com)]
+    if not below or not steady:
+        return ""
+    face = max(steady, key=lambda face: float(face.normal @ -T_world_body[2, :3]))
+    nearest = _nearest(face, T_world_body, below)
+    pose = [round(value, 6) + 0.0 for value in to_pose7(settled(face, T_world_body, nearest.height))]
+    return f"; on {nearest.name} it would rest at {pose}"
+
+
+def _is_steady(face: FlatFace, com: Array) -> bool:
+    """Tell whether the centre of mass is above a face that lies on a level plane."""
+    sides = np.roll(face.corners, -1, axis=0) - face.corners
+    return bool(np.all(np.cross(sides, com - face.corners) @ face.normal >= 0.0))
+
+
+def _nearest(face: FlatFace, T_world_body: Transform, below: Sequence[Surface]) -> Surface:
+    return min(below, key=lambda place: float(np.abs(gaps(face, T_world_body, place.height)).max()))

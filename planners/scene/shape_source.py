@@ -1,0 +1,110 @@
+"""From the shapes that a task names to solids; meshes are looked up among the shipped ones and the uploads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
+from planners.errors import SceneError
+from planners.geometry.convex import ConvexShape
+from planners.geometry.mesh_intake import take_mesh
+from planners.geometry.pose import Array
+from planners.geometry.solid_mesh import SolidMesh
+from planners.scene.asset_files import known_meshes, read_mesh_asset
+from planners.scene.meshes import enclosing_hull
+from planners.scene.solid import MeshSolid, Solid, solid_of
+
+PLANNED_SHAPES = ("box", "cylinder", "prism", "mesh")
+"""The types of shapes that can be planned with."""
+LONGEST_MESH = 2.0
+"""What is longer does not fit into a cell: most likely its unit is not the metre [m]."""
+MILLIMETRE = 1e-3
+"""The scale of a mesh in millimetres."""
+SHORTEST_MESH = 1e-3
+"""What is shorter cannot be handled [m]."""
+
+Uploads = Callable[[str], SolidMesh | None]
+"""Finds the mesh of an upload's id; None if there is none."""
+
+
+def no_uploads(upload: str) -> SolidMesh | None:
+    """Know of no upload."""
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeSource:
+    """Turns shapes of a task into solids."""
+
+    uploads: Uploads = no_uploads
+    _found: dict[Mesh, tuple[InlineMesh, MeshSolid]] = field(default_factory=dict, init=False, repr=False)
+    """Meshes that were asked for: ten equal objects share one."""
+
+    def find(
+        self, shape: Box | Cylinder | Prism | Mesh, pointer: str
+    ) -> tuple[Box | Cylinder | Prism | InlineMesh, Solid]:
+        """Return a shape as a plan document states it, and its solid; `pointer` is where the task names it.
+
+        Raises:
+            SceneError: There is no such mesh, or it is as large or as small as no thing in a cell.
+        """
+        if not isinstance(shape, Mesh):
+            return shape, solid_of(shape)
+        if shape not in self._found:
+            mesh = self._mesh(shape, pointer).scaled(shape.scale)
+            _check_size(mesh, pointer)
+            self._found[shape] = _stated(mesh), mesh_solid(mesh)
+        return self._found[shape]
+
+    def _mesh(self, shape: Mesh, pointer: str) -> SolidMesh:
+        if shape.asset is not None:
+            if shape.asset not in known_meshes():
+                raise SceneError(f"{pointer}/asset", f"there is no mesh {shape.asset}", known_meshes())
+            return take_mesh(*read_mesh_asset(shape.asset))
+        assert shape.upload is not None
+        mesh = self.uploads(shape.upload)
+        if mesh is None:
+            raise SceneError(f"{pointer}/upload", f"there is no upload {shape.upload}; POST the file to /v1/meshes")
+        return mesh
+
+
+def _stated(mesh: SolidMesh) -> InlineMesh:
+    return InlineMesh(
+        type="mesh",
+        vertices=mesh.vertices.tolist(),
+        faces=mesh.faces.tolist(),
+        convex_parts=[part.tolist() for part in mesh.parts],
+    )
+
+
+def mesh_solid(mesh: SolidMesh) -> MeshSolid:
+    """Return a mesh in metres as a solid; a part with many corners is drawn a little larger with few."""
+    drawn = [enclosing_hull(part) for part in mesh.parts]
+    beyond = max(_beyond(shape, part) for shape, part in zip(drawn, mesh.parts, strict=True))
+    parts = tuple(ConvexShape(np.ascontiguousarray(shape)) for shape in drawn)
+    return MeshSolid(mesh.vertices, mesh.faces, parts, mesh.excess + beyond)
+
+
+def _beyond(drawn: Array, part: Array) -> float:
+    """Bound how far a drawing reaches beyond its part [m]: from its corners to the part's planes."""
+    if drawn is part:
+        return 0.0
+    planes = ConvexHull(part).equations
+    nearest = part[np.argmin(np.linalg.norm(drawn[:, None] - part[None], axis=2), axis=1)]
+    flat = (drawn @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+    return float(np.where(flat > 0.0, np.linalg.norm(drawn - nearest, axis=1), 0.0).max())
+
+
+def _check_size(mesh: SolidMesh, pointer: str) -> None:
+    longest = float(mesh.size.max())
+    if longest > LONGEST_MESH:
+        detail = f"the mesh is {longest:.4g} m long, more than {LONGEST_MESH:g} m"
+        hint = f"; if the unit of its file is the millimetre, scale is {MILLIMETRE:g}"
+        raise SceneError(f"{pointer}/scale", detail + hint)
+    if longest < SHORTEST_MESH:
+        detail = f"the mesh is {1e3 * longest:.4g} mm long, less than {1e3 * SHORTEST_MESH:g} mm"
+        raise SceneError(f"{pointer}/scale", detail)

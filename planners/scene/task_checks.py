@@ -1,0 +1,68 @@
+"""What is checked alike in every kind of task: its cell, its names, where the arms start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+import numpy as np
+
+from planners.errors import SceneError
+from planners.geometry.pose import Array
+from planners.scene.cell import Cell, known_cells, load_cell
+
+RESERVED_NAMES = frozenset({"plate", "support", "table", "cup", "cable", "tool", "world", "left", "right"})
+
+
+def find_cell(name: str, cells: Mapping[str, Cell] | None, fits: Callable[[Cell], bool], needed: str) -> Cell:
+    """Return the cell of a name.
+
+    Args:
+        name: as the task says.
+        cells: the cells there are; None: the shipped ones.
+        fits: whether a cell has the hands that the task needs.
+        needed: says which those are.
+
+    Raises:
+        SceneError: There is none, or it does not fit.
+    """
+    known = known_cells() if cells is None else list(cells)
+    find = load_cell if cells is None else cells.__getitem__
+    if name not in known:
+        raise SceneError("/cell", f"there is no cell {name}", known)
+    cell = find(name)
+    if not fits(cell):
+        raise SceneError("/cell", needed, [other for other in known if fits(find(other))])
+    return cell
+
+
+def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> None:
+    """Check that (name, pointer) pairs are unique and not those of what is there anyway.
+
+    Raises:
+        SceneError: at the first name that is taken.
+    """
+    taken = RESERVED_NAMES | {body.name for body in cell.collision_bodies()}
+    seen: set[str] = set()
+    for name, pointer in named:
+        if name in taken:
+            raise SceneError(pointer, f"the name {name} is reserved")
+        if name in seen:
+            raise SceneError(pointer, f"the name {name} is used twice")
+        seen.add(name)
+
+
+def start_positions(given: tuple[float, ...] | None, cell: Cell) -> Array:
+    """Return where the (12,) joints start [rad]: at home unless the task says otherwise.
+
+    Raises:
+        SceneError: A joint is beyond its limits.
+    """
+    if given is None:
+        return cell.home
+    lower = np.concatenate([arm.position_min for arm in cell.arms.values()])
+    upper = np.concatenate([arm.position_max for arm in cell.arms.values()])
+    positions = np.array(given)
+    for i in np.flatnonzero((positions < lower) | (positions > upper)):
+        detail = f"the joint's limits are {lower[i]:.6g} and {upper[i]:.6g} rad"
+        raise SceneError(f"/start_positions/{i}", detail)
+    return positions

@@ -1,0 +1,240 @@
+"""Putting tool and objects of a suction-tool task where it says, at rest on what carries them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from scipy.spatial import ConvexHull, KDTree
+
+from planners.contract.task_spec import ObjectToMove, SuctionToolTask
+from planners.errors import SceneError
+from planners.geometry.pose import Array, Transform, from_pose7
+from planners.scene.body import Body
+from planners.scene.cell import Cell
+from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_overlaps
+from planners.scene.footing import Footing, Unsupported, find_footing, level_places
+from planners.scene.moved_object import MovedObject, symmetry_turns
+from planners.scene.placements import CONTAINMENT_SLACK
+from planners.scene.rest import REST_GAP, Surface
+from planners.scene.shape_source import ShapeSource
+from planners.scene.solid import ExtrudedSolid, Solid
+from planners.scene.suction_tool import SuctionTool, load_tool
+
+RAISE = 1e-4
+"""So far above what carries it, beyond what their drawings exceed them by, a body must be clear of it [m]."""
+SAME_GOAL = 1e-4
+"""A turned goal that settling moves by more does not rest [m or rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StillBodies:
+    """What never moves: the cell's own bodies and the obstacles."""
+
+    bodies: tuple[PlacedBody, ...]
+    places: tuple[Surface, ...]
+    """Level places of all of them that others may rest on."""
+    excess: dict[str, float]
+    """By name, how far a body's convex shapes reach beyond it [m]."""
+
+    @classmethod
+    def of(cls, cell: Cell, obstacles: Sequence[Body]) -> Self:
+        """Collect what stands in a cell."""
+        bodies = [placed_body(body, np.eye(4), None) for body in cell.bodies]
+        places = [_top_of_box(static.name, static.center, static.size) for static in cell.boxes]
+        for i, body in enumerate(obstacles):
+            bodies.append(placed_body(body.collision_body(), body.T_world_body, f"/obstacles/{i}/pose"))
+            places += level_places(body.name, body.solid, body.T_world_body)
+        return cls(tuple(bodies), tuple(places), {body.name: body.solid.excess for body in obstacles})
+
+
+def place_tool(task: SuctionToolTask, cell: Cell, still: StillBodies, shapes: ShapeSource) -> SuctionTool:
+    """Settle the tool where the task says, else in the cell's rest: standing on its cup, or lying.
+
+    Raises:
+        SceneError: It is no tool, or does not rest.
+    """
+    T_world_tool = _tool_pose(task, cell)
+    tool = load_tool(task.tool, T_world_tool, shapes)
+    _check_tool(tool)
+    footing = find_footing(tool.body.solid, T_world_tool, tool.com, still.places)
+    if isinstance(footing, Unsupported):
+        raise SceneError("/tool_pose", f"the tool {footing.reason}")
+    return replace(tool, body=replace(tool.body, T_world_body=footing.T_world_body), supports=footing.supports)
+
+
+def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: ShapeSource) -> tuple[MovedObject, ...]:
+    """Settle all objects, at the start and at their goals, each on what stands still or on other objects.
+
+    Raises:
+        SceneError: An object rests on nothing, its centre of mass is outside it, or goals overlap.
+    """
+    bodies = [_body(one, f"/objects/{i}", shapes) for i, one in enumerate(given)]
+    starts = _settle_all(bodies, [body.T_world_body for body in bodies], still, _refuse_start)
+    goals = _settle_all(bodies, [from_pose7(one.goal_pose) for one in given], still, _refuse_goal)
+    at_goals = [
+        placed_body(body.collision_body(), goal.T_world_body, f"/objects/{i}/goal_pose")
+        for i, (body, goal) in enumerate(zip(bodies, goals, strict=True))
+    ]
+    excess = still.excess | {body.name: body.solid.excess for body in bodies}
+    supports = {body.name: goal.supports for body, goal in zip(bodies, goals, strict=True)}
+    refuse_overlaps_but_rest(at_goals, [*still.bodies, *at_goals], supports, excess, "at its goal")
+    objects = []
+    for i, one in enumerate(given):
+        body = replace(bodies[i], T_world_body=starts[i].T_world_body)
+        places = [*still.places, *_places_of_others(bodies, goals, i)]
+        # What rests on it touches it, before and after the turn.
+        below = [at for at, goal in zip(at_goals, goals, strict=True) if body.name not in (at.name, *goal.supports)]
+        others = [*still.bodies, *below]
+        turns = _turns_at_rest(one, body, goals[i], places, others)
+        goal = goals[i]
+        objects.append(
+            MovedObject(body, goal.T_world_body, one.goal_symmetry, turns, starts[i].supports, goal.supports)
+        )
+    return tuple(objects)
+
+
+def refuse_overlaps_but_rest(
+    group: Sequence[PlacedBody],
+    others: Sequence[PlacedBody],
+    supports: dict[str, tuple[str, ...]],
+    excess: dict[str, float],
+    when: str,
+) -> None:
+    """Check that bodies are clear of others; those that carry them must be clear once they are raised a little.
+
+    Args:
+        group: bodies.
+        others: what they must be clear of; may contain them.
+        supports: names of what carries each body of the group.
+        excess: by name, how far convex shapes reach beyond a body [m]; not listed: not at all.
+        when: ends the sentence that refuses.
+
+    Raises:
+        BodiesOverlap: for a pair that overlaps.
+    """
+    resting = frozenset(_sorted_pair(name, support) for name, below in supports.items() for support in below)
+    refuse_overlaps(group, [other for other in others if other not in group], resting, when)
+    refuse_overlaps(group, group, resting, when)
+    by_name = {other.name: other for other in (*others, *group)}
+    for body in group:
+        for support in supports[body.name]:
+            height = RAISE + excess.get(body.name, 0.0) + excess.get(support, 0.0)
+            refuse_overlaps([raised(body, height)], [by_name[support]], (), when)
+
+
+def _body(given: ObjectToMove, pointer: str, shapes: ShapeSource) -> Body:
+    shape, solid = shapes.find(given.shape, f"{pointer}/shape")
+    com = np.array(given.com)
+    if not _in_hull(solid, com):
+        raise SceneError(f"{pointer}/com", f"the centre of mass is not inside {given.name}")
+    return Body(given.name, "object", shape, solid, given.mass, com, from_pose7(given.pose), static=False)
+
+
+def _tool_pose(task: SuctionToolTask, cell: Cell) -> Transform:
+    if task.tool_pose is not None:
+        return from_pose7(task.tool_pose)
+    if cell.tool_rest is None:
+        raise SceneError("/tool_pose", f"the cell {cell.name} has no tool rest; say where the tool is")
+    return cell.tool_rest.T_world_tool
+
+
+def _check_tool(tool: SuctionTool) -> None:
+    """Refuse a description that cannot be a tool with its cup's lip at the origin."""
+    if not _in_hull(tool.body.solid, tool.com):
+        raise SceneError("/tool/com", "the centre of mass is not inside the tool")
+    lowest = float(tool.body.solid.surface()[0][:, 2].min())
+    if abs(lowest) > REST_GAP:
+        where = "below" if lowest < 0.0 else "above"
+        detail = f"the tool ends {1e3 * abs(lowest):.4g} mm {where} its origin, which is the centre of the cup's lip"
+        raise SceneError("/tool/shapes", detail)
+
+
+def _in_hull(solid: Solid, point: Array) -> bool:
+    """Tell whether (3,) `point` is inside the convex hull: the centre of mass of an angle is beside it."""
+    planes = ConvexHull(solid.surface()[0]).equations
+    return float((planes[:, :3] @ point + planes[:, 3]).max()) <= CONTAINMENT_SLACK
+
+
+Refuse = Callable[[int, str, str], SceneError]
+
+
+def _refuse_start(index: int, name: str, reason: str) -> SceneError:
+    return SceneError(f"/objects/{index}/pose", f"{name} {reason}")
+
+
+def _refuse_goal(index: int, name: str, reason: str) -> SceneError:
+    return SceneError(f"/objects/{index}/goal_pose", f"at its goal, {name} {reason}")
+
+
+def _settle_all(
+    bodies: Sequence[Body], poses: Sequence[Transform], still: StillBodies, refuse: Refuse
+) -> list[Footing]:
+    """Settle bodies from the bottom up, each on what stands still and on those below it."""
+    places = list(still.places)
+    footings: dict[int, Footing] = {}
+    for i in sorted(range(len(bodies)), key=lambda i: _lowest(bodies[i].solid, poses[i])):
+        body = bodies[i]
+        footing = find_footing(body.solid, poses[i], body.com, places)
+        if isinstance(footing, Unsupported):
+            raise refuse(i, body.name, footing.reason)
+        footings[i] = footing
+        places += level_places(body.name, body.solid, footing.T_world_body)
+    return [footings[i] for i in range(len(bodies))]
+
+
+def _lowest(solid: Solid, T_world_body: Transform) -> float:
+    return float((solid.surface()[0] @ T_world_body[2, :3]).min() + T_world_body[2, 3])
+
+
+def _places_of_others(bodies: Sequence[Body], goals: Sequence[Footing], index: int) -> list[Surface]:
+    return [
+        place
+        for i, (body, goal) in enumerate(zip(bodies, goals, strict=True))
+        if i != index
+        for place in level_places(body.name, body.solid, goal.T_world_body)
+    ]
+
+
+def _turns_at_rest(
+    given: ObjectToMove, body: Body, goal: Footing, places: Sequence[Surface], others: Sequence[PlacedBody]
+) -> Array:
+    """Return the turns of a goal that keep it at rest, and clear of everything that does not rest on the object."""
+    turns = symmetry_turns(body.solid, given.goal_symmetry)
+    under = [place for place in places if place.name in goal.supports]
+    kept = [
+        turn
+        for turn in turns[1:]
+        if _changes_nothing(body, turn) or _rests_turned(body, goal.T_world_body @ turn, under, others)
+    ]
+    return np.array([turns[0], *kept])
+
+
+def _changes_nothing(body: Body, turn: Transform) -> bool:
+    """Tell whether a turn takes the body's shape and its centre of mass to themselves."""
+    if isinstance(body.solid, ExtrudedSolid) and body.solid.is_round:
+        return True
+    corners, _ = body.solid.surface()
+    farthest, _ = KDTree(corners).query(corners @ turn[:3, :3].T + turn[:3, 3])
+    moved = np.linalg.norm(turn[:3, :3] @ body.com + turn[:3, 3] - body.com)
+    return max(float(np.max(farthest)), float(moved)) <= SAME_GOAL * float(np.ptp(corners, axis=0).max())
+
+
+def _rests_turned(body: Body, T_world_body: Transform, places: Sequence[Surface], others: Sequence[PlacedBody]) -> bool:
+    footing = find_footing(body.solid, T_world_body, body.com, places)
+    if isinstance(footing, Unsupported) or float(np.abs(footing.T_world_body - T_world_body).max()) > SAME_GOAL:
+        return False
+    turned = raised(placed_body(body.collision_body(), T_world_body, None), RAISE + body.solid.excess)
+    return first_overlap([turned], others) is None
+
+
+def _top_of_box(name: str, center: Array, size: Array) -> Surface:
+    x, y, z = 0.5 * size
+    corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) + center[:2]
+    return Surface(name, float(center[2] + z), corners)
+
+
+def _sorted_pair(a: str, b: str) -> tuple[str, str]:
+    return (a, b) if a < b else (b, a)

@@ -1,0 +1,102 @@
+"""SuctionToolScene: everything a suction-tool task is planned for, checked and in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
+from planners.geometry.pose import Array
+from planners.scene.body import Body
+from planners.scene.cell import Cell
+from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
+from planners.scene.hand import Gripper
+from planners.scene.moved_object import MovedObject
+from planners.scene.placements import place_obstacle
+from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
+from planners.scene.suction_tool import TOOL_NAME, SuctionTool
+from planners.scene.task_checks import check_names, find_cell, start_positions
+from planners.scene.tool_placements import StillBodies, place_objects, place_tool, refuse_overlaps_but_rest
+
+
+@dataclass(frozen=True, eq=False)
+class SuctionToolScene:
+    """A suction-tool task at its start. Everything rests, nothing overlaps, every name is unique."""
+
+    cell: Cell
+    tool: SuctionTool
+    """Standing in the cell's rest or on its cup, or lying."""
+    objects: tuple[MovedObject, ...]
+    """As the task lists them; at rest at the start and at their goals."""
+    friction: SuctionToolFriction
+    grip_force_limit: float
+    """Largest normal force of one finger on the tool [N]."""
+    obstacles: tuple[Body, ...]
+    start_positions: Array
+    """(12,), left arm first [rad]."""
+    start_widths: dict[str, float]
+    """Opening of each gripper at the start [m]: fully open."""
+    seed: int
+    options: SuctionToolOptions
+
+    def bodies(self) -> tuple[Body, ...]:
+        """Return the bodies the task brings: tool, objects, obstacles."""
+        return (self.tool.body, *(moved.body for moved in self.objects), *self.obstacles)
+
+
+def build_tool_scene(
+    task: SuctionToolTask, cells: Mapping[str, Cell] | None = None, uploads: Uploads = no_uploads
+) -> SuctionToolScene:
+    """Place everything a suction-tool task names, and refuse what cannot stand as it says.
+
+    Raises:
+        SceneError: naming the member that is wrong, and the valid choices where there are any.
+    """
+    cell = find_cell(task.cell, cells, _grips_with_both, "a suction tool needs a cell with two grippers")
+    named = [(given.name, f"/objects/{i}/name") for i, given in enumerate(task.objects)]
+    named += [(given.name, f"/obstacles/{i}/name") for i, given in enumerate(task.obstacles)]
+    check_names(named, cell)
+    shapes = ShapeSource(uploads)
+    obstacles = tuple(place_obstacle(i, given, shapes) for i, given in enumerate(task.obstacles))
+    still = StillBodies.of(cell, obstacles)
+    scene = SuctionToolScene(
+        cell=cell,
+        tool=place_tool(task, cell, still, shapes),
+        objects=place_objects(task.objects, still, shapes),
+        friction=task.friction,
+        grip_force_limit=task.grip_force_limit,
+        obstacles=obstacles,
+        start_positions=start_positions(task.start_positions, cell),
+        start_widths={name: _width_max(cell, name) for name in cell.gripper_arms},
+        seed=task.seed,
+        options=task.options,
+    )
+    _refuse_overlaps_at_start(scene, still)
+    return scene
+
+
+def _grips_with_both(cell: Cell) -> bool:
+    return len(cell.gripper_arms) == 2
+
+
+def _width_max(cell: Cell, arm: str) -> float:
+    hand = cell.arms[arm].hand
+    assert isinstance(hand, Gripper)
+    return hand.width_max
+
+
+def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> None:
+    """Let static things overlap one another; tool, objects and arms must be clear of all."""
+    moved = [_placed(one.body, f"/objects/{i}/pose") for i, one in enumerate(scene.objects)]
+    tool = _placed(scene.tool.body, "/tool_pose")
+    arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
+    supports = {one.name: one.start_supports for one in scene.objects} | {TOOL_NAME: scene.tool.supports}
+    excess = still.excess | {body.name: body.solid.excess for body in scene.bodies()}
+    standing = [*moved, tool]
+    refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, "at the start")
+    refuse_overlaps(arms, [*standing, *still.bodies], scene.cell.excluded_pairs)
+    refuse_overlaps(arms, arms, scene.cell.excluded_pairs)
+
+
+def _placed(body: Body, pointer: str) -> PlacedBody:
+    return placed_body(body.collision_body(), body.T_world_body, pointer)

@@ -1,0 +1,363 @@
+"""Each lie told in an otherwise honest suction-tool plan fails the checks that it touches, where it was told."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
+
+from planners.certify import CellReference, Certificate, RobotSurfaces, certify
+from planners.contract.plan_document import check_document
+from planners.geometry.pose import from_pose7, rotation_x, rotation_z, to_pose7, transform
+
+POST = {"name": "post", "shape": {"type": "box", "size": [0.05, 0.05, 0.05]}, "pose": [0.7, 0.7, 1.12, 1, 0, 0, 0]}
+
+
+@pytest.fixture(scope="module")
+def honest() -> Document:
+    """A block is moved by the arm on its side."""
+    return planned({"objects": [block()], "obstacles": [POST]})
+
+
+@pytest.fixture(scope="module")
+def known() -> CellReference:
+    return reference_of_the_tool_cell()
+
+
+@pytest.fixture
+def document(honest: Document) -> Document:
+    return copy.deepcopy(honest)
+
+
+@dataclass(frozen=True)
+class Lie:
+    """What is changed, a check that must fail, and words that one of the failures must say."""
+
+    tell: Callable[[Document], None]
+    fails: str
+    where: str
+
+
+LIES: dict[str, Lie] = {}
+
+
+def lie(fails: str, where: str) -> Callable[[Callable[[Document], None]], Callable[[Document], None]]:
+    def register(tell: Callable[[Document], None]) -> Callable[[Document], None]:
+        LIES[tell.__name__] = Lie(tell, fails, where)
+        return tell
+
+    return register
+
+
+def first(document: Document, kind: str, after: str | None = None) -> Document:
+    """The first segment of a kind; with `after`, the first that follows one of that kind."""
+    segments = document["segments"]
+    begin = 0 if after is None else 1 + next(i for i, s in enumerate(segments) if s["kind"] == after)
+    return next(s for s in segments[begin:] if s["kind"] == kind)
+
+
+def contacts(segment: Document, kind: str, body: str) -> list[dict[str, Any]]:
+    """The contacts of a kind on a body, at a sample in the middle if there is one."""
+    samples = sorted({c["sample"] for c in segment["contacts"] if c["body"] == body})
+    sample = samples[len(samples) // 2]
+    return [c for c in segment["contacts"] if (c["kind"], c["body"], c["sample"]) == (kind, body, sample)]
+
+
+@lie("hands", "held by")
+def a_hold_is_left_out(document: Document) -> None:
+    first(document, "transfer")["hold"] = None
+
+
+@lie("hands", "the tool is not in both hands")
+def one_hand_hands_over(document: Document) -> None:
+    first(document, "transfer")["kind"] = "handover"
+
+
+@lie("hands", "holds the tool: it is no free hand")
+def a_transfer_is_called_a_transit(document: Document) -> None:
+    first(document, "transfer")["kind"] = "transit"
+
+
+@lie("kinds", "moves")
+def a_carrying_motion_is_called_an_approach(document: Document) -> None:
+    first(document, "transfer", after="attach")["kind"] = "approach"
+
+
+@lie("attachment_rules", "block is held by tool and not attached")
+def the_object_floats(document: Document) -> None:
+    del first(document, "transfer", after="attach")["attached"]["block"]
+
+
+@lie("attachment_rules", "which does not hold it")
+def an_object_is_attached_to_a_hand(document: Document) -> None:
+    segment = first(document, "transfer", after="attach")
+    arm = segment["hold"]["grip"]["arm"]
+    segment["attached"]["block"].append({"to": arm, "pose": segment["attached"]["tool"][0]["pose"]})
+
+
+@lie("attachment_rules", "while fingers open or close")
+def the_tool_is_attached_while_fingers_close(document: Document) -> None:
+    first(document, "grip")["attached"] = {"tool": first(document, "transfer")["attached"]["tool"]}
+
+
+@lie("attachments", "block on tool")
+def the_object_drifts_on_the_cup(document: Document) -> None:
+    first(document, "transfer", after="attach")["attached"]["block"][0]["pose"][0] += 0.0003
+
+
+@lie("attachment_angles", "tool on")
+def the_tool_turns_in_the_hand(document: Document) -> None:
+    entry = first(document, "transfer")["attached"]["tool"][0]
+    entry["pose"] = to_pose7(from_pose7(entry["pose"]) @ transform(rotation_x(np.radians(0.06))))
+
+
+@lie("resting_bodies", "block moves, held by nothing")
+def a_resting_object_moves_by_itself(document: Document) -> None:
+    segment, rest = first(document, "transit"), document["bodies"]["block"]["pose"]
+    rows = [list(rest) for _ in segment["time"]]
+    rows[3][0] += 1e-4
+    segment["body_poses"]["block"] = rows
+
+
+@lie("grips", "hand on tool")
+def the_hold_is_elsewhere(document: Document) -> None:
+    first(document, "transfer")["hold"]["grip"]["pose"][2] += 0.0005
+
+
+@lie("grip_width", "the pads do not meet tool together")
+def the_pads_are_off_the_tool(document: Document) -> None:
+    for segment in document["segments"]:
+        for grip in ((segment["hold"] or {}).get("grip"), (segment["hold"] or {}).get("second_grip")):
+            if grip is not None:
+                T = from_pose7(grip["pose"]) @ transform(None, [0.0, 0.002, 0.0])
+                grip["pose"] = to_pose7(T)
+
+
+@lie("vacuum", "block is sucked, and was never attached")
+def the_vacuum_never_goes_on(document: Document) -> None:
+    first(document, "attach")["kind"] = "transit"
+
+
+@lie("vacuum", "is still on the cup")
+def the_vacuum_never_goes_off(document: Document) -> None:
+    segments = document["segments"]
+    document["segments"] = segments[: next(i for i, s in enumerate(segments) if s["kind"] == "detach")]
+
+
+@lie("vacuum", "bears something without vacuum")
+def the_cup_bears_before_it_sucks(document: Document) -> None:
+    for contact in first(document, "attach")["contacts"]:
+        if contact["kind"] == "suction" and contact["sample"] == 0:
+            contact["wrench"][2] += 0.5 if contact["body"] == "block" else -0.5
+
+
+@lie("vacuum", "not opposite")
+def the_tool_does_not_feel_the_object(document: Document) -> None:
+    contacts(first(document, "transfer", after="attach"), "suction", "tool")[0]["wrench"][2] += 0.1
+
+
+@lie("vacuum", "the suction is not listed on both")
+def the_object_is_left_out_of_the_tools_load(document: Document) -> None:
+    segment = first(document, "transfer", after="attach")
+    segment["contacts"] = [c for c in segment["contacts"] if (c["kind"], c["body"]) != ("suction", "tool")]
+
+
+@lie("supports", "nothing bears it")
+def an_object_is_let_go_of_in_the_air(document: Document) -> None:
+    segment = first(document, "detach")
+    segment["contacts"] = [c for c in segment["contacts"] if c["kind"] != "environment"]
+
+
+@lie("contact_points", "by table: on table")
+def the_table_bears_beside_itself(document: Document) -> None:
+    for contact in contacts(first(document, "detach"), "environment", "block"):
+        contact["point"][2] += 0.001
+
+
+@lie("contact_normals", "the lip on block")
+def the_cup_is_not_wholly_on_the_object(document: Document) -> None:
+    # The object is said to be smaller than the pad, in the task as in the document.
+    for shape in (document["bodies"]["block"]["shape"], document["task"]["objects"][0]["shape"]):
+        shape["size"] = [0.03, 0.03, 0.02]
+
+
+@lie("contact_normals", "x axis")
+def the_pad_is_turned(document: Document) -> None:
+    contact = contacts(first(document, "transfer", after="attach"), "suction", "block")[0]
+    x, z = np.array(contact["x_axis"]), np.array(contact["normal"])
+    angle = np.radians(1.0)
+    contact["x_axis"] = (np.cos(angle) * x + np.sin(angle) * np.cross(z, x)).tolist()
+
+
+@lie("contact_points", "at the pad")
+def a_finger_presses_where_it_is_not(document: Document) -> None:
+    contacts(first(document, "transfer"), "soft_finger", "tool")[0]["point"][2] += 0.002
+
+
+@lie("contact_sets", "no contact set of tool at the last sample")
+def a_set_is_missing_at_the_end(document: Document) -> None:
+    segment = first(document, "transfer")
+    last = len(segment["time"]) - 1
+    segment["contacts"] = [c for c in segment["contacts"] if c["sample"] != last]
+
+
+@lie("contact_sets", "block")
+def sets_of_the_object_are_missing(document: Document) -> None:
+    segment = first(document, "transfer", after="attach")
+    last = len(segment["time"]) - 1
+    segment["contacts"] = [c for c in segment["contacts"] if c["body"] != "block" or c["sample"] in (0, last)]
+
+
+@lie("inertia", "transfer")
+def inertia_is_left_out(document: Document) -> None:
+    for segment in document["segments"]:
+        segment["contacts"] = [c for c in segment["contacts"] if c["kind"] != "inertia"]
+
+
+@lie("balance_force", "block")
+def a_force_is_smaller(document: Document) -> None:
+    contacts(first(document, "transfer", after="attach"), "suction", "block")[0]["wrench"][2] -= 0.002
+
+
+@lie("friction", "finger")
+def fingers_are_past_their_cones(document: Document) -> None:
+    for contact in contacts(first(document, "transfer", after="attach"), "soft_finger", "tool"):
+        contact["wrench"][:3] = (np.array(contact["wrench"][:3]) - 0.2 * np.array(contact["normal"])).tolist()
+
+
+@lie("normal_force", "finger")
+def fingers_press_too_hard(document: Document) -> None:
+    for contact in contacts(first(document, "transfer", after="attach"), "soft_finger", "tool"):
+        contact["wrench"][:3] = (np.array(contact["wrench"][:3]) + 60.0 * np.array(contact["normal"])).tolist()
+
+
+@lie("contact_parameters", "limit")
+def the_cup_is_stronger_than_it_is(document: Document) -> None:
+    for segment in document["segments"]:
+        for contact in segment["contacts"]:
+            if contact["kind"] == "suction":
+                contact["limit"] = 40.0
+
+
+@lie("suction", "shear")
+def the_cup_slips(document: Document) -> None:
+    for segment in document["segments"]:
+        for contact in segment["contacts"]:
+            if contact["kind"] == "suction":
+                contact["mu"] = 1e-4
+
+
+@lie("cup_force", "presses")
+def the_cup_pushes(document: Document) -> None:
+    for contact in contacts(first(document, "transfer", after="attach"), "suction", "block"):
+        contact["wrench"][:3] = (-np.array(contact["wrench"][:3])).tolist()
+        contact["suction_force"] *= -1.0
+
+
+@lie("goals", "the end: block")
+def the_goal_is_missed(document: Document) -> None:
+    document["task"]["objects"][0]["goal_pose"][0] += 0.0012
+
+
+@lie("goal_angles", "the end: block")
+def the_goal_is_turned(document: Document) -> None:
+    goal = document["task"]["objects"][0]
+    goal["goal_pose"] = to_pose7(from_pose7(goal["goal_pose"]) @ transform(rotation_z(np.radians(0.6))))
+
+
+@lie("goal_angles", "the end: block")
+def the_block_ends_the_other_way_round(document: Document) -> None:
+    goal = document["task"]["objects"][0]
+    goal["goal_pose"] = to_pose7(from_pose7(goal["goal_pose"]) @ transform(rotation_z(np.pi)))
+
+
+@lie("task_bodies", "body tool: mass")
+def the_tool_is_lighter(document: Document) -> None:
+    document["bodies"]["tool"]["mass"] = 0.2
+
+
+@lie("task_bodies", "body tool: shape")
+def the_tool_is_thinner(document: Document) -> None:
+    shape = document["bodies"]["tool"]["shape"]
+    shape["vertices"] = (0.97 * np.array(shape["vertices"])).tolist()
+
+
+@lie("task_bodies", "convex parts")
+def a_part_of_the_tool_cannot_be_hit(document: Document) -> None:
+    document["bodies"]["tool"]["shape"]["convex_parts"].pop()
+
+
+@lie("task_bodies", "body block: pose")
+def the_object_starts_elsewhere(document: Document) -> None:
+    document["task"]["objects"][0]["pose"][0] += 0.002
+
+
+@lie("collision", "post")
+def an_obstacle_stands_in_the_way(document: Document) -> None:
+    pose = list(first(document, "transfer", after="attach")["body_poses"]["tool"][-1][:3])
+    for body in (document["bodies"]["post"], document["task"]["obstacles"][0]):
+        body["pose"] = [*pose, 1.0, 0.0, 0.0, 0.0]
+
+
+@lie("touch_depth", "block")
+def the_object_sinks_into_the_table(document: Document) -> None:
+    segment = first(document, "detach")
+    before = document["segments"][document["segments"].index(segment) - 1]
+    rest = from_pose7(before["attached"]["block"][0]["pose"]) @ transform(None, [0.0, 0.0, -0.0015])
+    before["attached"]["block"][0]["pose"] = to_pose7(rest)
+
+
+@lie("joins", "pose of block")
+def the_object_jumps_between_segments(document: Document) -> None:
+    first(document, "transfer", after="attach")["body_poses"]["block"][0][0] += 1e-6
+
+
+def failures(certificate: Certificate) -> dict[str, str]:
+    return {check.name: check.where for check in certificate.failures}
+
+
+def test_an_honest_plan_passes(honest: Document, surfaces: RobotSurfaces, known: CellReference) -> None:
+    check_document(honest)
+    assert failures(certify(honest, surfaces, known)) == {}
+
+
+def test_an_honest_plan_passes_in_which_the_tool_is_handed_over(surfaces: RobotSurfaces, known: CellReference) -> None:
+    across = {"pose": [0.3, 0.42, 1.104, *QUARTER], "goal_pose": [0.3, -0.4, 1.104, *QUARTER]}
+    document = planned({"objects": [block(**across)]})
+    check_document(document)
+    assert "handover" in [segment["kind"] for segment in document["segments"]]
+    assert failures(certify(document, surfaces, known)) == {}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_a_lie_fails_the_checks_it_touches(
+    name: str, document: Document, surfaces: RobotSurfaces, known: CellReference
+) -> None:
+    LIES[name].tell(document)
+    found = failures(certify(document, surfaces, known))
+    assert LIES[name].fails in found
+    assert LIES[name].where in found[LIES[name].fails], found
+
+
+@pytest.mark.parametrize(
+    ("mass", "needed", "available", "unit", "passes"),
+    [
+        (3.0, 3.0 * 9.81, 20.0, "N", True),
+        (3.0, 3.0 * 9.81, 19.0, "N", False),
+        (0.1, 0.1 * 9.81, 20.0, "N", False),
+        (0.1, 0.2, 0.085, "m", False),
+    ],
+)
+def test_a_task_is_infeasible_only_with_a_proof(
+    mass: float, needed: float, available: float, unit: str, passes: bool, document: Document,
+    surfaces: RobotSurfaces, known: CellReference,
+) -> None:  # fmt: skip
+    document["task"]["objects"][0]["mass"] = document["bodies"]["block"]["mass"] = mass
+    cause = {"reason": "too heavy", "needed": needed, "available": available, "unit": unit, "where": "block"}
+    document |= {"outcome": "infeasible", "segments": [], "explanation": {"summary": "no", "causes": [cause]}}
+    assert certify(document, surfaces, known).passed == passes

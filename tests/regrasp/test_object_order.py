@@ -1,0 +1,71 @@
+"""Which object is moved first."""
+
+from __future__ import annotations
+
+from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.regrasp.object_order import ObjectOrder
+from planners.scene.tool_scene import build_tool_scene
+
+SIZE = [0.1, 0.06, 0.04]
+LOW, HIGH = 1.094 + 0.02, 1.094 + 0.06
+
+
+def order_of(**places: tuple[list[float], list[float]]) -> ObjectOrder:
+    objects = [
+        {
+            "name": name,
+            "shape": {"type": "box", "size": SIZE},
+            "mass": 0.1,
+            "pose": [*start, 1, 0, 0, 0],
+            "goal_pose": [*goal, 1, 0, 0, 0],
+        }
+        for name, (start, goal) in places.items()
+    ]
+    task = read_task({"kind": "suction_tool", "objects": objects})
+    assert isinstance(task, SuctionToolTask)
+    return ObjectOrder.of(build_tool_scene(task).objects)
+
+
+def test_the_object_nearest_to_its_goal_comes_first() -> None:
+    order = order_of(
+        far=([0.3, 0.35, LOW], [0.4, -0.2, LOW]),
+        near=([0.3, -0.3, LOW], [0.4, -0.35, LOW]),
+    )
+    assert order.next(frozenset()) == ("near", "far")
+
+
+def test_a_support_comes_before_what_lies_on_it_however_far_it_is() -> None:
+    order = order_of(
+        top=([0.45, 0.15, LOW], [0.4, 0.0, HIGH]),
+        base=([0.3, -0.4, LOW], [0.4, 0.0, LOW]),
+    )
+    assert order.next(frozenset()) == ("base",)
+    assert order.next(frozenset({"base"})) == ("top",)
+
+
+def test_what_stands_in_the_way_of_a_goal_comes_first() -> None:
+    order = order_of(
+        mover=([0.4, 0.3, LOW], [0.4, 0.2, LOW]),
+        standing=([0.4, 0.16, LOW], [0.3, -0.35, LOW]),
+    )
+    assert order.next(frozenset()) == ("standing",)
+
+
+def test_objects_that_wait_for_one_another_cannot_be_moved() -> None:
+    order = order_of(
+        one=([0.4, 0.3, LOW], [0.4, -0.2, LOW]),
+        other=([0.4, -0.2, LOW], [0.4, 0.3, LOW]),
+    )
+    assert order.next(frozenset()) == ()
+    assert set(order.next_aside(frozenset())) == {"one", "other"}
+    assert {cause.where for cause in order.deadlock(frozenset())} == {"one", "other"}
+
+
+def test_what_holds_another_up_is_put_aside_before_what_does_not() -> None:
+    order = order_of(
+        base=([0.3, 0.3, LOW], [0.4, 0.0, LOW]),
+        top=([0.4, 0.05, LOW], [0.4, 0.0, HIGH]),
+        near=([0.3, -0.35, LOW], [0.3, -0.3, LOW]),
+    )
+    assert order.next(frozenset({"near"})) == ()
+    assert order.next_aside(frozenset())[0] == "top"

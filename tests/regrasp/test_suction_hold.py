@@ -1,0 +1,195 @@
+"""The suction cones against cvxpy and by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from planners.geometry.pose import inverse, rotation_from_vector, rotation_z, transform
+from planners.geometry.wrench import grasp_map
+from planners.regrasp.suction_hold import (
+    SuctionLimit,
+    acceleration_share,
+    cup_wrenches,
+    least_margin,
+    suction_margin,
+    suction_margins,
+    weight,
+)
+
+
+@dataclass(frozen=True)
+class Lip:
+    radius: float = 0.0175
+    max_force: float = 20.0
+    mu: float = 0.5
+    kappa: float = 4.5
+
+
+LIP = Lip()
+PEEL = math.pi * LIP.radius * LIP.kappa / math.sqrt(2.0)
+"""Torque at which the lip peels [Nm]."""
+
+
+def dexnet_holds(wrench: np.ndarray, lip: Lip) -> bool:
+    """Dex-Net's limits as printed, component by component."""
+    fx, fy, pull, tx, ty, tz = wrench
+    friction = lip.mu * (lip.max_force - pull)
+    return bool(
+        0.0 <= pull <= lip.max_force
+        and math.sqrt(3.0) * max(abs(fx), abs(fy)) <= friction
+        and math.sqrt(3.0) * abs(tz) <= lip.radius * friction
+        and math.sqrt(2.0) * max(abs(tx), abs(ty)) <= math.pi * lip.radius * lip.kappa
+    )
+
+
+def turned_about_the_pad(wrench: np.ndarray, angle: float) -> np.ndarray:
+    R = rotation_z(angle)
+    return np.concatenate([R @ wrench[:3], R @ wrench[3:]])
+
+
+def random_wrenches(seed: int, count: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, 6)) * [8, 8, 30, 0.3, 0.3, 0.15]
+
+
+def test_a_wrench_holds_exactly_if_dexnet_holds_it_in_all_axes_of_the_pad():
+    angles = np.linspace(0.0, math.pi / 2, 721)
+    for wrench in random_wrenches(0, 150):
+        in_all_axes = all(dexnet_holds(turned_about_the_pad(wrench, angle), LIP) for angle in angles)
+        margin = float(suction_margin(wrench, LIP))
+        if abs(margin) > 1e-4:
+            assert (margin > 0.0) == in_all_axes
+
+
+@given(seed=st.integers(0, 10_000), angle=st.floats(-4, 4))
+def test_the_roll_of_the_tool_changes_no_margin(seed, angle):
+    wrench = random_wrenches(seed, 1)[0]
+    assert suction_margin(turned_about_the_pad(wrench, angle), LIP) == pytest.approx(suction_margin(wrench, LIP))
+
+
+@pytest.mark.parametrize(
+    ("limit", "wrench"),
+    [
+        (SuctionLimit.PULL, [0, 0, LIP.max_force, 0, 0, 0]),
+        (SuctionLimit.SLIP, [LIP.mu * LIP.max_force / math.sqrt(3.0), 0, 0, 0, 0, 0]),
+        (SuctionLimit.SLIP, [0, LIP.mu * (LIP.max_force - 8.0) / math.sqrt(3.0), 8.0, 0, 0, 0]),
+        (SuctionLimit.TWIST, [0, 0, 5.0, 0, 0, LIP.radius * LIP.mu * (LIP.max_force - 5.0) / math.sqrt(3.0)]),
+        (SuctionLimit.PEEL, [0, 0, 5.0, PEEL, 0, 0]),
+        (SuctionLimit.PEEL, [0, 0, 5.0, 0.6 * PEEL, -0.8 * PEEL, 0]),
+    ],
+)
+def test_each_limit_is_met_where_its_formula_says(limit, wrench):
+    wrench = np.array(wrench, dtype=float)
+    assert suction_margin(wrench, LIP) == pytest.approx(0.0, abs=1e-12)
+    assert suction_margins(wrench, LIP)[list(SuctionLimit).index(limit)] == pytest.approx(0.0, abs=1e-12)
+    assert suction_margin(0.999 * wrench, LIP) > 0.0 > suction_margin(1.001 * wrench, LIP)
+
+
+def test_a_cup_cannot_push():
+    assert suction_margin(np.array([0, 0, -0.5, 0, 0, 0]), LIP) == pytest.approx(-0.5 / LIP.max_force)
+    assert suction_margin(np.zeros(6), LIP) == 1.0
+
+
+@given(seed=st.integers(0, 10_000), growth=st.floats(1.0, 3.0))
+def test_a_pulling_wrench_can_grow_until_one_over_the_used_share(seed, growth):
+    wrench = random_wrenches(seed, 1)[0]
+    wrench[2] = abs(wrench[2])
+    margin = float(suction_margin(wrench, LIP))
+    assert suction_margin(growth * wrench, LIP) == pytest.approx(1.0 - growth * (1.0 - margin), abs=1e-9)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_the_cup_balances_what_it_bears(seed):
+    """Moved to one point, the load and the cup's wrench cancel: the grasp map of paper B, (2), is the authority."""
+    rng = np.random.default_rng(seed)
+    T_world_object, T_object_tool = (
+        transform(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2)
+    )
+    com, load = rng.normal(size=3), rng.normal(size=6)
+    wrench = cup_wrenches(load, T_world_object, com, T_object_tool)
+    T_com_tool = inverse(transform(position=com)) @ T_object_tool
+    at_com = grasp_map(T_com_tool) @ wrench
+    R = T_world_object[:3, :3]
+    assert np.concatenate([R @ at_com[:3], R @ at_com[3:]]) == pytest.approx(-load, abs=1e-9)
+
+
+def test_wrenches_of_many_poses_are_those_of_each():
+    rng = np.random.default_rng(2)
+    Ts = np.array([transform(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3)) for _ in range(5)])
+    com, loads = rng.normal(size=3), rng.normal(size=(5, 6))
+    together = cup_wrenches(loads, Ts, com, Ts[0])
+    assert together == pytest.approx(np.array([cup_wrenches(w, T, com, Ts[0]) for w, T in zip(loads, Ts, strict=True)]))
+
+
+def test_wrenches_of_many_cups_are_those_of_each():
+    rng = np.random.default_rng(3)
+    Ts = np.array([transform(rotation_from_vector(rng.normal(size=3)), rng.normal(size=3)) for _ in range(5)])
+    com, load = rng.normal(size=3), rng.normal(size=6)
+    assert cup_wrenches(load, Ts[0], com, Ts) == pytest.approx(
+        np.array([cup_wrenches(load, Ts[0], com, T) for T in Ts])
+    )
+
+
+def test_under_a_level_cup_the_weight_is_a_pull_and_nothing_else():
+    T_object_tool = transform(position=np.array([0.0, 0.0, 0.03]))
+    wrench = cup_wrenches(weight(0.3), np.eye(4), np.zeros(3), T_object_tool)
+    assert wrench == pytest.approx([0, 0, 0.3 * 9.81, 0, 0, 0])
+
+
+def test_the_weakest_moment_names_its_limit():
+    wrenches = np.array([[0, 0, 5, 0, 0, 0], [0, 0, 5, 0.9 * PEEL, 0, 0], [1, 0, 5, 0, 0, 0]], dtype=float)
+    weakest = least_margin(wrenches, LIP)
+    assert (weakest.sample, weakest.limit, weakest.holds) == (1, SuctionLimit.PEEL, True)
+    assert weakest.margin == pytest.approx(0.1)
+
+
+def share_by_cone_program(at_rest: np.ndarray, inertial: np.ndarray, lip: Lip) -> float:
+    s = cp.Variable()
+    limits = [s >= 0.0, s <= 1.0]
+    for a, b in zip(at_rest, inertial, strict=True):
+        w = a + s * b
+        friction = lip.mu * (lip.max_force - w[2])
+        limits += [
+            w[2] >= 0.0,
+            math.sqrt(3.0) * cp.norm(w[:2]) <= friction,
+            math.sqrt(3.0) * cp.abs(w[5]) <= lip.radius * friction,
+            math.sqrt(2.0) * cp.norm(w[3:5]) <= math.pi * lip.radius * lip.kappa,
+        ]
+    cp.Problem(cp.Maximize(s), limits).solve(solver=cp.CLARABEL)
+    return float(s.value)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_share_of_acceleration_is_that_of_a_cone_program(seed):
+    rng = np.random.default_rng(seed)
+    at_rest = np.tile([0.0, 0.0, 4.0, 0.0, 0.0, 0.0], (6, 1)) + 0.02 * rng.normal(size=(6, 6))
+    inertial = rng.normal(size=(6, 6)) * [3, 3, 3, 0.1, 0.1, 0.05] * rng.uniform(0.2, 3)
+    share = acceleration_share(at_rest, inertial, LIP)
+    assert share == pytest.approx(share_by_cone_program(at_rest, inertial, LIP), abs=1e-5)
+    assert suction_margin(at_rest + share * inertial, LIP).min() >= 0.0
+
+
+@given(seed=st.integers(0, 10_000), reserve=st.floats(0.0, 0.6))
+@settings(max_examples=50)
+def test_a_reserve_is_left(seed, reserve):
+    rng = np.random.default_rng(seed)
+    at_rest, inertial = np.tile([0, 0, 4.0, 0, 0, 0], (3, 1)), rng.normal(size=(3, 6)) * [9, 9, 9, 0.3, 0.3, 0.1]
+    share = acceleration_share(at_rest, inertial, LIP, reserve)
+    assert share is not None
+    assert suction_margin(at_rest + share * inertial, LIP).min() >= reserve
+    if share < 1.0:
+        assert suction_margin(at_rest + (share + 1e-6) * inertial, LIP).min() < reserve + 1e-4
+
+
+def test_what_falls_at_rest_is_not_saved_by_going_slowly():
+    assert acceleration_share(np.array([[0, 0, 25.0, 0, 0, 0]]), np.zeros((1, 6)), LIP) is None
+
+
+def test_a_motion_that_holds_is_not_slowed_down():
+    assert acceleration_share(np.array([[0, 0, 3.0, 0, 0, 0]]), np.ones((1, 6)) * 1e-3, LIP) == 1.0

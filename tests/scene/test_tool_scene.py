@@ -1,0 +1,191 @@
+"""The scene of a suction-tool task: what rests on what, and which goals are as good as the one given."""
+
+import copy
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from planners.contract.document_bodies import document_bodies
+from planners.contract.plan_document import BodyDocument
+from planners.contract.task_spec import read_task
+from planners.errors import SceneError
+from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
+from planners.scene.cell import known_cells, load_cell
+from planners.scene.scene import build_scene
+
+TASKS = Path(__file__).parents[2] / "assets/tasks"
+NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool")
+TABLE_TOP = 1.094
+
+
+@pytest.fixture(scope="module")
+def build():
+    cells = {name: load_cell(name) for name in known_cells()}
+    return lambda body: build_scene(read_task(body), cells)
+
+
+def task(name, **changes):
+    return {**json.loads((TASKS / f"{name}.json").read_text()), **changes}
+
+
+def box(name, size, pose, goal, **more):
+    shape = {"type": "box", "size": list(size)}
+    return {"name": name, "shape": shape, "mass": 0.1, "pose": list(pose), "goal_pose": list(goal), **more}
+
+
+def lowest(body, T_world_body):
+    vertices, _ = body.solid.surface()
+    return float((vertices @ T_world_body[2, :3] + T_world_body[2, 3]).min())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_object_stands_on_its_support_at_the_start_and_at_its_goal(name, build):
+    scene = build(task(name))
+    tops = {"table": TABLE_TOP}
+    for moved in sorted(scene.objects, key=lambda moved: moved.T_world_goal[2, 3]):
+        assert lowest(moved.body, moved.body.T_world_body) == pytest.approx(TABLE_TOP, abs=1e-9)
+        assert moved.start_supports == ("table",)
+        (support,) = moved.goal_supports
+        bottom = lowest(moved.body, moved.T_world_goal)
+        assert bottom == pytest.approx(tops[support], abs=1e-9)
+        tops[moved.name] = bottom + np.ptp(moved.body.solid.surface()[0][:, 2])
+
+
+def test_the_tool_stands_in_the_cells_rest_unless_told_otherwise(build):
+    scene = build(task("domino_pile"))
+    assert scene.tool.T_world_tool == pytest.approx(scene.cell.tool_rest.T_world_tool)
+    assert scene.tool.supports == ("table",)
+    standing = build(task("domino_pile", tool_pose=[0.4, -0.1, TABLE_TOP, 1, 0, 0, 0]))
+    assert standing.tool.T_world_tool == pytest.approx(from_pose7([0.4, -0.1, TABLE_TOP, 1, 0, 0, 0]))
+
+
+@pytest.mark.parametrize("tool", ["long_symmetric", "short_asymmetric"])
+@pytest.mark.parametrize("turn", [rotation_y(np.pi / 2), rotation_x(np.pi / 2), rotation_y(2.0), rotation_x(np.pi)])
+def test_the_pose_that_a_refusal_advises_is_one_in_which_the_tool_rests(tool, turn, build):
+    askew = to_pose7(transform(turn @ rotation_x(0.05), [0.42, 0.0, 1.25]))
+    with pytest.raises(SceneError, match="would rest at") as caught:
+        build(task("domino_pile", tool=tool, tool_pose=askew))
+    advised = json.loads(re.search(r"rest at (\[.*\])", caught.value.detail).group(1))
+    scene = build(task("domino_pile", tool=tool, tool_pose=advised))
+    assert lowest(scene.tool.body, scene.tool.T_world_tool) == pytest.approx(TABLE_TOP, abs=1e-9)
+    assert scene.tool.T_world_tool == pytest.approx(from_pose7(advised), abs=1e-5)
+
+
+def test_an_object_a_little_off_what_carries_it_is_settled_onto_it(build):
+    body = task("domino_pile")
+    body["objects"][0]["pose"] = to_pose7(transform(rotation_x(0.001), [0.3, 0.3, TABLE_TOP + 0.0105]))
+    body["objects"][2]["goal_pose"][2] += 0.0009
+    scene = build(body)
+    first, _, last = scene.objects
+    assert first.body.T_world_body == pytest.approx(from_pose7([0.3, 0.3, TABLE_TOP + 0.01, 1, 0, 0, 0]), abs=1e-12)
+    assert last.T_world_goal[2, 3] == pytest.approx(TABLE_TOP + 0.05, abs=1e-12)
+
+
+def test_offsets_do_not_add_up_in_a_pile(build):
+    body = task("domino_pile")
+    body["objects"][1]["goal_pose"][2] += 0.0009
+    body["objects"][2]["goal_pose"][2] += 0.0018
+    with pytest.raises(SceneError, match=r"1\.8 mm above the top of domino_2"):
+        build(body)
+
+
+def test_a_goal_may_bridge_two_others_and_stick_out_over_an_edge(build):
+    body = task("domino_pile")
+    for one, y in zip(body["objects"], (-0.05, 0.05, 0.02), strict=True):
+        one["goal_pose"] = [0.45, y, TABLE_TOP + 0.01, 1, 0, 0, 0]
+    body["objects"][2]["goal_pose"] = [0.48, 0.0, TABLE_TOP + 0.03, 0.5**0.5, 0, 0, 0.5**0.5]
+    assert build(body).objects[2].goal_supports == ("domino_1", "domino_2")
+
+
+def test_objects_may_start_on_one_another_and_on_obstacles(build):
+    board = {"name": "board", "shape": {"type": "box", "size": [0.2, 0.2, 0.03]}, "pose": [0.55, 0, 1.109, 1, 0, 0, 0]}
+    body = task("domino_pile", obstacles=[board])
+    body["objects"][0]["pose"] = [0.55, 0, TABLE_TOP + 0.06, 1, 0, 0, 0]
+    body["objects"][1]["pose"] = [0.55, 0, TABLE_TOP + 0.04, 1, 0, 0, 0]
+    one, other, _ = build(body).objects
+    assert (one.start_supports, other.start_supports) == (("domino_2",), ("board",))
+
+
+def turns_of(build, shape, symmetry, height, com=(0, 0, 0)):
+    pose = [0.45, 0.0, TABLE_TOP + height / 2, 1, 0, 0, 0]
+    one = {"name": "one", "shape": shape, "mass": 0.1, "com": list(com), "goal_symmetry": symmetry}
+    return build(task("domino_pile", objects=[{**one, "pose": pose, "goal_pose": pose}])).objects[0]
+
+
+HEXAGON = [[0.05 * np.cos(k * np.pi / 3), 0.05 * np.sin(k * np.pi / 3)] for k in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("shape", "count"),
+    [
+        ({"type": "box", "size": [0.1, 0.08, 0.06]}, 4),
+        ({"type": "box", "size": [0.08, 0.08, 0.06]}, 8),
+        ({"type": "box", "size": [0.06, 0.08, 0.06]}, 8),
+        ({"type": "box", "size": [0.06, 0.06, 0.06]}, 24),
+        ({"type": "prism", "outline": HEXAGON, "height": 0.06}, 12),
+        ({"type": "prism", "outline": [[0, 0], [0.1, 0], [0, 0.07]], "height": 0.06}, 1),
+        ({"type": "prism", "outline": [[0, 0], [0.1, 0], [0, 0.1]], "height": 0.06}, 2),
+        ({"type": "cylinder", "radius": 0.04, "height": 0.06}, 48),
+    ],
+)
+def test_turns_of_a_shapes_symmetry_are_all_that_take_it_to_itself(shape, count, build):
+    moved = turns_of(build, shape, "shape", 0.06)
+    assert len(moved.goal_turns) == count
+    assert moved.goal_turns[0] == pytest.approx(np.eye(4))
+    vertices, _ = moved.body.solid.surface()
+    corners = KDTree(vertices)
+    for turn in moved.goal_turns:
+        assert np.linalg.det(turn[:3, :3]) == pytest.approx(1)
+        distances, _ = corners.query(vertices @ turn[:3, :3].T + turn[:3, 3])
+        assert distances.max() < 1e-5 + (1e-4 if shape["type"] == "cylinder" else 0)
+    assert len({tuple(np.round(turn[:3, :3], 4).ravel() + 0.0) for turn in moved.goal_turns}) == count
+
+
+def test_turns_about_the_axis_are_kept_where_the_object_still_rests(build):
+    assert len(turns_of(build, {"type": "box", "size": [0.1, 0.08, 0.06]}, "axis", 0.06).goal_turns) == 24
+    lying = copy.deepcopy(task("domino_pile"))
+    pose = to_pose7(transform(rotation_x(np.pi / 2), [0.45, 0.0, TABLE_TOP + 0.04]))
+    lying["objects"] = [box("one", (0.1, 0.08, 0.06), pose, pose, goal_symmetry="axis")]
+    (moved,) = build(lying).objects
+    # On its side it rests on a face every quarter turn, but only half turns leave it at the same height.
+    angles = sorted(np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) % 360 for turn in moved.goal_turns)
+    assert angles == pytest.approx([0, 180])
+
+
+def test_a_turned_goal_in_an_obstacle_is_none(build):
+    post = {
+        "name": "post",
+        "shape": {"type": "box", "size": [0.02, 0.02, 0.1]},
+        "pose": [0.45, 0.055, 1.144, 1, 0, 0, 0],
+    }
+    pose = [0.45, 0.0, TABLE_TOP + 0.01, 1, 0, 0, 0]
+    one = box("one", (0.13, 0.07, 0.02), pose, pose, goal_symmetry="axis")
+    (moved,) = build(task("domino_pile", objects=[one], obstacles=[post])).objects
+    assert 1 <= len(moved.goal_turns) < 24
+    for turn in moved.goal_turns:
+        x, y, _ = moved.T_world_goal[:3, :3] @ turn[:3, 0]
+        corner = np.abs([x * 0.0 + y * 0.055, -y * 0.0 + x * 0.055])
+        assert corner[0] > 0.065 or corner[1] > 0.035
+
+
+def test_no_symmetry_means_the_goal_as_given(build):
+    goal = transform(rotation_z(0.3), [0.45, 0.0, TABLE_TOP + 0.03])
+    one = box("one", (0.06, 0.06, 0.06), [0.45, 0.2, TABLE_TOP + 0.03, 1, 0, 0, 0], to_pose7(goal))
+    (moved,) = build(task("domino_pile", objects=[one])).objects
+    assert moved.goals == pytest.approx(goal[None])
+
+
+def test_the_document_lists_tool_and_objects_with_all_their_data(build):
+    scene = build(task("domino_pile"))
+    bodies = document_bodies(scene)
+    for document in bodies.values():
+        BodyDocument.model_validate(document)
+    assert {name: bodies[name]["role"] for name in ("tool", "domino_1", "tool_rest_left", "table")} == {
+        "tool": "tool", "domino_1": "object", "tool_rest_left": "frame", "table": "table",
+    }  # fmt: skip
+    assert bodies["tool"]["shape"]["type"] == "mesh"
+    assert len(bodies["tool"]["shape"]["convex_parts"]) == 4
