@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
-from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.contract.task_spec import read_task
 from planners.errors import LiftwrightError
 from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
@@ -24,7 +24,7 @@ from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import tool_descriptions
-from workers.simulation.simulate import simulate
+from workers.simulation.stage import simulate_plan
 from workers.software import describe_software
 from workers.solver_protocol import REJECTED_VARIABLE, Request
 
@@ -51,7 +51,7 @@ class Pipeline:
     """The robots' meshes, which the certificate checks against."""
     plan: Callable[..., dict[str, Any]] = plan
     certify: Callable[..., Certificate] = certify
-    simulate: Callable[..., dict[str, Any]] = simulate
+    simulate: Callable[..., dict[str, Any]] = simulate_plan
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
 
@@ -91,7 +91,7 @@ class Pipeline:
         progress("certify", 1, 1)
         _require_passed(document)
         certified = self.clock()
-        simulated = document["outcome"] == "solved" and isinstance(task, PlateLiftTask) and task.options.simulate
+        simulated = document["outcome"] == "solved" and task.options.simulate
         if simulated:
             document["simulation"] = self.simulate(document, scene, progress, task.seed)
         ended = self.clock()
