@@ -33,11 +33,16 @@ def tool_scene() -> SuctionToolScene:
 
 
 def raised(scene: SuctionToolScene) -> SuctionToolScene:
-    """Return the scene with its object in the air over its place, and the tool over that."""
+    """Return the scene with its object in the air over its place."""
     (moved,) = scene.objects
     body = replace(moved.body, T_world_body=LIFT @ moved.body.T_world_body)
-    tool = replace(scene.tool.body, T_world_body=LIFT @ moved.body.T_world_body @ transform(position=[0.0, 0.0, 0.03]))
-    return replace(scene, objects=(replace(moved, body=body),), tool=replace(scene.tool, body=tool))
+    return replace(scene, objects=(replace(moved, body=body),))
+
+
+def tool_above(scene: SuctionToolScene) -> SuctionToolScene:
+    """Return the scene with its tool over its object."""
+    T_world_tool = scene.objects[0].body.T_world_body @ transform(position=[0.0, 0.0, 0.03])
+    return replace(scene, tool=replace(scene.tool, body=replace(scene.tool.body, T_world_body=T_world_tool)))
 
 
 def hang(world: ToolWorld, bonds: list[Bond], scene: SuctionToolScene, seconds: float) -> None:
@@ -68,7 +73,7 @@ def test_a_hold_bears_weight_and_moment_whatever_the_mass_and_gives_way_as_hooke
 
 
 def test_in_a_chain_the_hand_bears_both_and_the_cup_the_last_alone(tool_scene: SuctionToolScene) -> None:
-    scene = raised(tool_scene)
+    scene = tool_above(raised(tool_scene))
     with ToolWorld(scene, ToolSimulationSettings()) as world:
         (item,) = world.objects.values()
         hand = Bond(world.tool, None, world.tool.T_world_body @ transform(position=[0.0, 0.0, 0.15]), HOLD)
