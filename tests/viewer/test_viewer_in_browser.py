@@ -208,6 +208,23 @@ def test_a_click_on_the_timeline_jumps_to_a_segment(page: Page) -> None:
     assert text(page, "#now").startswith(page.evaluate("player.source.segments[2].words"))
 
 
+@pytest.mark.parametrize("source", ["plan", "simulation"])
+def test_no_words_on_the_timeline_are_cut_off(page: Page, source: str) -> None:
+    page.evaluate(f"player.choose('{source}')")
+    try:
+        for width in (960, 1366, 1920):
+            page.set_viewport_size({"width": width, "height": WINDOW["height"]})
+            page.wait_for_function(
+                "[...document.querySelectorAll('#states div')].every((place) => place.scrollWidth <= place.clientWidth)"
+            )
+            labels = page.eval_on_selector_all("#states div", "found => found.map((place) => place.textContent)")
+            states = page.eval_on_selector_all("#states div", "found => found.map((place) => place.title)")
+            assert any(words == state for words, state in zip(labels, states, strict=True))
+            assert all("…" not in words for words in labels)
+    finally:
+        page.set_viewport_size(WINDOW)
+
+
 def test_keys_move_through_time_and_leave_the_camera_alone(page: Page) -> None:
     before = settled(page)
     # The scene has the focus now: without the page's care, arrows would turn the camera.
@@ -230,7 +247,7 @@ def test_keys_move_through_time_and_leave_the_camera_alone(page: Page) -> None:
 def test_layers_are_shown_on_demand(page: Page) -> None:
     page.evaluate("player.seek(0.95 * player.source.duration)")
     far = settled(page)
-    page.get_by_role("button", name="Close").click()
+    page.keyboard.press("5")
     wait_until_it_differs(page, far)
     for layer in ("forces", "cones", "frames", "start", "goal"):
         # Anew each time: viser draws coarser while frames are slow.
