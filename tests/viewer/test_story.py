@@ -48,7 +48,7 @@ def test_a_simulation_that_fails_on_the_way_ends_where_something_gave_way(planne
         ("transit", 1.0),
         ("transfer", 1.4),
     ]
-    assert told["simulation"]["lifted"] is False
+    assert told["simulation"]["good"] is False
     assert "1.40 s" in told["simulation"]["sentence"]
     assert "the tip slid off" in told["simulation"]["sentence"]
 
