@@ -75,7 +75,7 @@ def _names(document: Mapping[str, Any]) -> list[str]:
     """Return all objects, those that are moved first, in their order."""
     order = document["statistics"]["considered"]["order"]
     given = [item["name"] for item in document["task"]["objects"]]
-    return [*order, *(name for name in given if name not in order)]
+    return list(dict.fromkeys([*order, *given]))
 
 
 def _object(document: Mapping[str, Any], name: str) -> dict[str, Any]:

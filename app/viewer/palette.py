@@ -40,8 +40,8 @@ FORCE_SCALES: Final[dict[str, float]] = {"plate_lift": 0.010, "suction_tool": 0.
 GOOD_COLOUR: Final = "#1f8f5a"
 """Of what was considered and did not fall."""
 REASON_COLOURS: Final = (
-    *("#e0a12e", "#b6409a", "#7a5c3e", "#4a90a4", "#d9603b", "#6a6fd0", "#9aa52f"),
-    *("#c77f8f", "#5d7f5f", "#8a97a6"),
+    *("#a9977c", "#c2417a", "#3f9c8f", "#7d6bc9", "#8fa03a", "#5a6b7d", "#c98f3f"),
+    *("#d291b0", "#4f7a55", "#b5bec8"),
 )
 """Of reasons why something fell, the most frequent first; the last one for all others."""
 OBJECT_TINTS: Final[tuple[Rgb, ...]] = (

@@ -139,9 +139,7 @@ class Stage:
             mine = [t for t in touches if meaning_of(t.by, self._arms, t.kind) == meaning]
             drawn = bool(mine) and "forces" in self._visible
             if drawn:
-                points = np.array(
-                    [self._arrow(touch, outside=_is_seen_outside(touch)) for touch in mine], dtype=np.float32
-                )
+                points = np.array([self._arrow(touch) for touch in mine], dtype=np.float32)
                 if not np.array_equal(points, handle.points):
                     handle.points = points
             if handle.visible != drawn:
@@ -169,7 +167,8 @@ class Stage:
     def _arrow(self, touch: Touch) -> Array:
         """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
         along = self._metres_per_newton * touch.force
-        return np.array([touch.point - along, touch.point] if _is_seen_outside(touch) else [touch.point, touch.point + along])
+        begin = touch.point - along if _is_seen_outside(touch) else touch.point
+        return np.array([begin, begin + along])
 
     def _add_signs(self, layer: str, document: Mapping[str, Any]) -> dict[str, list[SceneNodeHandle]]:
         """Draw what was considered for each object, hidden at first."""

@@ -466,7 +466,7 @@ class Statistics(StrictModel):
     search: dict[str, JsonValue]
     rejections: dict[str, int]
     considered: dict[str, JsonValue] = Field(default_factory=dict)
-    """What a suction-tool planner looked at: suction poses and grasps, and why they fell."""
+    """What a suction-tool planner looked at, as `considered_document` writes it: places of the cup, grasps, graphs."""
 
 
 class PlanDocument(StrictModel):
