@@ -79,11 +79,12 @@ def _names(document: Mapping[str, Any]) -> list[str]:
 
 
 def _object(document: Mapping[str, Any], name: str) -> dict[str, Any]:
-    graph = graph_of(document, name)
+    graph, considered = graph_of(document, name), document["statistics"]["considered"]
     return {
         "name": name,
-        "places": _tally(place["reason"] for place in document["statistics"]["considered"]["places"].get(name, ())),
+        "places": _tally(place["reason"] for place in considered["places"].get(name, ())),
         "grasps": _grasp_tally(document, graph),
+        "held": any(step["object"] == name and step["by"] == "held" for step in considered["steps"]),
         "graph": None if graph is None else _graph(graph),
     }
 

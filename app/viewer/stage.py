@@ -189,9 +189,9 @@ class Stage:
             f"{self._root}/contacts/{meaning}",
             np.zeros((1, 2, 3), dtype=np.float32),
             linear_rgb(meaning),
-            shaft_radius=0.0055,
-            head_radius=0.014,
-            head_length=0.03,
+            shaft_radius=0.55 * self._metres_per_newton,
+            head_radius=1.4 * self._metres_per_newton,
+            head_length=3.0 * self._metres_per_newton,
             visible=False,
         )
 

@@ -27,7 +27,7 @@ TOOL_WORDS = {"long_symmetric": "long tool", "short_asymmetric": "short tool"}
 class ToolStory(KindStory):
     """Objects one after the other: the tool is taken, put on the object, carried with it, and taken off."""
 
-    tabs = ("View", "Regrasp", "Physics", "Figures", "Rejected", "Checks")
+    tabs = ("View", "Regrasp", "Physics", "Figures", "Checks")
     simulation_words = "Simulation"
     meanings = ("left", "right", "environment", "suction", "limit", "start", "goal")
 
@@ -129,10 +129,12 @@ def _deed(segments: Sequence[Mapping[str, Any]], index: int, subject: str | None
     kind, hold = segment["kind"], segment["hold"]
     if kind == "transfer":
         return _carrying(segments, index, what)
+    if not segment["movers"] and kind == "transit":
+        return _fingers(segment)
     arm = hold["grip"]["arm"] if hold and kind in ("grip", "release") else " and ".join(segment["movers"])
     hand = f"{arm} hand" if arm in ("left", "right") else "both hands" if arm else ""
     return {
-        "transit": f"{hand} travels" if hand else "robot waits",
+        "transit": f"{hand} travels",
         "approach": f"{hand} approaches the tool",
         "retreat": f"{hand} leaves the tool",
         "grip": f"{hand} takes the tool",
@@ -153,12 +155,30 @@ def _carrying(segments: Sequence[Mapping[str, Any]], index: int, what: str) -> s
             return f"{hand} takes the cup off {what}"
         if kinds[0] == "grip":
             return f"{hand} lifts the tool out of its rest"
+        if _handed_over_next(segments, index):
+            return f"{hand} holds the tool out to the other hand"
         return f"{hand} carries the tool to {what}"
     if kinds[0] == "attach":
         return f"{hand} lifts {what}"
     if kinds[1] == "detach":
         return f"{hand} puts {what} down"
+    if _handed_over_next(segments, index):
+        return f"{hand} holds the tool with {what} out to the other hand"
     return f"{hand} carries the tool with {what}"
+
+
+def _fingers(segment: Mapping[str, Any]) -> str:
+    """Return which free hand opens or closes its fingers while nothing else moves."""
+    for arm, widths in segment["gripper_width"].items():
+        if widths[0] != widths[-1]:
+            return f"{arm} hand {'opens' if widths[-1] > widths[0] else 'closes'} its fingers"
+    return "robot waits"
+
+
+def _handed_over_next(segments: Sequence[Mapping[str, Any]], index: int) -> bool:
+    """Tell whether the other hand takes the tool before this one moves it again."""
+    following = (segment["kind"] for segment in segments[index + 1 :])
+    return next((kind == "grip" for kind in following if kind in ("transfer", "attach", "grip")), False)
 
 
 def _hold(segment: Mapping[str, Any]) -> str:

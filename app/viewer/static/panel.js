@@ -103,7 +103,7 @@ class Panel {
   }
 
   figures(story) {
-    return tables(story.figures);
+    return [...tables(story.figures), ...(story.tabs.includes("Rejected") ? [] : this.rejected(story))];
   }
 
   rejected(story) {

@@ -99,7 +99,7 @@ class Regrasp {
   edgeWords(graph, { kind, round, from, to }) {
     const arm = (node) => graph.arms[Math.floor(node / this.considered.grasps)];
     const grasp = to % this.considered.grasps;
-    if (kind === "pick") return `${arm(to)} hand takes the tool, grasp ${grasp}`;
+    if (kind === "pick") return `${arm(to)} hand ${this.object.held ? "has" : "takes"} the tool, grasp ${grasp}`;
     if (kind === "handover") return `${arm(from)} to ${arm(to)} hand, grasp ${grasp}`;
     return round ? `${arm(to)} hand carries the object to its goal` : `${arm(to)} hand puts the cup on the object`;
   }
