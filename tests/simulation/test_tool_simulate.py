@@ -45,7 +45,7 @@ def tool_run() -> ToolRun:
     assert isinstance(scene, SuctionToolScene)
     document = plan(task, scene, silent, perf_counter)
     seen: list[float] = []
-    simulation = simulate_tool(document, scene, lambda _stage, done, total: seen.append(done / total))
+    simulation = simulate_tool(document, scene, lambda stage, done, total: seen.append(done / total))
     return ToolRun(scene, document, simulation, seen)
 
 
