@@ -22,9 +22,14 @@ class GraspNode:
     reason: str | None
 
 
+def looked_at(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what a document lists as considered; nothing for a plate lift."""
+    return document["statistics"].get("considered") or {}
+
+
 def graph_of(document: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
     """Return the regrasp graph of an object: the one that moved it, else the last one that was tried."""
-    graphs = document["statistics"].get("considered", {}).get("regrasp_graphs", ())
+    graphs = looked_at(document).get("regrasp_graphs", ())
     mine = [graph for graph in graphs if graph["object"] == name]
     moved = [graph for graph in mine if graph["moved"]]
     return (moved or mine or [None])[-1]
@@ -46,7 +51,7 @@ def nodes_of(document: Mapping[str, Any], graph: Mapping[str, Any], layer: Mappi
 def reason_colours(document: Mapping[str, Any]) -> dict[str | None, str]:
     """Return a colour for each reason that appears, the most frequent first; None is for what did not fall."""
     counts: Counter[str] = Counter()
-    considered = document["statistics"].get("considered", {})
+    considered = looked_at(document)
     for places in considered.get("places", {}).values():
         counts.update(place["reason"] for place in places if place["reason"] is not None)
     for graph in considered.get("regrasp_graphs", ()):
@@ -61,7 +66,7 @@ def reason_colours(document: Mapping[str, Any]) -> dict[str | None, str]:
 
 def tell_considered(document: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return what the page draws and counts, by object; None where nothing was considered."""
-    considered = document["statistics"].get("considered")
+    considered = looked_at(document)
     if not considered:
         return None
     return {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from viser import SceneApi, SceneNodeHandle
 
-from app.viewer.considered import LAST_LAYER, GraspNode, graph_of, layer_of, nodes_of, reason_colours
+from app.viewer.considered import LAST_LAYER, GraspNode, graph_of, layer_of, looked_at, nodes_of, reason_colours
 from app.viewer.palette import code_rgb
 from planners.geometry.pose import Array, Transform, from_pose7
 
@@ -29,7 +29,7 @@ THIN, THICK = 1.2, 2.6
 
 def draw_places(scene: SceneApi, parent: str, document: Mapping[str, Any], name: str) -> list[SceneNodeHandle]:
     """Pin the places of the cup that were considered to an object; `parent` is the node of its frame."""
-    places = document["statistics"].get("considered", {}).get("places", {}).get(name, ())
+    places = looked_at(document).get("places", {}).get(name, ())
     if not places:
         return []
     colours = np.array([_colour(document, place["reason"]) for place in places], dtype=np.uint8)

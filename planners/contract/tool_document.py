@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from planners.contract.considered_document import considered_document
+from planners.contract.considered_members import considered_members
 from planners.contract.document_members import document_of, motion_members, pose_row, rounded
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, to_pose7
@@ -31,7 +31,7 @@ def tool_document(
         stages: seconds by stage, in order.
     """
     document = document_of(task, scene, plan, tool_segments(plan.segments, scene), stages)
-    document["statistics"]["considered"] = considered_document(plan)
+    document["statistics"]["considered"] = considered_members(plan)
     return document
 
 

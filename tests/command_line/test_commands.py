@@ -26,6 +26,16 @@ def test_a_solved_task_is_0_and_its_document_is_written(tmp_path: Path, capsys: 
         assert word in told
 
 
+def test_help_names_both_kinds_of_tasks_and_examples_that_are_there(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["plan", "--help"])
+    told = capsys.readouterr().out
+    for name in ("plate_lift", "ab1", "suction_tool", "domino_pile", "tissue_pile_short_tool"):
+        assert name in told
+    for path in TASKS.glob("*.json"):
+        assert path.stem in told
+
+
 def test_a_task_without_a_plan_is_2_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(TASKS / "pb1_weak_cup.json")]) == 2
     told = capsys.readouterr().out
