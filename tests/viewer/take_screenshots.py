@@ -17,8 +17,8 @@ from support.service import finished, running_service, task  # noqa: E402
 DOCS = TESTS.parent / "docs"
 WINDOW: ViewportSize = {"width": 1366, "height": 768}
 """A laptop's."""
-DRAWING_MILLISECONDS = 15e3
-"""Until the scene is drawn at its full sharpness without a graphics card."""
+DRAWING_MILLISECONDS = 30e3
+"""Until the scene has faded in and is drawn at its full sharpness, without a graphics card."""
 SHOTS = {
     "viewer": ("ab1", "player.seek(0.87 * player.source.duration)"),
     "viewer-lift": (
