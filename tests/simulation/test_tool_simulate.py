@@ -21,6 +21,7 @@ from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 from workers.simulation.endurance import Endurance, EnduranceSettings
 from workers.simulation.goal_error import GoalError
+from workers.simulation.stage import simulate_plan
 from workers.simulation.tool_settings import ToolSimulationSettings, TruthSettings
 from workers.simulation.tool_simulate import simulate_tool
 
@@ -45,7 +46,7 @@ def tool_run() -> ToolRun:
     assert isinstance(scene, SuctionToolScene)
     document = plan(task, scene, silent, perf_counter)
     seen: list[float] = []
-    simulation = simulate_tool(document, scene, lambda stage, done, total: seen.append(done / total))
+    simulation = simulate_plan(document, scene, lambda stage, done, total: seen.append(done / total), 0)
     return ToolRun(scene, document, simulation, seen)
 
 
