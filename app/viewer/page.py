@@ -11,7 +11,7 @@ from typing import Any
 from app.viewer.sources import SourceName
 
 STYLES = ("viewer.css",)
-SCRIPTS = ("plot.js", "charts.js", "score.js", "panel.js", "player.js")
+SCRIPTS = ("plot.js", "charts.js", "score.js", "regrasp.js", "panel.js", "player.js")
 LIVE_SCRIPTS = (*SCRIPTS, "live.js")
 RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
