@@ -14,7 +14,8 @@ from typing import Any, Self
 
 import psycopg
 import pytest
-from support.service import wait_for
+
+from .service import wait_for
 
 PLACES = (*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True), Path("/usr/bin"), Path("/usr/local/bin"))
 BINARIES = next((place for place in PLACES if (place / "initdb").exists() and (place / "postgres").exists()), None)
