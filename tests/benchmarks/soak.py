@@ -102,9 +102,11 @@ class Fleet:
         command = "api" if settings.postgres else "serve"
         self.api = ServiceProcess(folder / "api", settings.solver, command, **shared)
         stack.callback(self.stop)
+        for worker in self.workers:
+            worker.launch()
         self.api.start()
         for worker in self.workers:
-            worker.start()
+            worker.wait()
         self.settings = WorkerSettings(
             data_dir=folder / "api", database_url=None if self.server is None else self.server.url
         )

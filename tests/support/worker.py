@@ -22,11 +22,13 @@ class WorkerProcess:
 
     def __init__(self, name: str, data_dir: Path, solver: tuple[str, ...] | None, **settings: Any) -> None:
         self.name = name
-        self._data_dir = data_dir
+        self.data_dir = data_dir
         self._environment = {f"LIFTWRIGHT_{key.upper()}": str(value) for key, value in settings.items()}
         if solver is not None:
             self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
         self._log = data_dir / f"{name}.log"
+        self._lives = 0
+        """How often it has become ready before."""
         self.process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -36,8 +38,9 @@ class WorkerProcess:
 
     def launch(self) -> None:
         """Start it."""
-        self._data_dir.mkdir(parents=True, exist_ok=True)
-        words = ["worker", "--worker-name", self.name, "--data-dir", str(self._data_dir)]
+        self.data_dir.mkdir(parents=True, exist_ok=True)
+        words = ["worker", "--worker-name", self.name, "--data-dir", str(self.data_dir)]
+        self._lives = self.log.count(READY.decode())
         with self._log.open("ab") as told:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "app.cli", *words],
@@ -46,10 +49,13 @@ class WorkerProcess:
 
     def start(self) -> Self:
         """Start, and wait until it takes jobs."""
-        before = self.log.count(READY.decode())
         self.launch()
-        wait_for(lambda: self._works(before), STARTUP_SECONDS)
+        self.wait()
         return self
+
+    def wait(self) -> None:
+        """Wait until it takes jobs."""
+        wait_for(self._works, STARTUP_SECONDS)
 
     def solvers(self) -> list[psutil.Process]:
         """Its solver processes, oldest first."""
@@ -61,10 +67,11 @@ class WorkerProcess:
         """Send a signal, and wait for the end."""
         if self.process is not None:
             self.process.send_signal(number)
-            self.process.wait(timeout=60)
+            code = self.process.wait(timeout=120)
             self.process = None
+            assert code == (0 if number is signal.SIGTERM else -number), self.log[-2000:]
 
-    def _works(self, before: int) -> bool:
+    def _works(self) -> bool:
         assert self.process is not None
         assert self.process.poll() is None, f"the worker ended instead of getting ready: {self.log[-2000:]}"
-        return self.log.count(READY.decode()) > before
+        return self.log.count(READY.decode()) > self._lives
