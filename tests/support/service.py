@@ -46,7 +46,7 @@ class ServiceProcess:
         """Start, and wait until it is ready."""
         words = [self._command, "--port", str(self.port), "--data-dir", str(self._data_dir)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", *words], cwd=ROOT, env={**os.environ, **self._environment}
+            [sys.executable, "-m", self._module, *words], cwd=ROOT, env={**os.environ, **self._environment}
         )
         wait_for(self._ready, STARTUP_SECONDS)
         return self
