@@ -58,14 +58,7 @@ class PostgresServer:
 
     def start(self) -> Self:
         """Start, and wait until it answers."""
-        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
-        words = [word for setting in settings for word in ("-c", setting)]
-        with (self.folder / "server.log").open("ab") as told:
-            self.process = subprocess.Popen(
-                [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
-                stdout=told, stderr=told, cwd="/", **self._account,
-            )  # fmt: skip
-        wait_for(self.answers, STARTUP_SECONDS)
+        wait_for(self._runs_and_answers, STARTUP_SECONDS)
         self._make_database()
         return self
 
@@ -114,6 +107,21 @@ class PostgresServer:
         with socket.socket() as probe:
             listening = probe.connect_ex(("127.0.0.1", self.port)) == 0
         return not found and not listening
+
+    def _runs_and_answers(self) -> bool:
+        # It ends at once while anything is left of its last life.
+        if self.process is None or self.process.poll() is not None:
+            self._launch()
+        return self.answers()
+
+    def _launch(self) -> None:
+        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
+        words = [word for setting in settings for word in ("-c", setting)]
+        with (self.folder / "server.log").open("ab") as told:
+            self.process = subprocess.Popen(
+                [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
+                stdout=told, stderr=told, cwd="/", **self._account,
+            )  # fmt: skip
 
     def _make_database(self) -> None:
         with self._connect("postgres") as connection:
