@@ -86,6 +86,15 @@ def _parser() -> argparse.ArgumentParser:
     _add_storage(worker)
     worker.set_defaults(run=_work)
 
+    check = commands.add_parser(
+        "check-worker",
+        help="exit code 0 if a worker of this name is alive and can prove it",
+        description="For a container's health check: asks the database, not the process.",
+    )
+    check.add_argument("--worker-name", metavar="NAME", help="default: the host's name")
+    _add_storage(check)
+    check.set_defaults(run=_check_worker)
+
     warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
     warm.set_defaults(run=_warm_up)
     return parser
@@ -132,6 +141,12 @@ def _work(given: argparse.Namespace) -> int:
 
     work(ServiceSettings(**_options(given)))
     return 0
+
+
+def _check_worker(given: argparse.Namespace) -> int:
+    from workers.worker_check import worker_lives
+
+    return 0 if worker_lives(ServiceSettings(**_options(given))) else FAILED
 
 
 def _warm_up(_: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from app.errors import install_error_handlers
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
+from app.request_log import RequestLog
 from app.routes import capabilities, meshes, plans, probes, viewer
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
@@ -66,6 +67,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     )
     app.state.settings = settings
     install_error_handlers(app)
+    app.add_middleware(RequestLog)
     for router in (plans.router, meshes.router, viewer.router, capabilities.router, probes.router):
         app.include_router(router)
     install_openapi(app)

@@ -20,6 +20,7 @@ from planners.contract.problems import Problem, json_pointer, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
+from workers.database_loss import DATABASE_GONE
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
@@ -175,6 +176,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
+    **dict.fromkeys(DATABASE_GONE, Answer(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
     TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
 }
@@ -183,7 +185,7 @@ TABLE: Mapping[type[Exception], Answer] = {
 def install_error_handlers(app: FastAPI) -> None:
     """Answer every error of `TABLE`, what the router refuses, and whatever else happens, as problem+json."""
     for kind in TABLE:
-        app.add_exception_handler(kind, _answer_known)
+        app.add_exception_handler(kind, _answer_database if kind in DATABASE_GONE else _answer_known)
     app.add_exception_handler(HTTPException, _answer_router)
     app.add_exception_handler(Exception, _answer_unknown)
 
@@ -212,6 +214,16 @@ def _answer_known(_: Request, error: Exception) -> Response:
         detail = f"{errors[0]['pointer'] or 'the body'}: {errors[0]['detail']}"
     headers = error.headers if isinstance(error, ServiceError) else None
     return problem_response(answer, detail, errors, headers)
+
+
+def _answer_database(request: Request, error: Exception) -> Response:
+    log.error("database cannot be used", path=request.url.path, error=str(error.args[0] if error.args else error))
+    answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
+    return problem_response(
+        answer,
+        "the database is away, or its disk is full; what was accepted is kept, so ask again",
+        headers={"Retry-After": "5"},
+    )
 
 
 def _problems(error: Exception) -> list[Problem]:

@@ -17,7 +17,7 @@ from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.database import open_database
-from workers.executor_lock import ExecutorLock
+from workers.executor_lock import FileLock
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
@@ -100,7 +100,8 @@ def warm_up(settings: WorkerSettings) -> None:
 
 def _refuse_second_worker(settings: WorkerSettings) -> None:
     """Say so at once, in one line; the worker itself takes the lock for good when it starts."""
-    ExecutorLock(settings.data_dir, settings.executor_name).release()
+    if settings.embedded:
+        FileLock(settings.data_dir, settings.executor_name).release()
 
 
 class _Server(uvicorn.Server):
@@ -128,6 +129,9 @@ async def _work(settings: WorkerSettings) -> None:
         await worker.stop()
         queue.close()
         database.close()
+    log.info("worker has ended", worker=settings.worker_name)
+    # Everything is given back. Threads of the engine that wait for a database which is away would keep the process.
+    os._exit(0)
 
 
 def _is_loopback(host: str) -> bool:

@@ -23,6 +23,7 @@ PLANS = sa.Table(
     sa.Column("stage", sa.String(64)),
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
+    sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
 )
 
 EVENTS = sa.Table(
@@ -40,6 +41,7 @@ DOCUMENTS = sa.Table(
     sa.Column("outcome", sa.String(32), nullable=False),
     sa.Column("sha256", sa.String(64), nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
+    sa.Index("liftwright_documents_outcome", "outcome"),
 )
 
 MESHES = sa.Table(
@@ -48,4 +50,13 @@ MESHES = sa.Table(
     sa.Column("id", sa.String(64), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
+)
+
+TOTALS = sa.Table(
+    "liftwright_totals",
+    METADATA,
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("label", sa.String(64), primary_key=True),
+    sa.Column("count", sa.BigInteger, nullable=False),
+    sa.Column("seconds", sa.Float, nullable=False),
 )
