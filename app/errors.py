@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -12,6 +13,8 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolExhausted
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import compile_path
@@ -29,6 +32,52 @@ class ServiceError(LiftwrightError):
     """Something about a request that cannot be served; the message is a sentence for a person."""
 
     headers: Mapping[str, str] = {}
+
+
+class KeyNeeded(ServiceError):
+    """A request shows no key, or one that opens nothing."""
+
+    def __init__(self, *, shown: bool) -> None:
+        super().__init__("this key opens nothing" if shown else "show a key: Authorization: Bearer …")
+        error = ', error="invalid_token"' if shown else ""
+        self.headers = {"WWW-Authenticate": f'Bearer realm="liftwright"{error}'}
+
+
+class ScopeNeeded(ServiceError):
+    """A key is good, but not for this."""
+
+    def __init__(self, scope: str) -> None:
+        super().__init__(f"this needs a key with the scope {scope!r}")
+
+
+class ForeignPage(ServiceError):
+    """A page of somebody else asks for something."""
+
+    def __init__(self) -> None:
+        super().__init__("only pages of this service may ask for that")
+
+
+class WrongHost(ServiceError):
+    """A service that asks for no keys is called by a name that is not its machine's own."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
+
+
+class TooManyRequests(ServiceError):
+    """A key is used too often."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__("too many requests in too short a time")
+        self.headers = {"Retry-After": str(math.ceil(seconds))}
+
+
+class BodyStalled(ServiceError):
+    """A body does not come."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"nothing of the body came for {seconds:g} s, or all of it took too long")
+        self.headers = {"Connection": "close"}
 
 
 class PlanNotFound(ServiceError):
@@ -156,6 +205,12 @@ class Answer:
 
 
 TABLE: Mapping[type[Exception], Answer] = {
+    KeyNeeded: Answer(HTTPStatus.UNAUTHORIZED, "No valid key"),
+    ScopeNeeded: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
+    ForeignPage: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
+    WrongHost: Answer(HTTPStatus.MISDIRECTED_REQUEST, "Not this service"),
+    TooManyRequests: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many requests"),
+    BodyStalled: Answer(HTTPStatus.REQUEST_TIMEOUT, "The body does not come"),
     NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
     BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
     PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
@@ -177,7 +232,12 @@ TABLE: Mapping[type[Exception], Answer] = {
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
     TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
+    OperationalError: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "No database"),
+    InterfaceError: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "No database"),
+    PoolExhausted: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "No database"),
 }
+ANSWERED = tuple(TABLE)
+NO_DATABASE = (OperationalError, InterfaceError, PoolExhausted)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -205,7 +265,16 @@ def problem_response(
 
 
 def _answer_known(_: Request, error: Exception) -> Response:
+    return error_response(error)
+
+
+def error_response(error: Exception) -> Response:
+    """Return the answer to an error of `TABLE`."""
     answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
+    if isinstance(error, NO_DATABASE):
+        # What the database says is for the log: it holds statements and addresses.
+        log.error("no database", error=str(error.args[:1]))
+        return problem_response(answer, "the database cannot be reached", headers=NotReady.headers)
     errors = _problems(error)
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
@@ -238,7 +307,8 @@ def _methods(request: Request) -> list[str]:
     described: Mapping[str, Mapping[str, object]] = request.app.openapi()["paths"]
     path = request.url.path
     fitting = (methods for template, methods in described.items() if compile_path(template)[0].match(path))
-    return sorted(method.upper() for method in chain.from_iterable(fitting))
+    allowed = {method.upper() for method in chain.from_iterable(fitting)}
+    return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
 
 
 def _answer_unknown(request: Request, error: Exception) -> Response:

@@ -24,6 +24,8 @@ class PlanRecord:
 
     id: str
     kind: str
+    owner: str | None
+    """Whose key it was posted with; None where no keys were asked for."""
     external_id: str | None
     fingerprint: str
     """Hash of the task as accepted."""
@@ -52,6 +54,7 @@ class StoredDocument:
 _RECORD_COLUMNS = [
     PLANS.c.id,
     PLANS.c.kind,
+    PLANS.c.owner,
     PLANS.c.external_id,
     PLANS.c.fingerprint,
     PLANS.c.created_us,
@@ -71,12 +74,14 @@ class PlanStore:
     def __init__(self, database: Database) -> None:
         self._engine = database.engine
 
-    def accept(self, task: Mapping[str, Any], idempotency_key: str | None, queue: JobQueue) -> PlanRecord:
-        """Store a task and enqueue its job, both or neither. The same key again returns the plan it made.
+    def accept(
+        self, task: Mapping[str, Any], idempotency_key: str | None, queue: JobQueue, owner: str | None = None
+    ) -> PlanRecord:
+        """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
         The caller compares fingerprints to learn whether the key was used for another task.
         """
-        known = self.by_key(idempotency_key)
+        known = self.by_key(idempotency_key, owner)
         if known is not None:
             return known
         values = {
@@ -84,7 +89,8 @@ class PlanStore:
             "created_us": now_us(),
             "kind": task["kind"],
             "external_id": task.get("external_id"),
-            "idempotency_key": idempotency_key,
+            "owner": owner,
+            "idempotency_key": _stored_key(idempotency_key, owner),
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
         }
@@ -93,7 +99,7 @@ class PlanStore:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"])
         except IntegrityError:
-            known = self.by_key(idempotency_key)
+            known = self.by_key(idempotency_key, owner)
             if known is None:
                 raise
             return known
@@ -105,15 +111,20 @@ class PlanStore:
         """Return one plan."""
         return self._one(_RECORDS.where(PLANS.c.id == plan_id))
 
-    def by_key(self, idempotency_key: str | None) -> PlanRecord | None:
-        """Return the plan that a key made; None without a key."""
+    def by_key(self, idempotency_key: str | None, owner: str | None = None) -> PlanRecord | None:
+        """Return the plan that a key of an owner made; None without a key."""
         if idempotency_key is None:
             return None
-        return self._one(_RECORDS.where(PLANS.c.idempotency_key == idempotency_key))
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(self, most: int, before: tuple[int, str] | None) -> list[PlanRecord]:
-        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`."""
+    def newest(self, most: int, before: tuple[int, str] | None, owner: str | None = None) -> list[PlanRecord]:
+        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`.
+
+        With an `owner`, only those that belong to it.
+        """
         query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
+        if owner is not None:
+            query = query.where(PLANS.c.owner == owner)
         if before is not None:
             query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
         with self._engine.connect() as connection:
@@ -216,6 +227,13 @@ class PlanStore:
         with self._engine.connect() as connection:
             row = connection.execute(query).mappings().one_or_none()
         return None if row is None else PlanRecord(**row)
+
+
+def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
+    """Return what stands for a key in the database: two owners may choose the same one."""
+    if idempotency_key is None or owner is None:
+        return idempotency_key
+    return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
 
 
 def fingerprint(task: Mapping[str, Any]) -> str:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Request
 
 from app.resources import Resource
-from app.settings import ServiceSettings
+from app.routes.given import Settings
 from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
 from planners.scene.shape_source import PLANNED_SHAPES
 from workers.software import describe_software
@@ -50,12 +48,8 @@ class Capabilities(Resource):
 router = APIRouter(prefix="/v1", tags=["capabilities"])
 
 
-def _settings(request: Request) -> ServiceSettings:
-    return request.app.state.settings
-
-
 @router.get("/capabilities", summary="What this service can plan")
-def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
+def get_capabilities(request: Request, settings: Settings) -> Capabilities:
     """Return kinds of tasks, cells, lifter models, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),

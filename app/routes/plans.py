@@ -9,7 +9,7 @@ import time
 from typing import Annotated, Any
 
 import anyio
-from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
@@ -19,7 +19,7 @@ from app.intake import accept_task, read_body
 from app.page_token import read_page_token, write_page_token
 from app.plan_desk import PlanDesk
 from app.resources import PlanList, PlanResource, ProblemDocument
-from app.settings import ServiceSettings
+from app.routes.given import Desk, Settings
 
 WAIT_POLL_SECONDS = 0.05
 """How often a request that waits for a short job looks [s]."""
@@ -27,18 +27,6 @@ PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/pr
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
-
-
-def _desk(request: Request) -> PlanDesk:
-    return request.app.state.desk
-
-
-def _settings(request: Request) -> ServiceSettings:
-    return request.app.state.settings
-
-
-Desk = Annotated[PlanDesk, Depends(_desk)]
-Settings = Annotated[ServiceSettings, Depends(_settings)]
 
 
 @router.post(
@@ -72,7 +60,7 @@ async def post_plan(
     """Accept a task; its job runs in the background."""
     key = _read_idempotency_key(idempotency_key)
     wait = _read_wait(prefer)
-    body = await read_body(request, settings.max_body_bytes)
+    body = await read_body(request, settings.max_body_bytes, settings)
     task = await run_in_threadpool(accept_task, body, request.app.state.cells, request.app.state.meshes.get)
     plan = await run_in_threadpool(desk.submit, task, key)
     headers = {"Location": plan.links.self}
