@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib import resources
@@ -21,6 +22,7 @@ from app.head import HeadAsGet
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
+from app.plan_feed import PlanFeed
 from app.routes import audit, capabilities, login, meshes, plans, probes, viewer
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
@@ -51,6 +53,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.meshes = MeshStore(database)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
+        app.state.feed = PlanFeed(store, queue)
+        feeding = asyncio.create_task(app.state.feed.run())
         app.state.door = await run_in_threadpool(_door, settings, database)
         app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")
         worker = Worker(settings, database, queue, store) if with_worker else None
@@ -59,6 +63,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
                 await worker.start()
             yield
         finally:
+            feeding.cancel()
             await app.state.theatre.close()
             if worker is not None:
                 await worker.stop()

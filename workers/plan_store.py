@@ -6,7 +6,7 @@ import hashlib
 import json
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -182,6 +182,13 @@ class PlanStore:
         query = sa.select(sa.func.max(EVENTS.c.sequence)).where(EVENTS.c.plan_id == plan_id)
         with self._engine.connect() as connection:
             return connection.scalar(query) or 0
+
+    def last_events(self, plan_ids: Sequence[str]) -> dict[str, int]:
+        """Return the number of the newest event of each of some plans; one without events is left out."""
+        newest = sa.func.max(EVENTS.c.sequence).label("newest")
+        query = sa.select(EVENTS.c.plan_id, newest).where(EVENTS.c.plan_id.in_(plan_ids)).group_by(EVENTS.c.plan_id)
+        with self._engine.connect() as connection:
+            return {row.plan_id: row.newest for row in connection.execute(query)}
 
     def save_document(self, plan_id: str, outcome: str, sha256: str, gzip: bytes) -> None:
         """Store a document, instead of an earlier one if there is one; nothing happens to a plan that was deleted."""

@@ -10,6 +10,7 @@ from starlette.requests import HTTPConnection
 from app.access.caller import Caller
 from app.access.door import Door
 from app.plan_desk import PlanDesk
+from app.plan_feed import PlanFeed
 from app.settings import ServiceSettings
 
 
@@ -35,6 +36,10 @@ def _door(request: Request) -> Door:
     return request.app.state.door
 
 
+def _feed(request: Request) -> PlanFeed:
+    return request.app.state.feed
+
+
 def _settings(request: Request) -> ServiceSettings:
     return request.app.state.settings
 
@@ -42,4 +47,5 @@ def _settings(request: Request) -> ServiceSettings:
 CallerGiven = Annotated[Caller, Depends(_caller)]
 Desk = Annotated[PlanDesk, Depends(_desk)]
 DoorGiven = Annotated[Door, Depends(_door)]
+Feed = Annotated[PlanFeed, Depends(_feed)]
 Settings = Annotated[ServiceSettings, Depends(_settings)]

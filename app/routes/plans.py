@@ -5,24 +5,19 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
-import time
 from typing import Annotated, Any
 
-import anyio
 from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
 from app.errors import BadHeader
-from app.events import stream_events
+from app.events import stream_events, wait_for_end
 from app.intake import accept_task, read_body
 from app.page_token import read_page_token, write_page_token
-from app.plan_desk import PlanDesk
 from app.resources import PlanList, PlanResource, ProblemDocument
-from app.routes.given import Desk, Settings
+from app.routes.given import Desk, Feed, Settings
 
-WAIT_POLL_SECONDS = 0.05
-"""How often a request that waits for a short job looks [s]."""
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 
@@ -53,6 +48,7 @@ router = APIRouter(prefix="/v1/plans", tags=["plans"])
 async def post_plan(
     request: Request,
     desk: Desk,
+    feed: Feed,
     settings: Settings,
     idempotency_key: Annotated[str | None, Header()] = None,
     prefer: Annotated[list[str] | None, Header()] = None,
@@ -65,7 +61,8 @@ async def post_plan(
     plan = await run_in_threadpool(desk.submit, task, key)
     headers = {"Location": plan.links.self}
     if wait is not None:
-        plan = await _wait_for_end(desk, plan, min(wait, settings.max_wait_seconds))
+        await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
+        plan = await run_in_threadpool(desk.plan, plan.id)
         if plan.done:
             return _plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
     return _plan_response(plan, 202, headers)
@@ -125,7 +122,9 @@ def get_document(
         204: {"description": "Everything was received already"},
     },
 )
-async def get_events(plan_id: str, desk: Desk, last_event_id: Annotated[str | None, Header()] = None) -> Response:
+async def get_events(
+    plan_id: str, desk: Desk, feed: Feed, last_event_id: Annotated[str | None, Header()] = None
+) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
     plan = await run_in_threadpool(desk.plan, plan_id)
     sent = await run_in_threadpool(desk.store.last_event, plan_id)
@@ -133,7 +132,9 @@ async def get_events(plan_id: str, desk: Desk, last_event_id: Annotated[str | No
     if received > sent:
         return Response(status_code=204)
     return StreamingResponse(
-        stream_events(desk, plan_id, received), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
+        stream_events(desk, feed, plan_id, received),
+        media_type="text/event-stream",
+        headers={"Cache-Control": "no-store"},
     )
 
 
@@ -158,14 +159,6 @@ def cancel_plan(plan_id: str, desk: Desk) -> Response:
 def delete_plan(plan_id: str, desk: Desk) -> None:
     """Remove a finished plan with its document and events."""
     desk.delete(plan_id)
-
-
-async def _wait_for_end(desk: PlanDesk, plan: PlanResource, seconds: float) -> PlanResource:
-    deadline = time.monotonic() + seconds
-    while not plan.done and time.monotonic() < deadline:
-        await anyio.sleep(WAIT_POLL_SECONDS)
-        plan = await run_in_threadpool(desk.plan, plan.id)
-    return plan
 
 
 def _plan_response(plan: PlanResource, status: int, headers: dict[str, str]) -> Response:
