@@ -13,8 +13,6 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
-from sqlalchemy.exc import InterfaceError, OperationalError
-from sqlalchemy.exc import TimeoutError as PoolExhausted
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import compile_path
@@ -23,6 +21,7 @@ from planners.contract.problems import Problem, json_pointer, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
+from workers.database_loss import DATABASE_GONE
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
@@ -230,14 +229,11 @@ TABLE: Mapping[type[Exception], Answer] = {
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
+    **dict.fromkeys(DATABASE_GONE, Answer(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
     TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
-    OperationalError: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "No database"),
-    InterfaceError: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "No database"),
-    PoolExhausted: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "No database"),
 }
 ANSWERED = tuple(TABLE)
-NO_DATABASE = (OperationalError, InterfaceError, PoolExhausted)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -271,10 +267,11 @@ def _answer_known(_: Request, error: Exception) -> Response:
 def error_response(error: Exception) -> Response:
     """Return the answer to an error of `TABLE`."""
     answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
-    if isinstance(error, NO_DATABASE):
+    if isinstance(error, DATABASE_GONE):
         # What the database says is for the log: it holds statements and addresses.
-        log.error("no database", error=str(error.args[:1]))
-        return problem_response(answer, "the database cannot be reached", headers=NotReady.headers)
+        log.error("database cannot be used", error=str(error.args[0] if error.args else error))
+        detail = "the database is away, or its disk is full; what was accepted is kept, so ask again"
+        return problem_response(answer, detail, headers={"Retry-After": "5"})
     errors = _problems(error)
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:

@@ -9,9 +9,10 @@ from collections.abc import AsyncIterator
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from starlette.concurrency import run_in_threadpool
 
-from app.errors import NO_DATABASE, PlanNotFound
+from app.errors import PlanNotFound
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
+from workers.database_loss import DATABASE_GONE
 
 PING_SECONDS = 15.0
 """A stream that has nothing to say says so this often, so that nothing in between cuts it [s]."""
@@ -40,7 +41,7 @@ async def stream_events(desk: PlanDesk, feed: PlanFeed, plan_id: str, received: 
                 yield KEEPALIVE_COMMENT
     try:
         plan = await run_in_threadpool(desk.plan, plan_id)
-    except (PlanNotFound, *NO_DATABASE):
+    except (PlanNotFound, *DATABASE_GONE):
         return
     yield format_sse_event(data_str=plan.model_dump_json(), event="finished", id=str(received + 1))
 

@@ -36,7 +36,7 @@ class PlanDesk:
         """
         record = self.store.by_key(idempotency_key, self._caller.owner)
         if record is None:
-            if len(self.queue.unfinished(self._max_queued)) >= self._max_queued:
+            if self.queue.depth(self._max_queued).total >= self._max_queued:
                 raise QueueFull(self._max_queued)
             record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner)
         if record.fingerprint != fingerprint(task):

@@ -11,7 +11,7 @@ from typing import Any
 import structlog
 from starlette.concurrency import run_in_threadpool
 
-from app.errors import NO_DATABASE
+from workers.database_loss import DATABASE_GONE
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 
@@ -76,7 +76,7 @@ class PlanFeed:
                 continue
             try:
                 await self._look()
-            except NO_DATABASE as error:
+            except DATABASE_GONE as error:
                 log.warning("followers wait for the database", error=str(error.args[:1]))
                 await asyncio.sleep(RETRY_SECONDS)
             await asyncio.sleep(POLL_SECONDS)

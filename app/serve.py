@@ -16,7 +16,7 @@ from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.database import open_database
-from workers.executor_lock import ExecutorLock
+from workers.executor_lock import FileLock
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
@@ -127,7 +127,8 @@ def _keys_needed(settings: ServiceSettings) -> bool:
 
 def _refuse_second_worker(settings: WorkerSettings) -> None:
     """Say so at once, in one line; the worker itself takes the lock for good when it starts."""
-    ExecutorLock(settings.data_dir, settings.executor_name).release()
+    if settings.embedded:
+        FileLock(settings.data_dir, settings.executor_name).release()
 
 
 class _Server(uvicorn.Server):

@@ -15,7 +15,9 @@ from sqlalchemy.exc import IntegrityError
 
 from workers.database import Database
 from workers.job_queue import JobQueue
+from workers.packed_document import PackedDocument
 from workers.tables import DOCUMENTS, EVENTS, PLANS
+from workers.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
 
 
 @dataclass(frozen=True)
@@ -137,29 +139,39 @@ class PlanStore:
         return None if text is None else json.loads(text)
 
     def begin_attempt(self, plan_id: str) -> PlanRecord | None:
-        """Count one more attempt; None if the plan was deleted."""
-        update = sa.update(PLANS).where(PLANS.c.id == plan_id)
-        with self._engine.begin() as transaction:
-            transaction.execute(
-                update.values(
-                    attempts=PLANS.c.attempts + 1,
-                    started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
-                )
+        """Count one more attempt; None if the plan was deleted.
+
+        Its number is the right to write: what an earlier attempt still says, on a worker that was given up for dead, is
+        dropped.
+        """
+        begun = (
+            sa.update(PLANS)
+            .where(PLANS.c.id == plan_id)
+            .values(
+                attempts=PLANS.c.attempts + 1,
+                started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
+                finished_us=None,
             )
-        return self.get(plan_id)
+        )
+        with self._engine.begin() as transaction:
+            transaction.execute(begun)
+            # Inside: another worker may begin the next attempt as soon as this is over.
+            row = transaction.execute(_RECORDS.where(PLANS.c.id == plan_id)).mappings().one_or_none()
+        return None if row is None else PlanRecord(**row)
 
     def count_crash(self, plan_id: str) -> int:
         """Count one more death of the plan's solver process, and return how many there were."""
         with self._engine.begin() as transaction:
+            add_to_total(transaction, SOLVER_DEATH)
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(crashes=PLANS.c.crashes + 1))
             return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
 
     def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
-        """Append an event and show it as the plan's progress; nothing happens to a plan that was deleted."""
+        """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
         next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
         with self._engine.begin() as transaction:
             shown = transaction.execute(
-                sa.update(PLANS).where(PLANS.c.id == plan_id).values(stage=event["stage"], fraction=event["fraction"])
+                _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
             )
             if shown.rowcount == 0:
                 return
@@ -190,20 +202,40 @@ class PlanStore:
         with self._engine.connect() as connection:
             return {row.plan_id: row.newest for row in connection.execute(query)}
 
-    def save_document(self, plan_id: str, outcome: str, sha256: str, gzip: bytes) -> None:
-        """Store a document, instead of an earlier one if there is one; nothing happens to a plan that was deleted."""
+    def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
+        """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
+
+        All of it or nothing: a document that can be read is whole. What an earlier life of the same attempt stored is
+        replaced.
+        """
         with self._engine.begin() as transaction:
-            finished = sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us())
+            finished = _attempt(plan_id, attempt).values(finished_us=now_us())
             if transaction.execute(finished).rowcount == 0:
-                return
-            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
-            row = {"plan_id": plan_id, "outcome": outcome, "sha256": sha256, "gzip": gzip}
+                return False
+            known = transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id)).rowcount
+            row = {"plan_id": plan_id, "outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
             transaction.execute(sa.insert(DOCUMENTS).values(row))
+            if not known:
+                count_document(transaction, document.outcome, document.stages)
+        return True
+
+    def outcome(self, plan_id: str) -> str | None:
+        """Return the outcome of a plan's document, if there is one."""
+        with self._engine.connect() as connection:
+            return connection.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
 
     def mark_finished(self, plan_id: str) -> None:
         """Keep the time: the engine's own, on SQLite, is a whole second."""
         with self._engine.begin() as transaction:
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
+
+    def mark_failed(self, plan_id: str, attempt: int, why: str) -> bool:
+        """Keep the time and count the failure; False if the plan was deleted or a newer attempt has begun."""
+        with self._engine.begin() as transaction:
+            if transaction.execute(_attempt(plan_id, attempt).values(finished_us=now_us())).rowcount == 0:
+                return False
+            add_to_total(transaction, FAILURE, why)
+        return True
 
     def document(self, plan_id: str) -> StoredDocument | None:
         """Return a plan's document."""
@@ -217,6 +249,25 @@ class PlanStore:
         query = sa.select(DOCUMENTS.c.outcome, sa.func.count().label("number")).group_by(DOCUMENTS.c.outcome)
         with self._engine.connect() as connection:
             return {row.outcome: row.number for row in connection.execute(query)}
+
+    def totals(self) -> list[Total]:
+        """Return what all workers have counted."""
+        with self._engine.connect() as connection:
+            return read_totals(connection)
+
+    def created_before(self, time_us: int, after: tuple[int, str], most: int) -> list[tuple[int, str]]:
+        """Return (created_us, id) of plans accepted before a time, oldest first, from behind `after`."""
+        query = (
+            sa.select(PLANS.c.created_us, PLANS.c.id)
+            .where(
+                PLANS.c.created_us < time_us,
+                sa.tuple_(PLANS.c.created_us, PLANS.c.id) > sa.tuple_(*map(sa.literal, after)),
+            )
+            .order_by(PLANS.c.created_us, PLANS.c.id)
+            .limit(most)
+        )
+        with self._engine.connect() as connection:
+            return [(row.created_us, row.id) for row in connection.execute(query)]
 
     def delete(self, plan_id: str) -> None:
         """Remove a plan with all that belongs to it."""
@@ -241,6 +292,11 @@ def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     if idempotency_key is None or owner is None:
         return idempotency_key
     return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
+
+
+def _attempt(plan_id: str, attempt: int) -> sa.Update:
+    """Return an update of a plan that touches nothing once a newer attempt has begun."""
+    return sa.update(PLANS).where(PLANS.c.id == plan_id, PLANS.c.attempts == attempt)
 
 
 def fingerprint(task: Mapping[str, Any]) -> str:

@@ -44,6 +44,20 @@ class WorkerSettings(BaseSettings):
     interruption_limit: int = Field(default=10, ge=1, le=1000)
     """A job that was begun anew this often because the whole worker died has failed [1]."""
 
+    solver_seconds: float = Field(default=1800.0, gt=0.0, le=86400.0)
+    """A job whose solver takes longer than this has failed [s]. Planning itself counts no time: this is for the day on
+    which something hangs."""
+    solver_memory_mb: int = Field(default=4096, ge=256)
+    """So much memory a solver process may take for data [MiB]; a task that needs more has failed. One that waits for
+    work has about 600."""
+    watch_seconds: float = Field(default=2.0, gt=0.0, le=60.0)
+    """How often a worker looks for jobs of workers that have died, and whether its own still are its own [s]."""
+    patience_seconds: float = Field(default=5.0, ge=0.0, le=600.0)
+    """So long after PostgreSQL was lost a worker goes on with the jobs it has; then it stops them, because another
+    worker may have them [s]."""
+    retention_days: float | None = Field(default=None, gt=0.0)
+    """Plans that ended longer ago than this are deleted [days]; None: kept for ever."""
+
     @property
     def embedded(self) -> bool:
         """Whether everything runs in one process on SQLite."""

@@ -9,6 +9,7 @@ import gzip
 import hashlib
 import json
 import os
+import resource
 import signal
 import sys
 import threading
@@ -86,10 +87,29 @@ class ReportedFaults:
         if not isinstance(error, Exception):
             return False
         traceback.print_exception(kind, error, trace)
-        ours = isinstance(error, LiftwrightError)
-        sentence = str(error) if ours else f"the solver met an error of its own: {type(error).__name__}: {error}"
-        self._channel.send({"fault": sentence})
+        self._channel.send({"fault": _sentence(error)})
         return True
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, LiftwrightError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"the task needs more memory than a solver may take{_memory_limit()}"
+    return f"the solver met an error of its own: {type(error).__name__}: {error}"
+
+
+def _memory_limit() -> str:
+    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return "" if limit == resource.RLIM_INFINITY else f" ({limit // 2**20} MiB, LIFTWRIGHT_SOLVER_MEMORY_MB)"
+
+
+def _stages(document: dict[str, Any]) -> dict[str, float]:
+    """Return how long each stage of a document took, by name [s]."""
+    stages: dict[str, float] = {}
+    for stage in document.get("statistics", {}).get("stages", ()):
+        stages[stage["name"]] = stages.get(stage["name"], 0.0) + stage["seconds"]
+    return stages
 
 
 def main(prepare: Callable[[], Solve]) -> None:
@@ -103,7 +123,12 @@ def main(prepare: Callable[[], Solve]) -> None:
         document = solve(json.loads(requests.get()), ThrottledReports(channel))
         body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
         packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
-        header = {"outcome": document["outcome"], "sha256": hashlib.sha256(body).hexdigest(), "size": len(packed)}
+        header = {
+            "outcome": document["outcome"],
+            "sha256": hashlib.sha256(body).hexdigest(),
+            "size": len(packed),
+            "stages": _stages(document),
+        }
         channel.send({"document": header}, packed)  # pyright: ignore[reportArgumentType]
 
 

@@ -25,6 +25,7 @@ PLANS = sa.Table(
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
+    sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
 )
 
 EVENTS = sa.Table(
@@ -42,6 +43,7 @@ DOCUMENTS = sa.Table(
     sa.Column("outcome", sa.String(32), nullable=False),
     sa.Column("sha256", sa.String(64), nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
+    sa.Index("liftwright_documents_outcome", "outcome"),
 )
 
 MESHES = sa.Table(
@@ -122,4 +124,13 @@ DELIVERY_ATTEMPTS = sa.Table(
     sa.Column("at_us", sa.BigInteger, nullable=False),
     sa.Column("status", sa.Integer),
     sa.Column("failure", sa.String(300)),
+)
+
+TOTALS = sa.Table(
+    "liftwright_totals",
+    METADATA,
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("label", sa.String(64), primary_key=True),
+    sa.Column("count", sa.BigInteger, nullable=False),
+    sa.Column("seconds", sa.Float, nullable=False),
 )

@@ -19,7 +19,7 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS = ROOT / "assets" / "tasks"
-FAKE_SOLVER = (sys.executable, str(Path(__file__).with_name("fake_solver.py")))
+FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
 STARTUP_SECONDS = 900.0
 
 

@@ -1,0 +1,124 @@
+"""A PostgreSQL server of our own for tests, on a free port of this machine, that may be killed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+import psycopg
+import pytest
+from support.service import wait_for
+
+PLACES = (*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True), Path("/usr/bin"), Path("/usr/local/bin"))
+BINARIES = next((place for place in PLACES if (place / "initdb").exists() and (place / "postgres").exists()), None)
+NOBODY = "postgres"
+"""The server refuses to run as root; Debian's package brings this account."""
+needs_postgres = pytest.mark.skipif(
+    BINARIES is None and "CI" not in os.environ, reason="PostgreSQL is not installed (Debian: postgresql)"
+)
+STARTUP_SECONDS = 60.0
+
+
+class PostgresServer:
+    """One server with its files in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        assert BINARIES is not None, "PostgreSQL is not installed"
+        self._binaries, self._files = BINARIES, folder / "postgres"
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            self.port = probe.getsockname()[1]
+        self.process: subprocess.Popen[bytes] | None = None
+        self._files.mkdir(parents=True)
+        if self._account:
+            shutil.chown(self._files, NOBODY)
+            for parent in [folder, *folder.parents]:
+                # The account must be able to reach its files; temporary folders are closed to others.
+                if not parent.stat().st_mode & 0o001:
+                    parent.chmod(parent.stat().st_mode | 0o001)
+        self.run("initdb", "--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8", "-D", self._files)
+
+    @property
+    def url(self) -> str:
+        """Of the database for the service; it makes it itself."""
+        return f"postgresql://liftwright@127.0.0.1:{self.port}/liftwright"
+
+    def run(self, program: str, *words: object) -> None:
+        """Run one of PostgreSQL's programs as the account of the server."""
+        command = [str(self._binaries / program), *map(str, words)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/", **self._account)
+
+    def start(self) -> Self:
+        """Start, and wait until it answers."""
+        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self._files}")
+        words = [word for setting in settings for word in ("-c", setting)]
+        with (self._files / "server.log").open("ab") as told:
+            self.process = subprocess.Popen(
+                [str(self._binaries / "postgres"), "-D", str(self._files), *words],
+                stdout=told, stderr=told, cwd="/", **self._account,
+            )  # fmt: skip
+        wait_for(self.answers, STARTUP_SECONDS)
+        self._make_database()
+        return self
+
+    def answers(self) -> bool:
+        """Whether it takes connections."""
+        try:
+            self._connect("postgres").close()
+        except psycopg.OperationalError:
+            return False
+        return True
+
+    def kill(self) -> None:
+        """kill -9 of the server and all that serve connections, as a power failure would."""
+        assert self.process is not None
+        # The children notice within a moment that the postmaster is gone, and end.
+        self._end(signal.SIGKILL)
+        wait_for(self._quiet, 30.0)
+
+    def stop(self) -> None:
+        """Immediate shutdown: connections are cut."""
+        if self.process is not None:
+            self._end(signal.SIGQUIT)
+
+    def _end(self, number: signal.Signals) -> None:
+        if self.process is not None:
+            self.process.send_signal(number)
+            self.process.wait(timeout=60)
+            self.process = None
+
+    def _quiet(self) -> bool:
+        """Whether nobody uses the files any more: a new server refuses to start before."""
+        found = subprocess.run(["pgrep", "-f", f"postgres.*{self._files}"], capture_output=True, check=False).stdout
+        with socket.socket() as probe:
+            listening = probe.connect_ex(("127.0.0.1", self.port)) == 0
+        return not found and not listening
+
+    def _make_database(self) -> None:
+        with self._connect("postgres") as connection:
+            connection.autocommit = True
+            if not connection.execute("SELECT 1 FROM pg_database WHERE datname = 'liftwright'").fetchone():
+                connection.execute("CREATE DATABASE liftwright")
+
+    def _connect(self, database: str) -> psycopg.Connection:
+        return psycopg.connect(host="127.0.0.1", port=self.port, user="liftwright", dbname=database, connect_timeout=5)
+
+    @property
+    def _account(self) -> dict[str, Any]:
+        return {"user": NOBODY, "group": NOBODY, "extra_groups": ()} if os.geteuid() == 0 else {}
+
+
+@contextmanager
+def running_postgres(folder: Path) -> Iterator[PostgresServer]:
+    """Run a server for the time of a test."""
+    server = PostgresServer(folder)
+    try:
+        yield server.start()
+    finally:
+        server.stop()
