@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib import resources
 from importlib.metadata import version
 
@@ -23,18 +24,21 @@ from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
-from app.routes import audit, capabilities, login, meshes, plans, probes, viewer
+from app.routes import audit, capabilities, login, meshes, plans, probes, viewer, webhooks
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
+from app.webhook_desk import WebhookDesk
 from planners.scene.cell import Cell, known_cells, load_cell
 from workers.database import Database, open_database
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
+from workers.webhook_store import WebhookStore
+from workers.webhook_target import TargetRules
 from workers.worker import Worker
 
 REFERENCE_TASK = "ab1.json"
-PARTS = (plans, meshes, login, viewer, audit, capabilities, probes)
+PARTS = (plans, meshes, webhooks, login, viewer, audit, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
@@ -53,6 +57,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.meshes = MeshStore(database)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
+        rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
+        app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)
         app.state.feed = PlanFeed(store, queue)
         feeding = asyncio.create_task(app.state.feed.run())
         app.state.door = await run_in_threadpool(_door, settings, database)

@@ -22,6 +22,7 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from workers.database_loss import DATABASE_GONE
+from workers.webhook_target import TargetRefused
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
@@ -84,6 +85,20 @@ class PlanNotFound(ServiceError):
 
     def __init__(self, plan_id: str) -> None:
         super().__init__(f"there is no plan {plan_id[:100]!r}")
+
+
+class WebhookNotFound(ServiceError):
+    """No webhook has that id."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"there is no webhook {webhook_id[:100]!r}")
+
+
+class WebhookUnusable(ServiceError):
+    """A plan names a webhook that is not there, or that nothing is sent to."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"webhook={webhook_id[:100]}: there is no such webhook, or it is disabled")
 
 
 class DocumentNotReady(ServiceError):
@@ -213,6 +228,9 @@ TABLE: Mapping[type[Exception], Answer] = {
     NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
     BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
     PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
+    WebhookNotFound: Answer(HTTPStatus.NOT_FOUND, "No such webhook"),
+    TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
+    WebhookUnusable: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook cannot be used"),
     MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
     CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
@@ -285,6 +303,10 @@ def _problems(error: Exception) -> list[Problem]:
         return problems_of(error)
     if isinstance(error, RequestValidationError):
         return [Problem(pointer=json_pointer(fault["loc"]), detail=fault["msg"]) for fault in error.errors()]
+    if isinstance(error, TargetRefused):
+        return [Problem(pointer="/url", detail=str(error))]
+    if isinstance(error, WebhookUnusable):
+        return [Problem(pointer="/query/webhook", detail=str(error))]
     if isinstance(error, MeshRefused | BadUpload):
         return [Problem(pointer="", detail=str(error))]
     return []

@@ -27,8 +27,10 @@ class PlanDesk:
         """Return the desk as another caller sees it."""
         return PlanDesk(self.store, self.queue, self._max_queued, caller)
 
-    def submit(self, task: Mapping[str, Any], idempotency_key: str | None) -> PlanResource:
-        """Accept a task, or find the plan that the same key made.
+    def submit(
+        self, task: Mapping[str, Any], idempotency_key: str | None, webhook_id: str | None = None
+    ) -> PlanResource:
+        """Accept a task, or find the plan that the same key made; tell a webhook of the caller when its job ends.
 
         Raises:
             QueueFull: There are too many unfinished jobs.
@@ -38,7 +40,7 @@ class PlanDesk:
         if record is None:
             if self.queue.depth(self._max_queued).total >= self._max_queued:
                 raise QueueFull(self._max_queued)
-            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner)
+            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, webhook_id)
         if record.fingerprint != fingerprint(task):
             raise KeyUsedForAnotherTask
         return self._with_job(record)

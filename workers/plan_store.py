@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,9 @@ from workers.database import Database
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
 from workers.tables import DOCUMENTS, EVENTS, PLANS
+from workers.time_stamp import now_us
 from workers.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
+from workers.webhook_store import expect_deliveries, forget_deliveries
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,16 @@ class PlanStore:
         self._engine = database.engine
 
     def accept(
-        self, task: Mapping[str, Any], idempotency_key: str | None, queue: JobQueue, owner: str | None = None
+        self,
+        task: Mapping[str, Any],
+        idempotency_key: str | None,
+        queue: JobQueue,
+        owner: str | None = None,
+        webhook_id: str | None = None,
     ) -> PlanRecord:
         """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
+        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named.
         The caller compares fingerprints to learn whether the key was used for another task.
         """
         known = self.by_key(idempotency_key, owner)
@@ -100,6 +107,7 @@ class PlanStore:
             with self._engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"])
+                expect_deliveries(transaction, values["id"], owner, webhook_id)
         except IntegrityError:
             known = self.by_key(idempotency_key, owner)
             if known is None:
@@ -275,6 +283,7 @@ class PlanStore:
             transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
             transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            forget_deliveries(transaction, plan_id)
 
     def check(self) -> None:
         """Raise what the database raises when it cannot be reached."""
@@ -302,8 +311,3 @@ def _attempt(plan_id: str, attempt: int) -> sa.Update:
 def fingerprint(task: Mapping[str, Any]) -> str:
     """Return a hash that two tasks share only if they ask for the same."""
     return hashlib.sha256(json.dumps(task, sort_keys=True).encode()).hexdigest()
-
-
-def now_us() -> int:
-    """Return the time in microseconds since 1970, UTC."""
-    return time.time_ns() // 1000

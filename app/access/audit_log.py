@@ -8,8 +8,8 @@ import sqlalchemy as sa
 
 from app.access.caller import Caller
 from workers.database import Database
-from workers.plan_store import now_us
 from workers.tables import AUDIT
+from workers.time_stamp import now_us
 
 LONGEST_TARGET = 300
 

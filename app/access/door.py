@@ -15,7 +15,7 @@ from app.access.key_store import KeyRecord, KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import KeyNeeded, TooManyRequests
-from workers.plan_store import now_us
+from workers.time_stamp import now_us
 
 COOKIE = "liftwright"
 TRUSTED_SECONDS = 1.0

@@ -11,8 +11,8 @@ from app.access.api_key import ApiKey
 from app.access.caller import Caller
 from app.access.scope import Scope
 from workers.database import Database
-from workers.plan_store import now_us
 from workers.tables import API_KEYS
+from workers.time_stamp import now_us
 
 USE_NOTED_US = 60_000_000
 """The last use is noted this often at most [µs]: a read must not become a write."""

@@ -12,6 +12,7 @@ from app.access.door import Door
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
 from app.settings import ServiceSettings
+from app.webhook_desk import WebhookDesk
 
 
 def caller_of(connection: HTTPConnection) -> Caller:
@@ -44,8 +45,13 @@ def _settings(request: Request) -> ServiceSettings:
     return request.app.state.settings
 
 
+def _webhooks(request: Request) -> WebhookDesk:
+    return request.app.state.webhook_desk(caller_of(request))
+
+
 CallerGiven = Annotated[Caller, Depends(_caller)]
 Desk = Annotated[PlanDesk, Depends(_desk)]
 DoorGiven = Annotated[Door, Depends(_door)]
 Feed = Annotated[PlanFeed, Depends(_feed)]
+Webhooks = Annotated[WebhookDesk, Depends(_webhooks)]
 Settings = Annotated[ServiceSettings, Depends(_settings)]

@@ -7,7 +7,7 @@ import hashlib
 import re
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
@@ -16,12 +16,24 @@ from app.events import stream_events, wait_for_end
 from app.intake import accept_task, read_body
 from app.page_token import read_page_token, write_page_token
 from app.resources import PlanList, PlanResource, ProblemDocument
-from app.routes.given import Desk, Feed, Settings
+from app.routes.given import Desk, Feed, Settings, Webhooks
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
+
+
+def _named_webhook(
+    webhooks: Webhooks,
+    webhook: Annotated[str | None, Query(description="A webhook of yours that is to know when the job ends")] = None,
+) -> str | None:
+    if webhook is not None:
+        webhooks.require_usable(webhook)
+    return webhook
+
+
+NamedWebhook = Annotated[str | None, Depends(_named_webhook)]
 
 
 @router.post(
@@ -50,6 +62,7 @@ async def post_plan(
     desk: Desk,
     feed: Feed,
     settings: Settings,
+    webhook: NamedWebhook,
     idempotency_key: Annotated[str | None, Header()] = None,
     prefer: Annotated[list[str] | None, Header()] = None,
 ) -> Response:
@@ -58,7 +71,7 @@ async def post_plan(
     wait = _read_wait(prefer)
     body = await read_body(request, settings.max_body_bytes, settings)
     task = await run_in_threadpool(accept_task, body, request.app.state.cells, request.app.state.meshes.get)
-    plan = await run_in_threadpool(desk.submit, task, key)
+    plan = await run_in_threadpool(desk.submit, task, key, webhook)
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
