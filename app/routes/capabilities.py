@@ -20,6 +20,8 @@ class Limits(Resource):
     max_mesh_bytes: int
     max_queued: int
     max_wait_seconds: float
+    requests_per_second: float
+    """With one key."""
     worker_slots: int
 
 
@@ -61,6 +63,7 @@ def get_capabilities(request: Request, settings: Settings) -> Capabilities:
             max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
             max_wait_seconds=settings.max_wait_seconds,
+            requests_per_second=settings.requests_per_second,
             worker_slots=settings.worker_slots,
         ),
         schema_versions=[SCHEMA_VERSION],
