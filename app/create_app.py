@@ -24,6 +24,7 @@ from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
+from app.request_log import RequestLog
 from app.routes import audit, capabilities, login, meshes, plans, probes, viewer, webhooks
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
@@ -89,6 +90,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     install_error_handlers(app)
     app.add_middleware(Gate)
     app.add_middleware(HeadAsGet)
+    app.add_middleware(RequestLog)
     for part in PARTS:
         app.include_router(part.router)
     install_openapi(app)

@@ -55,28 +55,30 @@ class FileLock:
         os.close(self._descriptor)
 
 
-class AdvisoryLocks:
-    """Names on a PostgreSQL server, held by one connection that does nothing else. Not for two threads at once.
+class AdvisoryLock:
+    """A worker's name on a PostgreSQL server, held by a connection of its own. Not for two threads at once.
 
-    Every method raises what the database raises when it cannot be reached, and has then lost all names.
+    Every method raises what the database raises when it cannot be reached, and has then lost the name.
     """
 
-    def __init__(self, database: Database) -> None:
-        self._engine = sa.create_engine(database.engine.url, poolclass=NullPool)
+    def __init__(self, database: Database, name: str) -> None:
+        self._name = name
+        shown = {"application_name": f"liftwright worker {name}"}
+        self._engine = sa.create_engine(database.engine.url, poolclass=NullPool, connect_args=shown)
         self._connection: sa.Connection | None = None
         self._held = False
 
-    def hold(self, name: str) -> bool:
+    def hold(self) -> bool:
         """Whether the name is ours: it still is, or was free and could be taken (again)."""
         if self._connection is None:
             self._connection, self._held = self._connect(), False
         # While the connection lives, nobody can take from it what it holds.
-        self._held = bool(self._ask(sa.true())) if self._held else self._take(name)
+        self._held = bool(self._ask(sa.true())) if self._held else self._take(self._name)
         return self._held
 
     @contextlib.contextmanager
     def borrowed(self, name: str) -> Iterator[bool]:
-        """Take another name for the time of a block, in which it is true if nobody has it."""
+        """Take another worker's name for the time of a block, in which it is true if that worker is dead."""
         taken = self._take(name)
         try:
             yield taken
@@ -85,7 +87,7 @@ class AdvisoryLocks:
                 self._ask(sa.func.pg_advisory_unlock(_key(name)))
 
     def close(self) -> None:
-        """Give all names back."""
+        """Give the name back."""
         if self._connection is not None:
             with contextlib.suppress(exc.DBAPIError):
                 self._connection.close()

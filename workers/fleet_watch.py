@@ -9,7 +9,7 @@ from collections.abc import Callable, Set
 import structlog
 
 from workers.database_loss import DATABASE_GONE
-from workers.executor_lock import AdvisoryLocks, FileLock, WorkerRuns
+from workers.executor_lock import AdvisoryLock, FileLock, WorkerRuns
 from workers.job_queue import JobQueue
 from workers.settings import WorkerSettings
 
@@ -28,10 +28,10 @@ class FleetWatch:
     """
 
     def __init__(
-        self, settings: WorkerSettings, queue: JobQueue, locks: AdvisoryLocks | None, at_work: Callable[[], Set[str]]
+        self, settings: WorkerSettings, queue: JobQueue, lock: AdvisoryLock | None, at_work: Callable[[], Set[str]]
     ) -> None:
-        """`at_work` tells the ids of the jobs that this process has; `locks` is None on SQLite."""
-        self._settings, self._queue, self._locks, self._at_work = settings, queue, locks, at_work
+        """`at_work` tells the ids of the jobs that this process has; `lock` is None on SQLite."""
+        self._settings, self._queue, self._lock, self._at_work = settings, queue, lock, at_work
         self._name = settings.executor_name
         self._file: FileLock | None = None
         self._strays: set[str] = set()
@@ -49,22 +49,22 @@ class FleetWatch:
         Raises:
             WorkerRuns: Another worker has it, and keeps it.
         """
-        if self._locks is None:
+        if self._lock is None:
             self._file = FileLock(self._settings.data_dir, self._name)
             return
         deadline = time.monotonic() + FORMER_LIFE_SECONDS
-        while not await asyncio.to_thread(self._locks.hold, self._name):
+        while not await asyncio.to_thread(self._lock.hold):
             if time.monotonic() > deadline:
-                await asyncio.to_thread(self._locks.close)
+                await asyncio.to_thread(self._lock.close)
                 raise WorkerRuns(self._name, "this database")
             await asyncio.sleep(FIRST_LOOK_SECONDS)
 
-    async def stop(self) -> None:
-        """Give the name back."""
+    def stop(self) -> None:
+        """Give the name back. Blocks, for a moment: the engine takes the loop's threads along when it ends."""
         if self._file is not None:
             self._file.release()
-        if self._locks is not None:
-            await asyncio.to_thread(self._locks.close)
+        if self._lock is not None:
+            self._lock.close()
 
     async def run(self) -> None:
         """Look around until cancelled."""
@@ -76,7 +76,7 @@ class FleetWatch:
                 self._lose(str(error.args[0] if error.args else error))
 
     def _look(self) -> None:
-        if self._locks is not None and not self._locks.hold(self._name):
+        if self._lock is not None and not self._lock.hold():
             self._lose("another connection has this worker's name")
             return
         if self._lost_at is not None:
@@ -84,10 +84,10 @@ class FleetWatch:
             self._lost_at = None
         running = self._queue.running()
         self._begin_strays_anew(running.pop(self._name, set()))
-        if self._locks is None:
+        if self._lock is None:
             return
         for other, jobs in running.items():
-            with self._locks.borrowed(other) as dead:
+            with self._lock.borrowed(other) as dead:
                 if dead:
                     self._begin_anew(other, jobs)
 

@@ -12,7 +12,7 @@ from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 
 from workers.database import Database
 from workers.database_loss import DATABASE_GONE
-from workers.executor_lock import AdvisoryLocks
+from workers.executor_lock import AdvisoryLock
 from workers.fleet_watch import FleetWatch
 from workers.job_queue import (
     APPLICATION,
@@ -25,6 +25,7 @@ from workers.job_queue import (
 from workers.job_runner import JobFailed, JobRunner
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
+from workers.retention import Retention
 from workers.settings import WorkerSettings
 from workers.solver import SolverCommand, SolverPool
 from workers.solver_protocol import REJECTED_VARIABLE
@@ -40,7 +41,7 @@ class Worker:
     """Runs jobs on the running event loop. One per process: the engine is a process-wide thing."""
 
     def __init__(self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore) -> None:
-        self._settings, self._database, self._queue = settings, database, queue
+        self._settings, self._database, self._queue, self._store = settings, database, queue, store
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
         environment = {REJECTED_VARIABLE: str(rejected)}
         command = SolverCommand(settings.solver_command, environment, settings.solver_memory_mb * 2**20)
@@ -49,8 +50,8 @@ class Worker:
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
-        locks = None if settings.embedded else AdvisoryLocks(database)
-        self._fleet = FleetWatch(settings, queue, locks, lambda: frozenset(self._at_work))
+        lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
+        self._fleet = FleetWatch(settings, queue, lock, lambda: frozenset(self._at_work))
         self._loops: list[asyncio.Task[None]] = []
 
     async def start(self) -> None:
@@ -63,6 +64,9 @@ class Worker:
         await self._pool.open()
         self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
         self._loops.append(asyncio.create_task(self._webhooks.watch()))
+        if self._settings.retention_days is not None:
+            retention = Retention(self._store, self._queue, self._settings.retention_days)
+            self._loops.append(asyncio.create_task(retention.run()))
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": self._database.engine_url,
@@ -88,7 +92,7 @@ class Worker:
         await self._pool.close()
         await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
         logging.getLogger("dbos").removeFilter(_is_news)
-        await self._fleet.stop()
+        self._fleet.stop()
 
     def _register(self) -> None:
         """Tell the engine what a job is. The step's result is stored, so a finished one is not run again."""

@@ -20,6 +20,8 @@ from app.routes.given import Desk, Feed, Settings, Webhooks
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
+UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As `If-None-Match` says"}}
+BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
 
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
 
@@ -81,7 +83,7 @@ async def post_plan(
     return _plan_response(plan, 202, headers)
 
 
-@router.get("", response_model=PlanList, summary="List plans, newest first")
+@router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)
 def list_plans(
     desk: Desk, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
 ) -> PlanList:
@@ -90,7 +92,7 @@ def list_plans(
     return PlanList(plans=plans, next_page_token=None if next_page is None else write_page_token(next_page))
 
 
-@router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses=NOT_FOUND)
+@router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses={**NOT_FOUND, **UNCHANGED})
 def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Header()] = None) -> Response:
     """Return a plan; 304 if it is as the `ETag` in `If-None-Match` says."""
     response = _plan_response(desk.plan(plan_id), 200, {})
@@ -102,6 +104,7 @@ def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Head
     summary="Fetch the plan document",
     responses={
         **NOT_FOUND,
+        **UNCHANGED,
         200: {
             "content": {"application/json": {"schema": {"$ref": "#/components/schemas/PlanDocument"}}},
             "description": "The plan document",
@@ -133,6 +136,7 @@ def get_document(
         **NOT_FOUND,
         200: {"content": {"text/event-stream": {}}, "description": "`progress` events, then one `finished`"},
         204: {"description": "Everything was received already"},
+        400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},
     },
 )
 async def get_events(

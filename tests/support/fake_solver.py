@@ -1,7 +1,7 @@
 """A solver process whose answers are made up: the real machinery of processes around a function of a few lines.
 
 What it does is told by the task's `external_id`: `steps-5` takes five steps, `hang` never ends, `die` kills itself,
-`fail` raises, `child` starts a process of its own and hangs; anything else is answered at once.
+`fail` raises, `eat` takes 64 GiB, `child` starts a process of its own and hangs; anything else is answered at once.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[s
     progress("scene", 1, 1)
     if wish == "die":
         os.kill(os.getpid(), signal.SIGKILL)
+    if wish == "eat":
+        eaten = [bytearray(2**26) for _ in range(2**10)]
+        raise AssertionError(f"{len(eaten)} bites of 64 MiB fitted in")
     if wish == "fail":
         raise ValueError("the fake solver was told to fail")
     if wish == "child":

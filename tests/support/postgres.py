@@ -14,7 +14,8 @@ from typing import Any, Self
 
 import psycopg
 import pytest
-from support.service import wait_for
+
+from .service import wait_for
 
 PLACES = (*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True), Path("/usr/bin"), Path("/usr/local/bin"))
 BINARIES = next((place for place in PLACES if (place / "initdb").exists() and (place / "postgres").exists()), None)
@@ -86,6 +87,19 @@ class PostgresServer:
         """Immediate shutdown: connections are cut."""
         if self.process is not None:
             self._end(signal.SIGQUIT)
+
+    def owner_of(self, plan_id: str) -> str | None:
+        """Return the worker that a job belongs to."""
+        query = "SELECT executor_id FROM dbos.workflow_status WHERE workflow_uuid = %s"
+        with self._connect("liftwright") as connection:
+            found = connection.execute(query, (plan_id,)).fetchone()
+        return None if found is None else found[0]
+
+    def cut(self, worker: str) -> None:
+        """End the session by which a worker proves that it lives, as a network failure would."""
+        query = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = %s"
+        with self._connect("liftwright") as connection:
+            assert connection.execute(query, (f"liftwright worker {worker}",)).fetchall() == [(True,)]
 
     def _end(self, number: signal.Signals) -> None:
         if self.process is not None:

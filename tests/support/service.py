@@ -29,9 +29,10 @@ def task(name: str = "ab1.json", **members: Any) -> dict[str, Any]:
 
 
 class ServiceProcess:
-    """`liftwright serve` in a process of its own."""
+    """`liftwright serve`, or `liftwright api`, in a process of its own."""
 
-    def __init__(self, data_dir: Path, solver: tuple[str, ...] | None, **settings: Any) -> None:
+    def __init__(self, data_dir: Path, solver: tuple[str, ...] | None, command: str = "serve", **settings: Any) -> None:
+        self._command = command
         self._environment = {f"LIFTWRIGHT_{name.upper()}": str(value) for name, value in settings.items()}
         if solver is not None:
             self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
@@ -43,7 +44,7 @@ class ServiceProcess:
 
     def start(self) -> Self:
         """Start, and wait until it is ready."""
-        words = ["serve", "--port", str(self.port), "--data-dir", str(self._data_dir)]
+        words = [self._command, "--port", str(self.port), "--data-dir", str(self._data_dir)]
         self.process = subprocess.Popen(
             [sys.executable, "-m", "app.cli", *words], cwd=ROOT, env={**os.environ, **self._environment}
         )
