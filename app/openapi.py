@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from planners.contract.task_spec import task_schema
 
 CHECKED_IN = Path(__file__).resolve().parents[1] / "docs" / "openapi.json"
 COMPONENTS = "#/components/schemas/"
+EXAMPLE_TASK = "ab1.json"
 ALWAYS_ANSWERED = "/livez"
 SECURITY_SCHEMES = {
     "key": {"type": "http", "scheme": "bearer", "description": "A key of `liftwright keys issue`"},
@@ -61,6 +63,7 @@ def _complete(method: str, path: str, operation: dict[str, Any]) -> None:
     if operation.get("parameters"):
         answers.setdefault("422", {"description": "A parameter that is not valid"})
     if "requestBody" in operation:
+        _show_example(path, operation["requestBody"]["content"])
         answers.setdefault("408", {"description": "The body does not come"})
     if scope is not None:
         answers.setdefault("401", {"description": "No valid key"})
@@ -72,6 +75,14 @@ def _complete(method: str, path: str, operation: dict[str, Any]) -> None:
         if status >= "400":
             answer["content"] = {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": f"{COMPONENTS}ProblemDocument"}}}
     operation["responses"] = dict(sorted(answers.items()))
+
+
+def _show_example(path: str, bodies: dict[str, Any]) -> None:
+    if path == "/v1/plans":
+        task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
+        bodies["application/json"]["example"] = json.loads(task)
+    elif path == "/v1/webhooks":
+        bodies["application/json"]["example"] = {"url": "https://mes.example.com/liftwright", "plans": "all"}
 
 
 def _into_components(schema: Any) -> Any:

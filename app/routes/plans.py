@@ -18,6 +18,7 @@ from app.page_token import read_page_token, write_page_token
 from app.resources import PlanList, PlanResource, ProblemDocument
 from app.routes.given import Desk, Feed, Settings, Webhooks
 
+KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As `If-None-Match` says"}}
@@ -65,12 +66,13 @@ async def post_plan(
     feed: Feed,
     settings: Settings,
     webhook: NamedWebhook,
-    idempotency_key: Annotated[str | None, Header()] = None,
-    prefer: Annotated[list[str] | None, Header()] = None,
+    idempotency_key: Annotated[str | None, Header(json_schema_extra={"pattern": KEY_PATTERN})] = None,
+    prefer: Annotated[str | None, Header(description="`wait=30`: answer when the job has ended, or after 30 s")] = None,
 ) -> Response:
     """Accept a task; its job runs in the background."""
     key = _read_idempotency_key(idempotency_key)
-    wait = _read_wait(prefer)
+    # There may be several, of which the framework would give one.
+    wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
     task = await run_in_threadpool(accept_task, body, request.app.state.cells, request.app.state.meshes.get)
     plan = await run_in_threadpool(desk.submit, task, key, webhook)
@@ -200,14 +202,14 @@ def _read_idempotency_key(header: str | None) -> str | None:
     if header is None:
         return None
     key = header.strip().strip('"')
-    if not re.fullmatch(r"[\x21-\x7e]{1,255}", key):
+    if not re.fullmatch(KEY_PATTERN, key):
         raise BadHeader("Idempotency-Key must be 1 to 255 visible characters")
     return key
 
 
-def _read_wait(prefer: list[str] | None) -> int | None:
+def _read_wait(prefer: list[str]) -> int | None:
     """Return the first `wait` [s]; preferences that are not understood are ignored (RFC 7240)."""
-    for preference in ",".join(prefer or ()).split(","):
+    for preference in ",".join(prefer).split(","):
         match = re.fullmatch(r"\s*wait\s*=\s*(\"?)(\d{1,9})\1\s*(;.*)?", preference, re.IGNORECASE | re.ASCII)
         if match is not None:
             return int(match.group(2))

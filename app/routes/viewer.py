@@ -27,7 +27,13 @@ def _theatre(request: Request) -> Theatre:
     return request.app.state.theatre
 
 
-@router.get("/v1/plans/{plan_id}/view", status_code=307, summary="Watch a plan", responses={404: PROBLEM})
+@router.get(
+    "/v1/plans/{plan_id}/view",
+    status_code=307,
+    response_class=RedirectResponse,
+    summary="Watch a plan",
+    responses={307: {"description": "`Location` is the viewer with this plan loaded"}, 404: PROBLEM},
+)
 def view_plan(plan_id: str, desk: Desk) -> Response:
     """Go to the viewer with this plan loaded; if its job still runs, the viewer waits for it."""
     return RedirectResponse(f"/viewer/?plan={desk.plan(plan_id).id}")
