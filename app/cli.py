@@ -87,6 +87,15 @@ def _parser() -> argparse.ArgumentParser:
 
     _add_keys(commands.add_parser("keys", help="issue, list and revoke the keys that the service asks for"))
 
+    check = commands.add_parser(
+        "check-worker",
+        help="exit code 0 if a worker of this name is alive and can prove it",
+        description="For a container's health check: asks the database, not the process.",
+    )
+    check.add_argument("--worker-name", metavar="NAME", help="default: the host's name")
+    _add_storage(check)
+    check.set_defaults(run=_check_worker)
+
     warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
     warm.set_defaults(run=_warm_up)
     return parser
@@ -174,6 +183,12 @@ def _revoke_key(given: argparse.Namespace) -> int:
 
     revoke_key(WorkerSettings(**_options(given)), given.key_id)
     return 0
+
+
+def _check_worker(given: argparse.Namespace) -> int:
+    from workers.worker_check import worker_lives
+
+    return 0 if worker_lives(ServiceSettings(**_options(given))) else FAILED
 
 
 def _warm_up(_: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from tests.benchmarks import (
     bench_search,
     bench_simulation,
 )
+from tests.benchmarks.load import LoadEffort
 from tests.benchmarks.tasks import SOLVABLE, TOO_HEAVY
 
 KERNELS: dict[str, Callable[[], dict[str, float]]] = {
@@ -39,11 +40,15 @@ class Effort:
     kernels: tuple[str, ...] = tuple(KERNELS)
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
+    soaks: tuple[tuple[str, bool, int, int], ...] = (("PostgreSQL", True, 500, 110), ("SQLite", False, 100, 25))
+    """Where, whether that is PostgreSQL, jobs, kills."""
+    load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
+    fuzz_cases: int = 20_000
 
 
 FULL = Effort()
 QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
-    kernels=("kinematics",), service=False, lifters=1,
+    kernels=("kinematics",), service=False, lifters=1, soaks=(), load=None, fuzz_cases=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

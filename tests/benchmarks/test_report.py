@@ -27,6 +27,7 @@ SECTIONS = {
         "Fig. 12 and 13: forces while lifting",
     ),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
+    "The service: faults, load, bad input": ("Aimed at and reached",),
 }
 
 

@@ -32,18 +32,19 @@ class PostgresServer:
 
     def __init__(self, folder: Path) -> None:
         assert BINARIES is not None, "PostgreSQL is not installed"
-        self._binaries, self._files = BINARIES, folder / "postgres"
+        self._binaries, self.folder = BINARIES, folder / "postgres"
+        """The server's account may write there."""
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         self.process: subprocess.Popen[bytes] | None = None
-        self._files.mkdir(parents=True)
+        self.folder.mkdir(parents=True)
         if self._account:
-            shutil.chown(self._files, NOBODY)
+            shutil.chown(self.folder, NOBODY)
             for parent in [folder, *folder.parents]:
                 # The account must be able to reach its files; temporary folders are closed to others.
                 if not parent.stat().st_mode & 0o001:
                     parent.chmod(parent.stat().st_mode | 0o001)
-        self.run("initdb", "--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8", "-D", self._files)
+        self.run("initdb", "--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8", "-D", self.folder)
 
     @property
     def url(self) -> str:
@@ -57,11 +58,11 @@ class PostgresServer:
 
     def start(self) -> Self:
         """Start, and wait until it answers."""
-        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self._files}")
+        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
         words = [word for setting in settings for word in ("-c", setting)]
-        with (self._files / "server.log").open("ab") as told:
+        with (self.folder / "server.log").open("ab") as told:
             self.process = subprocess.Popen(
-                [str(self._binaries / "postgres"), "-D", str(self._files), *words],
+                [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
                 stdout=told, stderr=told, cwd="/", **self._account,
             )  # fmt: skip
         wait_for(self.answers, STARTUP_SECONDS)
@@ -109,7 +110,7 @@ class PostgresServer:
 
     def _quiet(self) -> bool:
         """Whether nobody uses the files any more: a new server refuses to start before."""
-        found = subprocess.run(["pgrep", "-f", f"postgres.*{self._files}"], capture_output=True, check=False).stdout
+        found = subprocess.run(["pgrep", "-f", f"postgres.*{self.folder}"], capture_output=True, check=False).stdout
         with socket.socket() as probe:
             listening = probe.connect_ex(("127.0.0.1", self.port)) == 0
         return not found and not listening

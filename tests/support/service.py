@@ -31,8 +31,15 @@ def task(name: str = "ab1.json", **members: Any) -> dict[str, Any]:
 class ServiceProcess:
     """`liftwright serve`, or `liftwright api`, in a process of its own."""
 
-    def __init__(self, data_dir: Path, solver: tuple[str, ...] | None, command: str = "serve", **settings: Any) -> None:
-        self._command = command
+    def __init__(
+        self,
+        data_dir: Path,
+        solver: tuple[str, ...] | None,
+        command: str = "serve",
+        module: str = "app.cli",
+        **settings: Any,
+    ) -> None:
+        self._command, self._module = command, module
         self._environment = {f"LIFTWRIGHT_{name.upper()}": str(value) for name, value in settings.items()}
         if solver is not None:
             self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
@@ -46,7 +53,7 @@ class ServiceProcess:
         """Start, and wait until it is ready."""
         words = [self._command, "--port", str(self.port), "--data-dir", str(self._data_dir)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", *words], cwd=ROOT, env={**os.environ, **self._environment}
+            [sys.executable, "-m", self._module, *words], cwd=ROOT, env={**os.environ, **self._environment}
         )
         wait_for(self._ready, STARTUP_SECONDS)
         return self
