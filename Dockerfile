@@ -27,5 +27,5 @@ EXPOSE 8040
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=60s CMD \
     ["python", "-c", "import urllib.request as r; r.urlopen('http://127.0.0.1:8040/livez', timeout=2)"]
-# Inside the container it listens on all of its addresses; publish the port to loopback only, or issue keys.
+# Inside the container it listens on all of its addresses; it does not start before a key was issued.
 CMD ["liftwright", "serve", "--host", "0.0.0.0"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -21,6 +22,7 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from workers.database_loss import DATABASE_GONE
+from workers.webhook_target import TargetRefused
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
@@ -32,11 +34,71 @@ class ServiceError(LiftwrightError):
     headers: Mapping[str, str] = {}
 
 
+class KeyNeeded(ServiceError):
+    """A request shows no key, or one that opens nothing."""
+
+    def __init__(self, *, shown: bool) -> None:
+        super().__init__("this key opens nothing" if shown else "show a key: Authorization: Bearer …")
+        error = ', error="invalid_token"' if shown else ""
+        self.headers = {"WWW-Authenticate": f'Bearer realm="liftwright"{error}'}
+
+
+class ScopeNeeded(ServiceError):
+    """A key is good, but not for this."""
+
+    def __init__(self, scope: str) -> None:
+        super().__init__(f"this needs a key with the scope {scope!r}")
+
+
+class ForeignPage(ServiceError):
+    """A page of somebody else asks for something."""
+
+    def __init__(self) -> None:
+        super().__init__("only pages of this service may ask for that")
+
+
+class WrongHost(ServiceError):
+    """A service that asks for no keys is called by a name that is not its machine's own."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
+
+
+class TooManyRequests(ServiceError):
+    """A key is used too often."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__("too many requests in too short a time")
+        self.headers = {"Retry-After": str(math.ceil(seconds))}
+
+
+class BodyStalled(ServiceError):
+    """A body does not come."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"nothing of the body came for {seconds:g} s, or all of it took too long")
+        self.headers = {"Connection": "close"}
+
+
 class PlanNotFound(ServiceError):
     """No plan has that id."""
 
     def __init__(self, plan_id: str) -> None:
         super().__init__(f"there is no plan {plan_id[:100]!r}")
+
+
+class WebhookNotFound(ServiceError):
+    """No webhook has that id."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"there is no webhook {webhook_id[:100]!r}")
+
+
+class WebhookUnusable(ServiceError):
+    """A plan names a webhook that is not there, or that nothing is sent to."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"webhook={webhook_id[:100]}: there is no such webhook, or it is disabled")
 
 
 class DocumentNotReady(ServiceError):
@@ -157,9 +219,18 @@ class Answer:
 
 
 TABLE: Mapping[type[Exception], Answer] = {
+    KeyNeeded: Answer(HTTPStatus.UNAUTHORIZED, "No valid key"),
+    ScopeNeeded: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
+    ForeignPage: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
+    WrongHost: Answer(HTTPStatus.MISDIRECTED_REQUEST, "Not this service"),
+    TooManyRequests: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many requests"),
+    BodyStalled: Answer(HTTPStatus.REQUEST_TIMEOUT, "The body does not come"),
     NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
     BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
     PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
+    WebhookNotFound: Answer(HTTPStatus.NOT_FOUND, "No such webhook"),
+    TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
+    WebhookUnusable: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook cannot be used"),
     MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
     CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
@@ -180,12 +251,13 @@ TABLE: Mapping[type[Exception], Answer] = {
     TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
 }
+ANSWERED = tuple(TABLE)
 
 
 def install_error_handlers(app: FastAPI) -> None:
     """Answer every error of `TABLE`, what the router refuses, and whatever else happens, as problem+json."""
     for kind in TABLE:
-        app.add_exception_handler(kind, _answer_database if kind in DATABASE_GONE else _answer_known)
+        app.add_exception_handler(kind, _answer_known)
     app.add_exception_handler(HTTPException, _answer_router)
     app.add_exception_handler(Exception, _answer_unknown)
 
@@ -207,7 +279,17 @@ def problem_response(
 
 
 def _answer_known(_: Request, error: Exception) -> Response:
+    return error_response(error)
+
+
+def error_response(error: Exception) -> Response:
+    """Return the answer to an error of `TABLE`."""
     answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
+    if isinstance(error, DATABASE_GONE):
+        # What the database says is for the log: it holds statements and addresses.
+        log.error("database cannot be used", error=str(error.args[0] if error.args else error))
+        detail = "the database is away, or its disk is full; what was accepted is kept, so ask again"
+        return problem_response(answer, detail, headers={"Retry-After": "5"})
     errors = _problems(error)
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
@@ -216,21 +298,15 @@ def _answer_known(_: Request, error: Exception) -> Response:
     return problem_response(answer, detail, errors, headers)
 
 
-def _answer_database(request: Request, error: Exception) -> Response:
-    log.error("database cannot be used", path=request.url.path, error=str(error.args[0] if error.args else error))
-    answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
-    return problem_response(
-        answer,
-        "the database is away, or its disk is full; what was accepted is kept, so ask again",
-        headers={"Retry-After": "5"},
-    )
-
-
 def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, ValidationError | SceneError):
         return problems_of(error)
     if isinstance(error, RequestValidationError):
         return [Problem(pointer=json_pointer(fault["loc"]), detail=fault["msg"]) for fault in error.errors()]
+    if isinstance(error, TargetRefused):
+        return [Problem(pointer="/url", detail=str(error))]
+    if isinstance(error, WebhookUnusable):
+        return [Problem(pointer="/query/webhook", detail=str(error))]
     if isinstance(error, MeshRefused | BadUpload):
         return [Problem(pointer="", detail=str(error))]
     return []
@@ -250,7 +326,8 @@ def _methods(request: Request) -> list[str]:
     described: Mapping[str, Mapping[str, object]] = request.app.openapi()["paths"]
     path = request.url.path
     fitting = (methods for template, methods in described.items() if compile_path(template)[0].match(path))
-    return sorted(method.upper() for method in chain.from_iterable(fitting))
+    allowed = {method.upper() for method in chain.from_iterable(fitting)}
+    return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
 
 
 def _answer_unknown(request: Request, error: Exception) -> Response:

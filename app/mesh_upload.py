@@ -10,7 +10,7 @@ from types import MappingProxyType
 from starlette.requests import Request
 
 from app.errors import BadUpload, NotMeshMedia
-from app.intake import read_limited
+from app.intake import Patience, read_limited
 from planners.geometry.mesh_file import MeshFormat
 
 MEDIA_TYPES: Mapping[str, MeshFormat] = MappingProxyType(
@@ -21,7 +21,7 @@ FORM = "multipart/form-data"
 FIELD = "file"
 
 
-async def read_mesh(request: Request, limit: int) -> tuple[bytes, MeshFormat]:
+async def read_mesh(request: Request, limit: int, patience: Patience) -> tuple[bytes, MeshFormat]:
     """Return a mesh file and its format.
 
     Raises:
@@ -35,7 +35,7 @@ async def read_mesh(request: Request, limit: int) -> tuple[bytes, MeshFormat]:
     media_type = header.get_content_type()
     if declared is None or media_type not in (FORM, *MEDIA_TYPES):
         raise NotMeshMedia(declared, (*MEDIA_TYPES, FORM))
-    content = await read_limited(request, limit)
+    content = await read_limited(request, limit, patience)
     if media_type == FORM:
         return _file_of_form(content, header)
     return content, MEDIA_TYPES[media_type]

@@ -16,6 +16,10 @@ from workers.totals import TAKEOVER, add_to_total
 
 QUEUE = "plans"
 WORKFLOW = "plan"
+DELIVERY_QUEUE = "webhooks"
+DELIVERY_WORKFLOW = "deliver"
+DELIVERIES_AT_ONCE = 16
+DELIVERY_POLL_SECONDS = 0.5
 APPLICATION = "liftwright"
 APPLICATION_VERSION = "1"
 """Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
@@ -57,6 +61,12 @@ class JobQueue:
             polling_interval_sec=poll_seconds,
             on_conflict="always_update",
         )
+        self._client.register_queue(
+            DELIVERY_QUEUE,
+            worker_concurrency=DELIVERIES_AT_ONCE,
+            polling_interval_sec=DELIVERY_POLL_SECONDS,
+            on_conflict="always_update",
+        )
 
     def enqueue(self, transaction: sa.Connection, plan_id: str) -> None:
         """Enqueue a job; it exists when `transaction` commits."""
@@ -68,6 +78,21 @@ class JobQueue:
             "serialization_type": WorkflowSerializationFormat.PORTABLE,
         }
         self._client.enqueue_in_transaction(transaction, options, plan_id)
+
+    def enqueue_delivery(
+        self, transaction: sa.Connection, plan_id: str, delivery_id: str, number: int, pause: float
+    ) -> None:
+        """Enqueue one try to deliver a message about a plan, to be made after a pause [s]."""
+        options: EnqueueOptions = {
+            "workflow_name": DELIVERY_WORKFLOW,
+            "queue_name": DELIVERY_QUEUE,
+            "workflow_id": delivery_workflow_id(plan_id, delivery_id, number),
+            "app_version": APPLICATION_VERSION,
+            "serialization_type": WorkflowSerializationFormat.PORTABLE,
+        }
+        if pause > 0.0:
+            options["delay_seconds"] = pause
+        self._client.enqueue_in_transaction(transaction, options, plan_id, delivery_id, number)
 
     def jobs(self, plan_ids: Sequence[str]) -> dict[str, Job]:
         """Return the jobs of `plan_ids`; one that does not exist is left out."""
@@ -91,8 +116,10 @@ class JobQueue:
         self._client.cancel_workflow(plan_id)
 
     def forget(self, plan_id: str) -> None:
-        """Remove all the engine knows of a job."""
-        self._client.delete_workflow(plan_id)
+        """Remove all the engine knows of a job, and of messages about it."""
+        found = self._client.list_workflows(workflow_id_prefix=plan_id, load_input=False, load_output=False)
+        for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
+            self._client.delete_workflow(workflow_id)
 
     def depth(self, most: int) -> Depth:
         """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
@@ -105,7 +132,7 @@ class JobQueue:
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
         query = sa.select(self._jobs.c.executor_id, self._jobs.c.workflow_uuid).where(
-            self._jobs.c.queue_name == QUEUE, self._jobs.c.status == RUNNING
+            self._jobs.c.queue_name.in_((QUEUE, DELIVERY_QUEUE)), self._jobs.c.status == RUNNING
         )
         found: dict[str, set[str]] = {}
         with self._engine.connect() as connection:
@@ -138,6 +165,11 @@ class JobQueue:
     def _count(self, connection: sa.Connection, state: sa.ColumnElement[bool], most: int) -> int:
         found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
         return connection.scalar(sa.select(sa.func.count()).select_from(found.limit(most).subquery())) or 0
+
+
+def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:
+    """Return the name of a try: it begins with the plan's, so that both are forgotten together."""
+    return f"{plan_id}-{delivery_id}-{number}"
 
 
 def _job(status: WorkflowStatus) -> Job:

@@ -30,11 +30,24 @@ class DatabaseTooNew(LiftwrightError):
 def _index_what_is_searched(connection: sa.Connection) -> None:
     """Plans are found by the name that the caller gave them, and documents counted without reading them."""
     for table, name in ((PLANS, "liftwright_plans_external_id"), (DOCUMENTS, "liftwright_documents_outcome")):
-        index = next(index for index in table.indexes if index.name == name)
-        index.create(connection, checkfirst=True)
+        _create_index(connection, table, name)
 
 
-STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType({2: _index_what_is_searched})
+def _give_plans_owners(connection: sa.Connection) -> None:
+    """Plans belong to whoever holds the key they were posted with; those of before belong to nobody."""
+    if "owner" not in {column["name"] for column in sa.inspect(connection).get_columns(PLANS.name)}:
+        owner = sa.schema.CreateColumn(PLANS.c.owner).compile(dialect=connection.dialect)
+        connection.exec_driver_sql(f"ALTER TABLE {PLANS.name} ADD COLUMN {owner}")
+    _create_index(connection, PLANS, "liftwright_plans_newest_of_owner")
+
+
+def _create_index(connection: sa.Connection, table: sa.Table, name: str) -> None:
+    next(index for index in table.indexes if index.name == name).create(connection, checkfirst=True)
+
+
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
+    {2: _index_what_is_searched, 3: _give_plans_owners}
+)
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.
 A step changes tables only so that the version before still runs on them: workers are upgraded one by one."""
 LATEST = max(STEPS)

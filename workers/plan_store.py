@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,9 @@ from workers.database import Database
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
 from workers.tables import DOCUMENTS, EVENTS, PLANS
+from workers.time_stamp import now_us
 from workers.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
+from workers.webhook_store import expect_deliveries, forget_deliveries
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class PlanRecord:
 
     id: str
     kind: str
+    owner: str | None
+    """Whose key it was posted with; None where no keys were asked for."""
     external_id: str | None
     fingerprint: str
     """Hash of the task as accepted."""
@@ -54,6 +57,7 @@ class StoredDocument:
 _RECORD_COLUMNS = [
     PLANS.c.id,
     PLANS.c.kind,
+    PLANS.c.owner,
     PLANS.c.external_id,
     PLANS.c.fingerprint,
     PLANS.c.created_us,
@@ -73,12 +77,20 @@ class PlanStore:
     def __init__(self, database: Database) -> None:
         self._engine = database.engine
 
-    def accept(self, task: Mapping[str, Any], idempotency_key: str | None, queue: JobQueue) -> PlanRecord:
-        """Store a task and enqueue its job, both or neither. The same key again returns the plan it made.
+    def accept(
+        self,
+        task: Mapping[str, Any],
+        idempotency_key: str | None,
+        queue: JobQueue,
+        owner: str | None = None,
+        webhook_id: str | None = None,
+    ) -> PlanRecord:
+        """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
+        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named.
         The caller compares fingerprints to learn whether the key was used for another task.
         """
-        known = self.by_key(idempotency_key)
+        known = self.by_key(idempotency_key, owner)
         if known is not None:
             return known
         values = {
@@ -86,7 +98,8 @@ class PlanStore:
             "created_us": now_us(),
             "kind": task["kind"],
             "external_id": task.get("external_id"),
-            "idempotency_key": idempotency_key,
+            "owner": owner,
+            "idempotency_key": _stored_key(idempotency_key, owner),
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
         }
@@ -94,8 +107,9 @@ class PlanStore:
             with self._engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"])
+                expect_deliveries(transaction, values["id"], owner, webhook_id)
         except IntegrityError:
-            known = self.by_key(idempotency_key)
+            known = self.by_key(idempotency_key, owner)
             if known is None:
                 raise
             return known
@@ -107,15 +121,20 @@ class PlanStore:
         """Return one plan."""
         return self._one(_RECORDS.where(PLANS.c.id == plan_id))
 
-    def by_key(self, idempotency_key: str | None) -> PlanRecord | None:
-        """Return the plan that a key made; None without a key."""
+    def by_key(self, idempotency_key: str | None, owner: str | None = None) -> PlanRecord | None:
+        """Return the plan that a key of an owner made; None without a key."""
         if idempotency_key is None:
             return None
-        return self._one(_RECORDS.where(PLANS.c.idempotency_key == idempotency_key))
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(self, most: int, before: tuple[int, str] | None) -> list[PlanRecord]:
-        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`."""
+    def newest(self, most: int, before: tuple[int, str] | None, owner: str | None = None) -> list[PlanRecord]:
+        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`.
+
+        With an `owner`, only those that belong to it.
+        """
         query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
+        if owner is not None:
+            query = query.where(PLANS.c.owner == owner)
         if before is not None:
             query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
         with self._engine.connect() as connection:
@@ -183,6 +202,13 @@ class PlanStore:
         query = sa.select(sa.func.max(EVENTS.c.sequence)).where(EVENTS.c.plan_id == plan_id)
         with self._engine.connect() as connection:
             return connection.scalar(query) or 0
+
+    def last_events(self, plan_ids: Sequence[str]) -> dict[str, int]:
+        """Return the number of the newest event of each of some plans; one without events is left out."""
+        newest = sa.func.max(EVENTS.c.sequence).label("newest")
+        query = sa.select(EVENTS.c.plan_id, newest).where(EVENTS.c.plan_id.in_(plan_ids)).group_by(EVENTS.c.plan_id)
+        with self._engine.connect() as connection:
+            return {row.plan_id: row.newest for row in connection.execute(query)}
 
     def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
         """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
@@ -257,6 +283,7 @@ class PlanStore:
             transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
             transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            forget_deliveries(transaction, plan_id)
 
     def check(self) -> None:
         """Raise what the database raises when it cannot be reached."""
@@ -269,6 +296,13 @@ class PlanStore:
         return None if row is None else PlanRecord(**row)
 
 
+def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
+    """Return what stands for a key in the database: two owners may choose the same one."""
+    if idempotency_key is None or owner is None:
+        return idempotency_key
+    return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
+
+
 def _attempt(plan_id: str, attempt: int) -> sa.Update:
     """Return an update of a plan that touches nothing once a newer attempt has begun."""
     return sa.update(PLANS).where(PLANS.c.id == plan_id, PLANS.c.attempts == attempt)
@@ -277,8 +311,3 @@ def _attempt(plan_id: str, attempt: int) -> sa.Update:
 def fingerprint(task: Mapping[str, Any]) -> str:
     """Return a hash that two tasks share only if they ask for the same."""
     return hashlib.sha256(json.dumps(task, sort_keys=True).encode()).hexdigest()
-
-
-def now_us() -> int:
-    """Return the time in microseconds since 1970, UTC."""
-    return time.time_ns() // 1000

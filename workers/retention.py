@@ -8,7 +8,8 @@ import structlog
 
 from workers.database_loss import DATABASE_GONE
 from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore, now_us
+from workers.plan_store import PlanStore
+from workers.time_stamp import now_us
 
 PAUSE_SECONDS = 3600.0
 """Between two rounds [s]."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
 
 from pydantic import Field
@@ -60,6 +61,17 @@ class WorkerSettings(BaseSettings):
     worker may have them [s]."""
     retention_days: float | None = Field(default=None, gt=0.0)
     """Plans that ended longer ago than this are deleted [days]; None: kept for ever."""
+
+    webhook_hosts: tuple[str, ...] = ()
+    """Hosts that webhooks may lead to, also as patterns (`*.example.com`); none: any."""
+    webhook_networks: tuple[IPv4Network | IPv6Network, ...] = ()
+    """Private networks that webhooks may lead into, and without TLS; none: public addresses only."""
+    webhook_ca_file: Path | None = None
+    """Certificates of authorities that are trusted with webhooks; None: those of the system."""
+    webhook_retry_seconds: tuple[float, ...] = (5, 300, 1800, 7200, 18000, 36000, 50400, 72000, 86400)
+    """Pauses between tries to deliver a message [s]; after the last one it has failed."""
+    webhook_timeout_seconds: float = Field(default=15.0, gt=0.0, le=60.0)
+    """Longest time that a try may take [s]."""
 
     @property
     def embedded(self) -> bool:

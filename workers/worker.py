@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
@@ -14,7 +14,14 @@ from workers.database import Database
 from workers.database_loss import DATABASE_GONE
 from workers.executor_lock import AdvisoryLock
 from workers.fleet_watch import FleetWatch
-from workers.job_queue import APPLICATION, APPLICATION_VERSION, WORKFLOW, JobQueue
+from workers.job_queue import (
+    APPLICATION,
+    APPLICATION_VERSION,
+    DELIVERY_WORKFLOW,
+    WORKFLOW,
+    JobQueue,
+    delivery_workflow_id,
+)
 from workers.job_runner import JobFailed, JobRunner
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
@@ -22,6 +29,8 @@ from workers.retention import Retention
 from workers.settings import WorkerSettings
 from workers.solver import SolverCommand, SolverPool
 from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
+from workers.webhook_runner import WebhookRunner
+from workers.webhook_store import WebhookStore
 
 REJECTED_FOLDER = "rejected"
 GOODBYE_SECONDS = 10.0
@@ -40,6 +49,7 @@ class Worker:
         command = SolverCommand(settings.solver_command, folders, settings.solver_memory_mb * 2**20)
         self._pool = SolverPool(command, settings.worker_slots)
         self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
+        self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
         lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
@@ -55,6 +65,7 @@ class Worker:
         await self._fleet.start()
         await self._pool.open()
         self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
+        self._loops.append(asyncio.create_task(self._webhooks.watch()))
         if self._settings.retention_days is not None:
             retention = Retention(self._store, self._queue, self._settings.retention_days)
             self._loops.append(asyncio.create_task(retention.run()))
@@ -101,13 +112,27 @@ class Worker:
             max_recovery_attempts=self._settings.interruption_limit,
         )
         async def plan(plan_id: str) -> str:
-            self._at_work.add(plan_id)
-            try:
+            with self._working_on(plan_id):
                 return await solve(plan_id)
-            finally:
-                self._at_work.discard(plan_id)
 
-        self._workflow: Callable[[str], Awaitable[str]] = plan
+        @DBOS.step(name="post")
+        async def post(delivery_id: str, number: int) -> str:
+            return await self._webhooks.attempt(delivery_id, number)
+
+        @DBOS.workflow(name=DELIVERY_WORKFLOW, serialization_type=WorkflowSerializationFormat.PORTABLE)
+        async def deliver(plan_id: str, delivery_id: str, number: int) -> str:
+            with self._working_on(delivery_workflow_id(plan_id, delivery_id, number)):
+                return await post(delivery_id, number)
+
+        self._workflows: tuple[Callable[..., Awaitable[str]], ...] = (plan, deliver)
+
+    @contextmanager
+    def _working_on(self, workflow_id: str) -> Iterator[None]:
+        self._at_work.add(workflow_id)
+        try:
+            yield
+        finally:
+            self._at_work.discard(workflow_id)
 
     async def _watch_jobs(self) -> None:
         """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""
