@@ -14,7 +14,7 @@ from planners.geometry.pose import Array, inverse, rotation_from_vector, transfo
 from planners.motion.trajectory import Trajectory
 from planners.regrasp.hold_statics import HoldStatics, UnheldError
 from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
-from planners.scene.scene import build_scene
+from planners.scene.tool_scene import build_tool_scene
 from planners.segment import SegmentKind
 
 GRAVITY = 9.81
@@ -30,7 +30,8 @@ def hold(arm: str, height: float) -> ToolHold:
 
 def statics(**members: Any) -> HoldStatics:
     task = read_task({"kind": "suction_tool", "objects": [block(**members)]})
-    return HoldStatics(build_scene(task))
+    assert task.kind == "suction_tool"
+    return HoldStatics(build_tool_scene(task))
 
 
 def on_top(held: HoldStatics) -> Array:
