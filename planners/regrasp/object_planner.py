@@ -16,6 +16,7 @@ from planners.progress import Progress
 from planners.regrasp.grasp_layer import GraspLayer
 from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
 from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.object_progress import ObjectProgress, ObjectStage, Tell
 from planners.regrasp.regrasp_graph import Edge, Handover, Pick, Sequence, Transfer
 from planners.regrasp.suction_poses import SuctionPose, SuctionPoses
 from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
@@ -88,16 +89,18 @@ class ObjectPlanner:
         """
         report = ObjectReport(target.name)
         report.rejections = Rejections()
+        poses = suctions.poses[: self.settings.suction_poses]
+        tell = ObjectProgress(self.progress, target.name, len(poses))
+        tell(ObjectStage.FIRST_REGRASP)
         start = self._start(stage, report)
         if not start.nodes.any():
             return None, report
         weight = 0.0 if last else self.settings.partner_weight
         costs = RouteCosts(weight * self._partnerless)
-        poses = suctions.poses[: self.settings.suction_poses]
-        for first in range(0, len(poses), self.settings.suction_group):
-            self.progress(f"regrasp {target.name}", first, len(poses))
-            group = poses[first : first + self.settings.suction_group]
-            routes = [self._route(stage, target, pose, start, costs) for pose in group]
+        for tell.tried in range(0, len(poses), self.settings.suction_group):
+            tell(ObjectStage.FIRST_REGRASP)
+            group = poses[tell.tried : tell.tried + self.settings.suction_group]
+            routes = [self._route(stage, target, pose, start, costs, tell) for pose in group]
             done = self._try_group(stage, target, routes, report)
             self._count(routes, report)
             if done is not None:
@@ -118,9 +121,8 @@ class ObjectPlanner:
             route = routes[number]
             tried[number] += 1
             report.counts["tries"] += 1
-            self.progress(f"motion {target.name}", report.counts["tries"], 0)
             done = self._realise(stage, target, route, sequence, realised, (number,), report)
-            self.progress(f"regrasp {target.name}", report.counts["tries"], 0)
+            route.tell(ObjectStage.GRAPH)
             if done is not None:
                 self._tell(stage, target, route, sequence, report)
                 return done
@@ -165,6 +167,7 @@ class ObjectPlanner:
         for edge in sequence.edges:
             key = (*key, edge)
             if key not in realised:
+                route.tell(ObjectStage.motion(0 if isinstance(edge, Pick) else edge.round))
                 try:
                     realised[key] = self._step(stage, target, route, goal, edge)
                 except Stuck as stuck:
@@ -255,7 +258,13 @@ class ObjectPlanner:
         return RouteStart(nodes, self._rest.solutions)
 
     def _route(
-        self, stage: ToolStage, target: MovedObject, pose: SuctionPose, start: RouteStart, costs: RouteCosts
+        self,
+        stage: ToolStage,
+        target: MovedObject,
+        pose: SuctionPose,
+        start: RouteStart,
+        costs: RouteCosts,
+        tell: Tell,
     ) -> SuctionRoute:
         T_tool_object = inverse(pose.T_object_tool)
         objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
@@ -271,7 +280,7 @@ class ObjectPlanner:
         base = self.handovers.T_world_tool
         hanging = self.choreographer.hanging(SuckedObject(target.name, T_tool_object), base)
         masks = (self._handover_masks(np.ones(len(base), dtype=bool)), self._handover_masks(hanging))
-        return SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers)
+        return SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers, tell)
 
     def _handover_masks(self, orientations: NDArray[np.bool_]) -> HandoverMasks:
         """Return which grasps pass the tool on in any of the orientations (o,) that are true."""
