@@ -1,0 +1,129 @@
+"""Random layouts of each pile: how many are solved and certified, and in what time."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from functools import cache, partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from planners.scene.cell import Cell, known_cells, load_cell
+from tests.benchmarks.attempt_file import FOLDER, AttemptFile
+from tests.benchmarks.pile_attempt import PileAttempt, PileWorker
+from tests.benchmarks.random_piles import PILES, Pile, RefusedLayout, lay
+from tests.benchmarks.tasks import Note
+
+LAYOUTS = 100
+PROCESSES = 2
+TAKEN = "the place of the pile is taken: an object would have to be moved twice"
+MOST_SEEDS = 5000
+"""Of one pile that are looked at."""
+_SEEDS_AT_ONCE = 20
+
+
+@dataclass(frozen=True)
+class PileFigures:
+    """One pile over all its layouts."""
+
+    pile: Pile
+    refused: Counter[str]
+    """Seeds that give no layout, by reason."""
+    attempts: Sequence[PileAttempt]
+    """By seed."""
+
+    @property
+    def solved(self) -> list[PileAttempt]:
+        """Those that were planned and certified."""
+        return [attempt for attempt in self.attempts if attempt.solved]
+
+    @property
+    def failed(self) -> list[PileAttempt]:
+        """The others."""
+        return [attempt for attempt in self.attempts if not attempt.solved]
+
+    @property
+    def planning_per_object(self) -> list[float]:
+        """Wall clock from spec to document over the number of objects, of each attempt [s]."""
+        return [attempt.planning / self.pile.objects for attempt in self.attempts]
+
+    @property
+    def cpu_per_object(self) -> list[float]:
+        """The same in CPU time [s]."""
+        return [attempt.planning_cpu / self.pile.objects for attempt in self.attempts]
+
+
+def measure(
+    note: Note, piles: Sequence[Pile] = PILES, layouts: int = LAYOUTS, file: AttemptFile | None = None
+) -> list[PileFigures]:
+    """Plan and certify so many layouts of each pile in a few processes; attempts that are on file are not repeated."""
+    file = file or AttemptFile.of_this_code()
+    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as processes:
+        seeds = {pile: _seeds(processes, pile, layouts, note) for pile in piles}
+        known = file.read()
+        missing = [(pile, seed) for pile in piles for seed in seeds[pile][0] if (pile.name, seed) not in known]
+        jobs = {processes.submit(_attempt, FOLDER / "handovers", pile, seed): (pile, seed) for pile, seed in missing}
+        for number, job in enumerate(as_completed(jobs), start=1):
+            error = job.exception()
+            if isinstance(error, BrokenExecutor):
+                raise error
+            attempt = job.result() if error is None else PileAttempt.broken(*jobs[job], error)
+            file.add(attempt)
+            note(f"piles: {number} of {len(jobs)}, {_told(attempt)}")
+    attempts = file.read()
+    return [PileFigures(pile, seeds[pile][1], [attempts[pile.name, seed] for seed in seeds[pile][0]]) for pile in piles]
+
+
+def _seeds(processes: Executor, pile: Pile, layouts: int, note: Note) -> tuple[list[int], Counter[str]]:
+    """Return the first seeds that give a layout, and why those before the last of them give none."""
+    note(f"piles: laying {pile.name}")
+    good: list[int] = []
+    refused: Counter[str] = Counter()
+    for seed, reason in _refusals(processes, pile):
+        if len(good) == layouts:
+            break
+        if reason is None:
+            good.append(seed)
+        else:
+            refused[reason] += 1
+    return good, refused
+
+
+def _refusals(processes: Executor, pile: Pile) -> Iterator[tuple[int, str | None]]:
+    for first in range(0, MOST_SEEDS, _SEEDS_AT_ONCE):
+        seeds = range(first, first + _SEEDS_AT_ONCE)
+        yield from zip(seeds, processes.map(partial(_refusal, pile), seeds), strict=True)
+
+
+def _refusal(pile: Pile, seed: int) -> str | None:
+    """Return why a seed gives no layout, in words without numbers of objects; None where it gives one."""
+    layout = lay(pile, seed, _cells())
+    if isinstance(layout, RefusedLayout):
+        return re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", layout.reason))
+    return TAKEN if layout.taken else None
+
+
+def _attempt(databases: Path, pile: Pile, seed: int) -> PileAttempt:
+    return _worker(databases).attempt(pile, seed)
+
+
+@cache
+def _cells() -> dict[str, Cell]:
+    return {name: load_cell(name) for name in known_cells()}
+
+
+@cache
+def _worker(databases: Path) -> PileWorker:
+    """Return this process's worker, its kernels loaded."""
+    worker = PileWorker(databases)
+    for pile in PILES:
+        worker.warm_up(pile)
+    return worker
+
+
+def _told(attempt: PileAttempt) -> str:
+    seconds = f"{attempt.planning:.2f} s, CPU {attempt.planning_cpu:.2f} s"
+    return f"{attempt.pile}, seed {attempt.seed}: {attempt.outcome} in {seconds}. {attempt.reason}".strip()
