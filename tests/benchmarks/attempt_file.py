@@ -13,6 +13,7 @@ from tests.benchmarks.machine import ROOT
 from tests.benchmarks.pile_attempt import PileAttempt
 
 FOLDER = ROOT / "build" / "benchmarks"
+"""Where a full run keeps what it has done."""
 _MEASURED = ("assets", "planners", "workers")
 _MEASURING = ("random_piles.py", "pile_attempt.py")
 
@@ -24,7 +25,7 @@ class AttemptFile:
         self._path = path
 
     @classmethod
-    def of_this_code(cls, folder: Path = FOLDER) -> Self:
+    def of_this_code(cls, folder: Path) -> Self:
         """Return the file of the code as it is, changes that are not committed included."""
         folder.mkdir(parents=True, exist_ok=True)
         return cls(folder / f"piles_{_digest(_sources())}.jsonl")

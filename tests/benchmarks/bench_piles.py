@@ -12,14 +12,14 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from planners.scene.cell import Cell, known_cells, load_cell
-from tests.benchmarks.attempt_file import FOLDER, AttemptFile
+from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.pile_attempt import PileAttempt, PileWorker
 from tests.benchmarks.random_piles import PILES, Pile, RefusedLayout, lay
 from tests.benchmarks.tasks import Note
 
 LAYOUTS = 100
 PROCESSES = 2
-TAKEN = "the place of the pile is taken: an object would have to be moved twice"
+_TAKEN = "taken"
 MOST_SEEDS = 5000
 """Of one pile that are looked at."""
 _SEEDS_AT_ONCE = 20
@@ -31,9 +31,16 @@ class PileFigures:
 
     pile: Pile
     refused: Counter[str]
-    """Seeds that give no layout, by reason."""
+    """Seeds whose start the service refuses, by reason."""
+    taken: int
+    """Seeds with an object where others must go before it."""
     attempts: Sequence[PileAttempt]
     """By seed."""
+
+    @property
+    def seeds(self) -> int:
+        """All that were looked at."""
+        return self.refused.total() + self.taken + len(self.attempts)
 
     @property
     def solved(self) -> list[PileAttempt]:
@@ -56,16 +63,31 @@ class PileFigures:
         return [attempt.planning_cpu / self.pile.objects for attempt in self.attempts]
 
 
-def measure(
-    note: Note, piles: Sequence[Pile] = PILES, layouts: int = LAYOUTS, file: AttemptFile | None = None
-) -> list[PileFigures]:
-    """Plan and certify so many layouts of each pile in a few processes; attempts that are on file are not repeated."""
-    file = file or AttemptFile.of_this_code()
+@dataclass(frozen=True)
+class PileSeeds:
+    """Which seeds give a pile's layouts."""
+
+    good: Sequence[int]
+    refused: Counter[str]
+    """Those whose start the service refuses, by reason."""
+    taken: int
+
+
+def measure(note: Note, kept: Path, piles: Sequence[Pile] = PILES, layouts: int = LAYOUTS) -> list[PileFigures]:
+    """Plan and certify so many layouts of each pile in a few processes.
+
+    Args:
+        note: told of each that is done.
+        kept: folder of attempts, which are not repeated while the code is the same, and of handover databases.
+        piles: which.
+        layouts: of each.
+    """
+    file = AttemptFile.of_this_code(kept)
     with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as processes:
         seeds = {pile: _seeds(processes, pile, layouts, note) for pile in piles}
         known = file.read()
-        missing = [(pile, seed) for pile in piles for seed in seeds[pile][0] if (pile.name, seed) not in known]
-        jobs = {processes.submit(_attempt, FOLDER / "handovers", pile, seed): (pile, seed) for pile, seed in missing}
+        missing = [(pile, seed) for pile in piles for seed in seeds[pile].good if (pile.name, seed) not in known]
+        jobs = {processes.submit(_attempt, kept, pile, seed): (pile, seed) for pile, seed in missing}
         for number, job in enumerate(as_completed(jobs), start=1):
             error = job.exception()
             if isinstance(error, BrokenExecutor):
@@ -74,11 +96,14 @@ def measure(
             file.add(attempt)
             note(f"piles: {number} of {len(jobs)}, {_told(attempt)}")
     attempts = file.read()
-    return [PileFigures(pile, seeds[pile][1], [attempts[pile.name, seed] for seed in seeds[pile][0]]) for pile in piles]
+    return [
+        PileFigures(pile, each.refused, each.taken, [attempts[pile.name, seed] for seed in each.good])
+        for pile, each in seeds.items()
+    ]
 
 
-def _seeds(processes: Executor, pile: Pile, layouts: int, note: Note) -> tuple[list[int], Counter[str]]:
-    """Return the first seeds that give a layout, and why those before the last of them give none."""
+def _seeds(processes: Executor, pile: Pile, layouts: int, note: Note) -> PileSeeds:
+    """Look at one seed after the other until there are as many layouts as wanted."""
     note(f"piles: laying {pile.name}")
     good: list[int] = []
     refused: Counter[str] = Counter()
@@ -89,7 +114,8 @@ def _seeds(processes: Executor, pile: Pile, layouts: int, note: Note) -> tuple[l
             good.append(seed)
         else:
             refused[reason] += 1
-    return good, refused
+    taken = refused.pop(_TAKEN, 0)
+    return PileSeeds(good, refused, taken)
 
 
 def _refusals(processes: Executor, pile: Pile) -> Iterator[tuple[int, str | None]]:
@@ -103,11 +129,11 @@ def _refusal(pile: Pile, seed: int) -> str | None:
     layout = lay(pile, seed, _cells())
     if isinstance(layout, RefusedLayout):
         return re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", layout.reason))
-    return TAKEN if layout.taken else None
+    return _TAKEN if layout.taken else None
 
 
 def _attempt(databases: Path, pile: Pile, seed: int) -> PileAttempt:
-    return _worker(databases).attempt(pile, seed)
+    return _warm_worker(databases, pile).attempt(pile, seed)
 
 
 @cache
@@ -117,10 +143,14 @@ def _cells() -> dict[str, Cell]:
 
 @cache
 def _worker(databases: Path) -> PileWorker:
-    """Return this process's worker, its kernels loaded."""
-    worker = PileWorker(databases)
-    for pile in PILES:
-        worker.warm_up(pile)
+    return PileWorker(databases)
+
+
+@cache
+def _warm_worker(databases: Path, pile: Pile) -> PileWorker:
+    """Return this process's worker with all kernels loaded that a pile needs."""
+    worker = _worker(databases)
+    worker.warm_up(pile)
     return worker
 
 

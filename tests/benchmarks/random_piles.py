@@ -23,16 +23,20 @@ class Pile:
     """What is piled up, with which tool."""
 
     name: str
+    paper: str
+    """The paper's name of its objects."""
     task: str
     """The shipped task that says the goals, the tool and how the objects lie."""
+    tool: str
     objects: int
 
 
+LONG, SHORT = "long_symmetric", "short_asymmetric"
 PILES = (
-    Pile("domino", "domino_pile", 3),
-    Pile("can", "can_stack", 2),
-    Pile("tissue", "tissue_pile", 3),
-    Pile("tissue, short tool", "tissue_pile_short_tool", 3),
+    Pile("domino", "domino", "domino_pile", LONG, 3),
+    Pile("can", "can", "can_stack", LONG, 2),
+    Pile("tissue", "tissue", "tissue_pile", LONG, 3),
+    Pile("tissue, short tool", "tissue", "tissue_pile_short_tool", SHORT, 3),
 )
 """A seed strews the same objects the same way, whichever the tool."""
 
