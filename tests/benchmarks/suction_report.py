@@ -85,8 +85,8 @@ def _layouts(piles: Sequence[PileFigures], picture: str) -> str:
     return "\n\n".join(
         [
             "### Random layouts",
-            f"The shipped piles, each object strewn anywhere in {region}, turned any way about the vertical, by seed; the "
-            "tool in its rest. A layout counts if every check that the service makes of a task accepts it, and if the "
+            f"The shipped piles, each object strewn anywhere in {region}, turned any way about the vertical, by seed; "
+            "the tool in its rest. A layout counts if every check that the service makes of a task accepts it, and if the "
             "place of the pile is free: with an object where others must go before it, moving each once is not enough. "
             "Both tools get the same layouts.",
             table(head, [_counts(pile) for pile in piles]),
@@ -206,7 +206,7 @@ def _table_2(tools: Sequence[HandoverFigures], piles: Sequence[PileFigures]) -> 
         [
             "### Table II: the long tool and the short one",
             "The paper gives success rates of ten runs with three tissue boxes, in a figure; its text says that the "
-            "long tool's is much higher, for having more grasps and handovers. Ours: a pair is a grasp of the left hand "
+            "long tool's is much higher, for having more grasps and handovers. A pair is a grasp of the left hand "
             f"and one of the right that pass the tool on, in any of {orientations} orientations at the handover place; "
             "the last pairs are those left with a tissue box on the cup.",
             table(
@@ -232,7 +232,8 @@ def _databases(tools: Iterable[HandoverFigures]) -> str:
 
 def _motion(tasks: Sequence[TaskMotion]) -> str:
     head = ("task, what moves", "motions", "straight", "length ÷ straight, median", "most",
-            "duration ÷ straight, median", "most", "largest wrist turn [°]", "searched ones: length ÷ OMPL's, median", "most")  # fmt: skip
+            "duration ÷ straight, median", "most", "largest wrist turn [°]", "searched: length ÷ OMPL's, median",
+            "most")  # fmt: skip
     rows = [
         row
         for task in tasks
