@@ -59,16 +59,6 @@ def _considered(plan: ToolPlan) -> dict[str, Any]:
             {"object": tried.object, "pose": pose_row(tried.T_object_tool), "reason": _reason(tried.rejection)}
             for tried in considered.suctions
         ],
-        "grasps": [
-            {
-                "object": asked.object,
-                "arm": asked.held.arm,
-                "grasp": asked.held.grasp,
-                "tool_pose": pose_row(asked.T_world_tool),
-                "reason": _reason(asked.rejection),
-            }
-            for asked in considered.grasps
-        ],
     }
 
 

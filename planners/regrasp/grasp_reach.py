@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +34,30 @@ Branches = NDArray[np.uint8]
 CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a straight way that still counts as continuous [rad]."""
 _TURN = 2.0 * math.pi
+
+
+class ReachFault(StrEnum):
+    """Why an arm cannot take a grasp; the value is the sentence for a person."""
+
+    CARRIED = "The tool or what hangs on it would touch something."
+    AWAY = "The arm does not reach all of the straight way on one branch."
+    HAND = "The hand would touch something."
+    LINKS = "The arm would touch something."
+
+
+REACH_FAULTS = tuple(ReachFault)
+_NO_FAULT, _CARRIED, _AWAY, _HAND, _LINKS = range(5)
+"""A fault as a number: 0, or 1 + its place in `REACH_FAULTS`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachedGrasps:
+    """What was found out about all grasps of one arm; of those not asked, nothing."""
+
+    branches: Branches
+    """(n,) the set of branches on which each is reached."""
+    faults: NDArray[np.uint8]
+    """(n,) 1 + the number in `REACH_FAULTS` of what keeps the last branch away; 0 for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +93,13 @@ class GraspReach:
     def branches(
         self, T_world_tool: Transform, lift: Array | None = None, chosen: NDArray[np.integer] | None = None
     ) -> Branches:
-        """Return the set of branches on which each grasp is reached: (n,).
+        """Return the set of branches on which each grasp is reached: (n,). See `reached`."""
+        return self.reached(T_world_tool, lift, chosen).branches
+
+    def reached(
+        self, T_world_tool: Transform, lift: Array | None = None, chosen: NDArray[np.integer] | None = None
+    ) -> ReachedGrasps:
+        """Find out on which branches each grasp is reached, and why the others are not.
 
         Args:
             T_world_tool: where the tool is.
@@ -76,11 +107,12 @@ class GraspReach:
                 count from the first step on, so that it may start from what it rests on.
             chosen: numbers of the grasps to look at; all others are not reached. None: all.
         """
-        result = np.zeros(len(self.grasps), np.uint8)
+        result, faults = np.zeros((2, len(self.grasps)), np.uint8)
         wanted = np.arange(len(self.grasps)) if chosen is None else np.asarray(chosen, dtype=np.int64)
         T_world_tools = self._lifted(T_world_tool, lift)
         if not len(wanted) or not self._carried_free(T_world_tools[1:]):
-            return result
+            faults[wanted] = _CARRIED
+            return ReachedGrasps(result, faults)
         arm, first_joint = self.workcell.arm(self.arm), self.workcell.joints(self.arm).start
         for width, group in self._groups.items():
             these = wanted[self._group_of[wanted] == width]
@@ -89,8 +121,9 @@ class GraspReach:
                     arm.dh, self._T_base_world, arm.position_min, arm.position_max, T_world_tools, self.T_tool_flange,
                     these, self.settings.way(), self._positions.copy(), first_joint, group.held.kernel_copy(),
                     group.opened.kernel_copy(), group.links.kernel_copy(), group.links.frame_index(TOOL_FRAME), result,
+                    faults,
                 )  # fmt: skip
-        return result
+        return ReachedGrasps(result, faults)
 
     def joint_solution(self, T_world_tool: Transform, grasp: int, branch: int) -> Array:
         """Return the arm's joint positions (6,) in a grasp, in (-pi, pi]; NaN where the branch does not reach [rad]."""
@@ -215,8 +248,9 @@ def _all_free(kernel: CollisionKernel, frame: int, T_world_tools: Array, q: Arra
 
 @njit(cache=True, nogil=True)
 def _reach(
-    dh, T_base_world, lo, hi, T_world_tools, T_tool_flange, chosen, way, q, first_joint, held, opened, links, frame, out
-):
+    dh, T_base_world, lo, hi, T_world_tools, T_tool_flange, chosen, way, q, first_joint, held, opened, links, frame,
+    out, faults,
+):  # fmt: skip
     held_scratch, opened_scratch, links_scratch = make_scratch(held), make_scratch(opened), make_scratch(links)
     # The contact comes first, then the way back from it, then the lift.
     back, count = way.shape[0], way.shape[0] + T_world_tools.shape[0] - 1
@@ -224,6 +258,7 @@ def _reach(
     for grasp in chosen:
         _place_flanges(T_base_world, T_world_tools, T_tool_flange[grasp], way, T_base_flanges)
         left = _passes(dh, lo, hi, T_base_flanges, back, solutions)
+        faults[grasp] = _AWAY if left == 0 else _HAND
         if (
             left
             and _hand_free(opened, opened_scratch, solutions[:back], left, T_world_tools[:1], frame, q, first_joint)
@@ -233,6 +268,7 @@ def _reach(
             left = _links_free(links, links_scratch, solutions[:back], left, T_world_tools[:1], frame, q, first_joint)
             left = _links_free(links, links_scratch, solutions[back:], left, T_world_tools[1:], frame, q, first_joint)
             out[grasp] = left
+            faults[grasp] = _LINKS if left == 0 else _NO_FAULT
 
 
 @njit(cache=True, nogil=True)
