@@ -14,12 +14,11 @@ from pathlib import Path
 from planners.scene.cell import Cell, known_cells, load_cell
 from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.pile_attempt import PileAttempt, PileWorker
-from tests.benchmarks.random_piles import PILES, Pile, RefusedLayout, lay
+from tests.benchmarks.random_piles import PILES, Pile, refusal
 from tests.benchmarks.tasks import Note
 
 LAYOUTS = 100
 PROCESSES = 2
-_TAKEN = "taken"
 MOST_SEEDS = 5000
 """Of one pile that are looked at."""
 _SEEDS_AT_ONCE = 20
@@ -32,20 +31,23 @@ class PileFigures:
     pile: Pile
     refused: Counter[str]
     """Seeds whose start the service refuses, by reason."""
-    taken: int
-    """Seeds with an object where others must go before it."""
     attempts: Sequence[PileAttempt]
     """By seed."""
 
     @property
     def seeds(self) -> int:
         """All that were looked at."""
-        return self.refused.total() + self.taken + len(self.attempts)
+        return self.refused.total() + len(self.attempts)
 
     @property
     def solved(self) -> list[PileAttempt]:
         """Those that were planned and certified."""
         return [attempt for attempt in self.attempts if attempt.solved]
+
+    @property
+    def straightforward(self) -> list[PileAttempt]:
+        """Those that were solved with nothing put aside."""
+        return [attempt for attempt in self.solved if not attempt.put_aside]
 
     @property
     def failed(self) -> list[PileAttempt]:
@@ -70,7 +72,6 @@ class PileSeeds:
     good: Sequence[int]
     refused: Counter[str]
     """Those whose start the service refuses, by reason."""
-    taken: int
 
 
 def measure(note: Note, kept: Path, piles: Sequence[Pile] = PILES, layouts: int = LAYOUTS) -> list[PileFigures]:
@@ -97,7 +98,7 @@ def measure(note: Note, kept: Path, piles: Sequence[Pile] = PILES, layouts: int 
             note(f"piles: {number} of {len(jobs)}, {_told(attempt)}")
     attempts = file.read()
     return [
-        PileFigures(pile, each.refused, each.taken, [attempts[pile.name, seed] for seed in each.good])
+        PileFigures(pile, each.refused, [attempts[pile.name, seed] for seed in each.good])
         for pile, each in seeds.items()
     ]
 
@@ -114,8 +115,7 @@ def _seeds(processes: Executor, pile: Pile, layouts: int, note: Note) -> PileSee
             good.append(seed)
         else:
             refused[reason] += 1
-    taken = refused.pop(_TAKEN, 0)
-    return PileSeeds(good, refused, taken)
+    return PileSeeds(good, refused)
 
 
 def _refusals(processes: Executor, pile: Pile) -> Iterator[tuple[int, str | None]]:
@@ -125,11 +125,9 @@ def _refusals(processes: Executor, pile: Pile) -> Iterator[tuple[int, str | None
 
 
 def _refusal(pile: Pile, seed: int) -> str | None:
-    """Return why a seed gives no layout, in words without numbers of objects; None where it gives one."""
-    layout = lay(pile, seed, _cells())
-    if isinstance(layout, RefusedLayout):
-        return re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", layout.reason))
-    return _TAKEN if layout.taken else None
+    """Return why a seed gives no layout, with equal words for equal objects; None where it gives one."""
+    reason = refusal(pile, seed, _cells())
+    return None if reason is None else re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", reason))
 
 
 def _attempt(databases: Path, pile: Pile, seed: int) -> PileAttempt:

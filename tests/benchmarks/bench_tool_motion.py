@@ -17,7 +17,7 @@ from planners.motion.limits import JointLimits
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings, plan_motion
 from planners.motion.timing import time_path
 from planners.progress import silent
-from planners.regrasp import tool_choreography
+from planners.regrasp import tool_motion
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_segment import ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -82,7 +82,7 @@ def _measure(name: str, store: HandoverStore, note: Note) -> TaskMotion:
     scene = build_tool_scene(task)
     database = store.get(scene.cell, scene.tool, _SETTINGS.handovers)
     recorder = MotionRecorder()
-    with patch.object(tool_choreography, "plan_motion", recorder):
+    with patch.object(tool_motion, "plan_motion", recorder):
         plan = SuctionToolPlanner(scene, _SETTINGS, database, silent).plan()
     joints = {arm: slice(6 * i, 6 * i + 6) for i, arm in enumerate(scene.cell.arms)}
     found = [

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import Any, Self
 
-from planners.plan import plan
 from planners.progress import silent
-from planners.regrasp.handovers import HandoverSettings
-from planners.scene.suction_tool import TOOL_NAME, load_tool
+from planners.scene.suction_tool import TOOL_NAME
 from tests.benchmarks.bench_tasks import TimedCertifier, clocks
 from tests.benchmarks.random_piles import Pile, strewn
 from tests.benchmarks.tasks import task_body
-from workers.handover_store import HandoverStore
 from workers.pipeline import CertificateFailed, Pipeline
 
 SOLVED, UNCERTIFIED, BROKEN = "solved", "certificate failed", "broken"
@@ -40,10 +36,10 @@ class PileAttempt:
     stages: dict[str, float] = field(default_factory=dict)
     """CPU time of each stage of planning."""
     order: list[str] = field(default_factory=list)
-    """Objects as they were moved."""
+    """Objects as they were first moved."""
     handovers: int = 0
-    put_downs: int = 0
-    """How often the tool was put down to be taken up again."""
+    put_aside: int = 0
+    """How many objects were put aside before they were moved to their goals."""
     duration: float = 0.0
     """Of the motion."""
     hose_turns: float = 0.0
@@ -69,8 +65,7 @@ class PileWorker:
         Args:
             databases: folder of a handover store.
         """
-        self._pipeline, self._store = Pipeline.load(), HandoverStore(databases)
-        self._plan: dict[str, Any] = {}
+        self._pipeline = Pipeline.load(databases)
 
     def warm_up(self, pile: Pile) -> None:
         """Plan and certify the shipped task, so that all kernels are loaded."""
@@ -85,11 +80,8 @@ class PileWorker:
         return self._solve(pile, seed, strewn(pile, seed))
 
     def _solve(self, pile: Pile, seed: int, body: dict[str, Any]) -> PileAttempt:
-        certifier, tool = TimedCertifier(self._pipeline.certify), body["tool"]
-        if tool not in self._plan:
-            handovers = self._store.get(self._pipeline.cells[body["cell"]], load_tool(tool), HandoverSettings())
-            self._plan[tool] = partial(plan, handovers=handovers)
-        pipeline = replace(self._pipeline, plan=self._plan[tool], certify=certifier, clock=process_time)
+        certifier = TimedCertifier(self._pipeline.certify)
+        pipeline = replace(self._pipeline, certify=certifier, clock=process_time)
         begun, reason, outcome = clocks(), "", ""
         try:
             pipeline.solve({"id": "benchmark", "task": body}, silent)
@@ -124,7 +116,7 @@ def _figures(document: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "order": list(dict.fromkeys(carried)),
         "handovers": search["handovers"],
-        "put_downs": search.get("put_downs", 0),
+        "put_aside": search["put_aside"],
         "duration": segments[-1]["time"][-1] if segments else 0.0,
         "hose_turns": search["most_hose_turns"],
     }

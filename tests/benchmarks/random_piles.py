@@ -9,9 +9,8 @@ import numpy as np
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.errors import SceneError
-from planners.regrasp.object_order import ObjectOrder
 from planners.scene.cell import Cell
-from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
+from planners.scene.tool_scene import build_tool_scene
 from tests.benchmarks.tasks import task_body
 
 X, Y = (0.15, 0.60), (-0.45, 0.45)
@@ -41,38 +40,11 @@ PILES = (
 """A seed strews the same objects the same way, whichever the tool."""
 
 
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """A start that every check of the service accepts."""
-
-    pile: Pile
-    seed: int
-    task: SuctionToolTask
-    scene: SuctionToolScene
-
-    @property
-    def taken(self) -> bool:
-        """Whether an object stands where others must go before it, so that moving each object once is not enough."""
-        order = ObjectOrder.of(self.scene.objects)
-        moved: frozenset[str] = frozenset()
-        while following := order.next(moved):
-            moved = moved.union(following)
-        return len(moved) < len(self.scene.objects)
-
-
-@dataclass(frozen=True)
-class RefusedLayout:
-    """A start that the service refuses."""
-
-    pile: Pile
-    seed: int
-    reason: str
-
-
 def strewn(pile: Pile, seed: int) -> dict[str, Any]:
     """Return the body of the pile's task with every object anywhere in the region, turned any way about the vertical.
 
-    Nothing keeps objects apart or off the place of the pile.
+    Nothing keeps objects apart: where they overlap the service refuses the layout. Nothing keeps them off the place of
+    the pile either: where one stands there it has to be put aside.
     """
     rng = np.random.default_rng(seed)
     body = task_body(pile.task)
@@ -82,11 +54,12 @@ def strewn(pile: Pile, seed: int) -> dict[str, Any]:
     return {**body, "external_id": f"{pile.task}_{seed}", "seed": seed}
 
 
-def lay(pile: Pile, seed: int, cells: dict[str, Cell] | None = None) -> Layout | RefusedLayout:
-    """Build the scene of a random start."""
+def refusal(pile: Pile, seed: int, cells: dict[str, Cell] | None = None) -> str | None:
+    """Return why the service refuses the layout of a seed; None where it accepts it."""
     task = read_task(strewn(pile, seed))
     assert isinstance(task, SuctionToolTask)
     try:
-        return Layout(pile, seed, task, build_tool_scene(task, cells))
-    except SceneError as refusal:
-        return RefusedLayout(pile, seed, refusal.detail)
+        build_tool_scene(task, cells)
+    except SceneError as refused:
+        return refused.detail
+    return None

@@ -79,16 +79,16 @@ def _planning_limits(piles: Sequence[PileFigures]) -> Iterator[Limit]:
 
 def _layouts(piles: Sequence[PileFigures], picture: str) -> str:
     region = f"x {X[0]:g}…{X[1]:g} m, y {Y[0]:g}…{Y[1]:g} m"
-    head = ("pile", "seeds", "refused", "place taken", "planned", "solved and certified")
+    head = ("pile", "seeds", "refused", "planned", "solved and certified")
     times = ("pile", "median", "90 %", "most", "CPU median", "CPU 90 %", "CPU most", "certificate, CPU median", "most")
-    moved = ("pile", "handovers an object", "tool put down", "motion, median [s]", "longest [s]", "most hose turns")
+    moved = ("pile", "handovers an object", "objects put aside", "motion, median [s]", "longest [s]", "most hose turns")
     return "\n\n".join(
         [
             "### Random layouts",
             f"The shipped piles, each object strewn anywhere in {region}, turned any way about the vertical, by seed; "
-            "the tool in its rest. A layout counts if every check that the service makes of a task accepts it, and if the "
-            "place of the pile is free: with an object where others must go before it, moving each once is not enough. "
-            "Both tools get the same layouts.",
+            "the tool in its rest. A layout counts if every check that the service makes of a task accepts it. Where "
+            "an object stands on the place of others that go before it, it has to be put aside first. Both tools get "
+            "the same layouts.",
             table(head, [_counts(pile) for pile in piles]),
             "Planning, seconds per object: from the parsed body to the finished document, motion included, with the "
             "tool's handovers at hand and kernels loaded, two processes at a time; the certificate: seconds per plan.",
@@ -105,7 +105,7 @@ def _layouts(piles: Sequence[PileFigures], picture: str) -> str:
 
 def _counts(pile: PileFigures) -> list[Cell]:
     planned = len(pile.attempts)
-    return [pile.pile.name, pile.seeds, pile.refused.total(), pile.taken, planned, f"{len(pile.solved)} of {planned}"]
+    return [pile.pile.name, pile.seeds, pile.refused.total(), planned, f"{len(pile.solved)} of {planned}"]
 
 
 def _seconds(pile: PileFigures) -> list[Cell]:
@@ -127,7 +127,7 @@ def _moves(pile: PileFigures) -> list[Cell]:
     durations = [attempt.duration for attempt in solved]
     handovers = sum(attempt.handovers for attempt in solved) / (len(solved) * pile.pile.objects)
     return [
-        pile.pile.name, handovers, sum(attempt.put_downs for attempt in solved), median(durations), max(durations),
+        pile.pile.name, handovers, sum(attempt.put_aside for attempt in solved), median(durations), max(durations),
         max(attempt.hose_turns for attempt in solved),
     ]  # fmt: skip
 
@@ -139,22 +139,21 @@ def _failures(piles: Iterable[PileFigures]) -> Iterator[str]:
 
 
 def _refusals(pile: PileFigures) -> list[list[Cell]]:
-    taken: list[list[Cell]] = [[pile.pile.name, "the place of the pile is taken", pile.taken]] if pile.taken else []
-    return [[pile.pile.name, reason, count] for reason, count in pile.refused.most_common()] + taken
+    return [[pile.pile.name, reason, count] for reason, count in pile.refused.most_common()]
 
 
 def _table_1(piles: Sequence[PileFigures]) -> str:
     head = ("object", "suction poses", "first regrasp", "first motion", "second regrasp", "second motion",
             "graph of both rounds", "all", "paper ÷ ours")  # fmt: skip
     compared = [pile for pile in piles if pile.pile.paper in TABLE_I and pile.pile.tool == LONG]
-    besides = [_besides(pile) for pile in compared if pile.solved]
+    besides = [_besides(pile) for pile in compared if pile.straightforward]
     return "\n\n".join(
         [
             "### Table I: planning by object and round",
             "Seconds an object, objects as they are moved. The paper: means of ten, on an Intel Core i9-9900K. Ours: "
-            "means over all layouts that were solved, CPU time. A regrasp component is finding the grasps that reach a "
-            "pose: in the first round those at the tool's place and at the suction pose, in the second those at the "
-            "goals. The paper decides the rounds one after the other; ours searches one graph for both.",
+            "means over the layouts that were solved with nothing put aside, CPU time. A regrasp component is finding "
+            "the grasps that reach a pose: in the first round those at the tool's place and at the suction pose, in "
+            "the second those at the goals. The paper decides the rounds one after the other; ours searches one graph for both.",
             table(head, [row for pile in compared for row in _objects(pile)]),
             "What is done once for all objects of a task, CPU seconds:",
             table(("pile", "scene", "workcell", "forces in the contacts", "document"), besides),
@@ -166,8 +165,8 @@ def _objects(pile: PileFigures) -> Iterator[list[Cell]]:
     for number, paper in enumerate(TABLE_I[pile.pile.paper]):
         name = f"{pile.pile.paper}, {_ORDINALS[number]}"
         yield [f"{name}, paper", *_printed(paper), None]
-        if pile.solved:
-            spent = [fmean(_spent(attempt, stage, number) for attempt in pile.solved) for stage in _STAGES]
+        if pile.straightforward:
+            spent = [fmean(_spent(attempt, stage, number) for attempt in pile.straightforward) for stage in _STAGES]
             yield [f"{name}, ours", *spent, sum(spent), paper.total / sum(spent)]
 
 
@@ -184,10 +183,10 @@ def _spent(attempt: PileAttempt, stage: str, number: int) -> float:
 
 def _besides(pile: PileFigures) -> list[Cell]:
     rows = []
-    for attempt in pile.solved:
+    for attempt in pile.straightforward:
         stages = {name: spent for name, spent in attempt.stages.items() if name != "certify"}
         document = attempt.planning_cpu - sum(stages.values())
-        rows.append([stages["scene"], stages["sample"], stages["forces"], document])
+        rows.append([stages["scene"], stages.get("sample", 0.0), stages["forces"], document])
     return [pile.pile.name, *(fmean(column) for column in zip(*rows, strict=True))]
 
 
