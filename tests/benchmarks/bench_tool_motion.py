@@ -46,6 +46,8 @@ class FreeMotion:
     """Whether straight motion to none of the nearest goals was free."""
     length: float
     """Over that of the straight line between its ends, in time of the joints [1]."""
+    detour: float
+    """Straight distance to the end that was reached over that to the nearest end within limits [1]."""
     duration: float
     """[s]"""
     slowness: float
@@ -101,6 +103,7 @@ class Answer:
     """A query that was answered with a path (m, 6)."""
 
     path: Array
+    detour: float
     searched: bool
     of_ompl: float | None
 
@@ -119,8 +122,15 @@ class MotionRecorder:
             searched = result.statistics.iterations > 0
             lengths = lengths_shortened(query, result.path[-1]) if searched else None
             of_ompl = None if lengths is None else lengths[0] / lengths[1]
-            self.answers.append(Answer(result.path, searched, of_ompl))
+            self.answers.append(Answer(result.path, _detour(query, result.path[-1]), searched, of_ompl))
         return result
+
+
+def _detour(query: MotionQuery, reached: Array) -> float:
+    metric = JointMetric.from_velocity_limits(query.velocity_max, query.start.size)
+    within = np.all((query.goals >= query.position_min) & (query.goals <= query.position_max), axis=1)
+    nearest = metric.distances(query.start, query.goals[within]).min()
+    return float(metric.distances(query.start, reached[None])[0] / nearest)
 
 
 def _is_motion_of(segment: ToolSegment, answer: Answer, joints: slice) -> bool:
@@ -137,6 +147,7 @@ def _judged(segment: ToolSegment, answer: Answer, arm: Arm, joints: slice) -> Fr
         carried=EMPTY if segment.kind is SegmentKind.TRANSIT else TOOL if segment.sucked is None else LADEN,
         searched=answer.searched,
         length=metric.length(positions) / metric.length(ends),
+        detour=answer.detour,
         duration=segment.trajectory.duration,
         slowness=segment.trajectory.duration / straight.duration,
         wrist_turn=float(np.ptp(positions[:, WRIST])),

@@ -27,7 +27,8 @@ SOLVED_SHARE = 0.97
 PLANNING_LIMIT, PLANNING_AIM = 1.0, 0.3
 """Per object [s]."""
 SLOW, TURNED = 2.0, np.pi
-"""Free motion that takes more times the straight line's duration [1], or turns a wrist farther [rad], is listed."""
+"""Free motion that takes more times the straight line's duration or goes so many times farther than to the nearest end
+[1], or that turns a wrist farther [rad], is listed."""
 _STAGES = (
     "suction", ObjectStage.FIRST_REGRASP.value, ObjectStage.FIRST_MOTION.value, ObjectStage.SECOND_REGRASP.value,
     ObjectStage.SECOND_MOTION.value, ObjectStage.GRAPH.value,
@@ -153,7 +154,8 @@ def _table_1(piles: Sequence[PileFigures]) -> str:
             "Seconds an object, objects as they are moved. The paper: means of ten, on an Intel Core i9-9900K. Ours: "
             "means over the layouts that were solved with nothing put aside, CPU time. A regrasp component is finding "
             "the grasps that reach a pose: in the first round those at the tool's place and at the suction pose, in "
-            "the second those at the goals. The paper decides the rounds one after the other; ours searches one graph for both.",
+            "the second those at the goals. The paper decides the rounds one after the other; ours searches one graph "
+            "for both.",
             table(head, [row for pile in compared for row in _objects(pile)]),
             "What is done once for all objects of a task, CPU seconds:",
             table(("pile", "scene", "workcell", "forces in the contacts", "document"), besides),
@@ -230,7 +232,7 @@ def _databases(tools: Iterable[HandoverFigures]) -> str:
 
 
 def _motion(tasks: Sequence[TaskMotion]) -> str:
-    head = ("task, what moves", "motions", "straight", "length ÷ straight, median", "most",
+    head = ("task, what moves", "motions", "straight", "length ÷ straight, median", "most", "end ÷ nearest end, most",
             "duration ÷ straight, median", "most", "largest wrist turn [°]", "searched: length ÷ OMPL's, median",
             "most")  # fmt: skip
     rows = [
@@ -244,8 +246,10 @@ def _motion(tasks: Sequence[TaskMotion]) -> str:
             "### Quality of motion",
             "Free motion of the shipped tasks, approaches and lifts excluded. Lengths count each joint by the time it "
             "needs; straight is the line between the ends of a motion, whether it is free or not, and its duration is "
-            "the least that the joints' limits allow, with nothing on the cup. Where a motion had to be searched, one "
-            "raw path of RRT-Connect is shortened by us and by OMPL's simplifier.",
+            "the least that the joints' limits allow, with nothing on the cup. A motion may end in any branch of the "
+            "inverse kinematics and any turn of the joints; the nearest of these ends is the one it would rather "
+            "reach. Where a motion had to be searched, one raw path of RRT-Connect is shortened by us and by OMPL's "
+            "simplifier.",
             table(head, rows),
             *_lines(_conspicuous(tasks)),
             "Turns of the tool about its own axis, which wind up the vacuum hose:",
@@ -267,19 +271,21 @@ def _quality(task: TaskMotion, motions: Sequence[FreeMotion], carried: str) -> l
     of_ompl = [each.of_ompl for each in motions if each.of_ompl is not None]
     return [
         f"{task.task}, {carried}", len(motions), sum(not each.searched for each in motions), median(lengths),
-        max(lengths), median(slowness), max(slowness), f"{degrees(max(each.wrist_turn for each in motions)):.0f}",
-        median(of_ompl) if of_ompl else None, max(of_ompl, default=None),
+        max(lengths), max(each.detour for each in motions), median(slowness), max(slowness),
+        f"{degrees(max(each.wrist_turn for each in motions)):.0f}", median(of_ompl) if of_ompl else None,
+        max(of_ompl, default=None),
     ]  # fmt: skip
 
 
 def _conspicuous(tasks: Iterable[TaskMotion]) -> Iterator[str]:
     for task in tasks:
         for number, motion in enumerate(task.motions, start=1):
-            if motion.slowness > SLOW or motion.wrist_turn > TURNED:
+            if max(motion.slowness, motion.detour) > SLOW or motion.wrist_turn > TURNED:
                 yield (
                     f"- {task.task}, free motion {number}, {motion.carried}: {motion.duration:.1f} s, "
                     f"{motion.slowness:.1f} times the straight line's duration and {motion.length:.2f} times its "
-                    f"length, wrist turned by {degrees(motion.wrist_turn):.0f}°."
+                    f"length, its end {motion.detour:.1f} times as far as the nearest, wrist turned by "
+                    f"{degrees(motion.wrist_turn):.0f}°."
                 )
 
 
