@@ -22,7 +22,11 @@ class AttemptFile:
     """Attempts that were made with one state of the code, one on each line."""
 
     def __init__(self, path: Path) -> None:
+        """Open a file; a last line that was cut off is dropped."""
         self._path = path
+        if path.exists():
+            whole = path.read_bytes()
+            path.write_bytes(whole[: whole.rfind(b"\n") + 1])
 
     @classmethod
     def of_this_code(cls, folder: Path) -> Self:
@@ -31,11 +35,10 @@ class AttemptFile:
         return cls(folder / f"piles_{_digest(_sources())}.jsonl")
 
     def read(self) -> dict[tuple[str, int], PileAttempt]:
-        """Return the attempts by pile and seed. A last line that was cut off is left out."""
+        """Return the attempts by pile and seed."""
         if not self._path.exists():
             return {}
-        lines = self._path.read_text().split("\n")[:-1]
-        attempts = [PileAttempt(**json.loads(line)) for line in lines]
+        attempts = [PileAttempt(**json.loads(line)) for line in self._path.read_text().splitlines()]
         return {(attempt.pile, attempt.seed): attempt for attempt in attempts}
 
     def add(self, attempt: PileAttempt) -> None:
