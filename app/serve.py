@@ -88,7 +88,7 @@ def warm_up(settings: WorkerSettings) -> None:
     Raises:
         WarmUpFailed: The solver does not work.
     """
-    sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, about a minute\n")
+    sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, which takes minutes\n")
     command = (*settings.solver_command, COMPILE)
     # It ends when its stdin does: with this process, however that ends.
     environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}

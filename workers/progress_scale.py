@@ -21,15 +21,15 @@ STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
         "scene": 0.03,
         "handovers": 0.05,
         "suction": 0.10,
-        "first regrasp": 0.25,
+        "regrasp": 0.25,
         "forces": 0.05,
         "certify": 0.52,
     },
 }
 """About how much of a job's time each stage takes, in order [1]. They sum to one.
 
-Stages of single objects ("first regrasp box_1") share what is said of the words before the name. Motion and second
-round of a suction tool are found in turns with the first regrasps and are not counted apart.
+A stage of a single object names it last ("first regrasp box_1"); the word before the name says whose share it has.
+Motion of a suction tool is found in turns with its regrasps and is not counted apart.
 """
 UNCOUNTED_HALF = 20.0
 """A stage that does not know its total is shown half done after so many parts [1]."""
@@ -57,12 +57,13 @@ class ProgressScale:
 
     def advance(self, stage: str, done: int, total: int) -> float:
         """Take a report and return the fraction of the whole, 0 … 1."""
-        kind, _, name = stage.rpartition(" ") if " " in stage else (stage, "", "")
+        what, _, name = stage.rpartition(" ")
+        kind = what.rpartition(" ")[2] if what else name
         if kind in self._shares:
             stages = list(self._shares)
             before = sum(self._shares[earlier] for earlier in stages[: stages.index(kind)])
             within = min(1.0, done / total) if total > 0 else done / (done + UNCOUNTED_HALF)
-            if name:
+            if what:
                 within = self._part(kind, name, within)
             self.fraction = max(self.fraction, min(1.0, before + self._shares[kind] * within))
         return self.fraction

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from planners.contract.considered_members import considered_members
 from planners.contract.document_members import document_of, motion_members, pose_row, rounded
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, to_pose7
-from planners.graph.rejections import Rejection
 from planners.regrasp.hold_statics import EPS, pad_axes
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
@@ -31,39 +31,8 @@ def tool_document(
         stages: seconds by stage, in order.
     """
     document = document_of(task, scene, plan, tool_segments(plan.segments, scene), stages)
-    document["statistics"]["considered"] = _considered(plan)
+    document["statistics"]["considered"] = considered_members(plan)
     return document
-
-
-def _considered(plan: ToolPlan) -> dict[str, Any]:
-    """Return what was looked at, for drawing; a reason of null is none: it is good, or it is used."""
-    considered = plan.considered
-    return {
-        "order": list(plan.order),
-        "steps": [
-            {"object": step.object, "round": step.round, "arm": step.arm, "grasp": step.grasp, "by": step.by}
-            for step in plan.steps
-        ],
-        "places": {
-            name: [
-                {
-                    "point": rounded(place.point),
-                    "normal": rounded(place.normal),
-                    "reason": None if place.reason is None else place.reason.value,
-                }
-                for place in places
-            ]
-            for name, places in considered.places.items()
-        },
-        "suction_poses": [
-            {"object": tried.object, "pose": pose_row(tried.T_object_tool), "reason": _reason(tried.rejection)}
-            for tried in considered.suctions
-        ],
-    }
-
-
-def _reason(rejection: Rejection | None) -> str | None:
-    return None if rejection is None else rejection.reason
 
 
 def tool_segments(segments: Sequence[ToolSegment], scene: SuctionToolScene) -> Iterator[dict[str, Any]]:

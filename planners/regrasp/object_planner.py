@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 
 from planners.geometry.pose import inverse
 from planners.graph.rejections import Rejection
@@ -65,11 +66,11 @@ class ObjectPlanner:
                 report.rejections.add(Rejection("grasp", f"Where the tool rests: {reason}"), int(mask.sum()))
             return None, report
         costs = RouteCosts((0.0 if last else self.settings.partner_weight) * self.routes.partnerless)
+        following = self.routes.routes(stage, target, poses, start, costs, tell)
         tried: list[SuctionRoute] = []
-        for tell.tried in range(0, len(poses), self.settings.suction_group):
+        while routes := list(islice(following, self.settings.suction_group)):
+            tell.tried = len(tried)
             tell(ObjectStage.FIRST_REGRASP)
-            group = poses[tell.tried : tell.tried + self.settings.suction_group]
-            routes = [self.routes.route(stage, target, pose, start, costs, tell) for pose in group]
             tried += routes
             done = self._try_group(stage, target, routes, report)
             if done is not None:

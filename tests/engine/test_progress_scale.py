@@ -8,7 +8,7 @@ from workers.progress_scale import STAGE_SHARES, ProgressScale
 
 TASKS = [{"kind": "plate_lift"}, {"kind": "suction_tool", "objects": [{}, {}, {}]}]
 STAGES = sorted({stage for shares in STAGE_SHARES.values() for stage in shares})
-NAMED = [f"{stage} {name}" for stage in ("suction", "regrasp", "motion") for name in ("a", "b", "c", "d")]
+NAMED = [f"{stage} {name}" for stage in ("suction", "first regrasp", "second regrasp", "motion") for name in ("a", "b", "c", "d")]
 REPORTS = st.lists(
     st.tuples(st.sampled_from([*STAGES, *NAMED, "unheard of"]), st.integers(0, 10**6), st.integers(0, 10**6))
 )
@@ -41,6 +41,7 @@ def test_objects_share_a_stage_in_whatever_order_they_come() -> None:
     scale = ProgressScale({"scene": 0.2, "regrasp": 0.6, "certify": 0.2}, objects=3)
     assert scale.advance("regrasp second", 5, 10) == pytest.approx(0.2 + 0.2 * 0.5)
     assert scale.advance("regrasp first", 0, 10) == pytest.approx(0.2 + 0.2)
+    assert scale.advance("second regrasp first", 5, 10) == pytest.approx(0.2 + 0.3)
     assert scale.advance("regrasp third", 10, 10) == pytest.approx(0.8)
 
 
