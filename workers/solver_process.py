@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from workers.pipeline import Pipeline
 
 REPORT_SECONDS = 0.05
-"""Least time between two reports of one stage [s]: reports must not slow the work down."""
+"""Least time between two reports of stages that have begun [s]: reports must not slow the work down."""
 COMPILE = "--compile"
 """Argument with which the process only compiles what is not compiled yet."""
 GZIP_LEVEL = 3
@@ -60,14 +60,16 @@ class ThrottledReports:
 
     def __init__(self, channel: Channel, clock: Callable[[], float] = time.monotonic) -> None:
         self._channel, self._clock = channel, clock
-        self._stage, self._next = "", 0.0
+        self._begun: set[str] = set()
+        self._next = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report a stage's beginning and end always, in between at most every `REPORT_SECONDS`."""
+        """Report when a stage begins for the first time and when it ends, otherwise at most every `REPORT_SECONDS`."""
         now = self._clock()
-        if stage == self._stage and done != total and now < self._next:
+        if stage in self._begun and done != total and now < self._next:
             return
-        self._stage, self._next = stage, now + REPORT_SECONDS
+        self._begun.add(stage)
+        self._next = now + REPORT_SECONDS
         self._channel.send({"progress": {"stage": stage, "done": done, "total": total}})
 
 
