@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from planners.contract.document_members import pose_row, rounded
+import numpy as np
+
+from planners.contract.document_members import pose_row, significant
+from planners.geometry.pose import to_pose7
 from planners.graph.rejections import Rejection
 from planners.regrasp.regrasp_figures import EdgeFigures, LayerFigures, RegraspFigures
 from planners.regrasp.suction_poses import SuctionCandidate
@@ -28,8 +31,8 @@ def considered_members(plan: ToolPlan) -> dict[str, Any]:
             for tried in plan.considered.suctions
         ],
         "tool_grasps": {
-            "poses": [pose_row(T) for T in plan.grasps.T_tool_tcp],
-            "widths": rounded(plan.grasps.widths),
+            "poses": [significant(np.array(to_pose7(T))) for T in plan.grasps.T_tool_tcp],
+            "widths": significant(plan.grasps.widths),
         },
         "regrasp_graphs": [_graph(figures) for figures in plan.regrasp],
     }
@@ -37,7 +40,7 @@ def considered_members(plan: ToolPlan) -> dict[str, Any]:
 
 def _place(place: SuctionCandidate) -> dict[str, Any]:
     reason = None if place.reason is None else place.reason.value
-    return {"point": rounded(place.point), "normal": rounded(place.normal), "reason": reason}
+    return {"point": significant(place.point), "normal": significant(place.normal), "reason": reason}
 
 
 def _reason(rejection: Rejection | None) -> str | None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planners.contract.considered_members import considered_members
-from planners.contract.document_members import document_of, motion_members, pose_row, rounded
+from planners.contract.document_members import document_of, motion_members, pose_row, significant
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, to_pose7
 from planners.regrasp.hold_statics import EPS, pad_axes
@@ -91,9 +91,9 @@ def _contacts(
             "by": None if inertia else force.by,
             "finger": force.finger,
             "kind": force.kind,
-            "point": rounded(force.point),
-            "normal": None if inertia else rounded(force.normal),
-            "wrench": rounded(force.wrench),
+            "point": significant(force.point),
+            "normal": None if inertia else significant(force.normal),
+            "wrench": significant(force.wrench),
             **_parameters(force, T_world_body, scene),
         }
 
@@ -110,6 +110,6 @@ def _parameters(force: ContactForce, T_world_body: Array, scene: SuctionToolScen
     pull = -float(force.wrench[:3] @ force.normal)
     return {
         "mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force,
-        "suction_force": rounded(np.array([pull]))[0],
-        "x_axis": rounded(pad_axes(T_world_body[None], force.normal[None])[0]),
+        "suction_force": significant(np.array([pull]))[0],
+        "x_axis": significant(pad_axes(T_world_body[None], force.normal[None])[0]),
     }  # fmt: skip

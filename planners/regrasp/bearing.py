@@ -15,7 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform
-from planners.kinematics.forward import flange_poses
+from planners.kinematics.branch import multiply
+from planners.kinematics.forward import link_frames
 from planners.regrasp.grasps import ToolGrasps
 from planners.regrasp.hold_statics import EPS
 from planners.regrasp.tool_segment import SuckedObject
@@ -184,18 +185,24 @@ class CarryingHand:
             step: largest joint step between the places that are looked at [rad].
             least_cosine: of the angle between the tool's axis and the vertical.
         """
-        steps = 1 + math.ceil(float(np.abs(q_to - q_from).max()) / step)
-        Q = q_from + np.linspace(0.0, 1.0, steps + 1)[:, None] * (q_to - q_from)
-        T_world_tools = flange_poses(self.arm.dh, self.arm.T_world_base, Q) @ self.T_flange_tool
-        return _all_borne(self.load, self.T_tool_tcp, self.width, T_world_tools, least_cosine)
+        kinematics = (self.arm.dh, self.arm.T_world_base, self.T_flange_tool)
+        return _borne_along(kinematics, self.T_tool_tcp, self.width, self.load, (q_from, q_to, step), least_cosine)
 
 
 @njit(cache=True, nogil=True)
-def _all_borne(
-    load: CarriedLoad, T_tool_tcp: Transform, width: float, T_world_tools: Array, least_cosine: float
-) -> bool:
-    for k in range(T_world_tools.shape[0]):
-        T_world_tool = T_world_tools[k]
+def _borne_along(kinematics, T_tool_tcp, width, load, edge, least_cosine):
+    dh, T_world_base, T_flange_tool = kinematics
+    q_from, q_to, step = edge
+    longest = 0.0
+    for i in range(6):
+        longest = max(longest, abs(q_to[i] - q_from[i]))
+    steps = 1 + math.ceil(longest / step)
+    frames, T_world_tool, q = np.empty((7, 4, 4)), np.empty((4, 4)), np.empty(6)
+    for k in range(steps + 1):
+        for i in range(6):
+            q[i] = q_from[i] + k / steps * (q_to[i] - q_from[i])
+        link_frames(dh, T_world_base, q, frames)
+        multiply(frames[6], T_flange_tool, T_world_tool)
         if T_world_tool[2, 2] < least_cosine or not cup_bears(load, T_world_tool):
             return False
         if not fingers_bear(load, T_world_tool, T_tool_tcp, width):

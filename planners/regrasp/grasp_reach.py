@@ -97,7 +97,11 @@ class GraspReach:
         return self.reached(T_world_tool, lift, chosen).branches
 
     def reached(
-        self, T_world_tool: Transform, lift: Array | None = None, chosen: NDArray[np.integer] | None = None
+        self,
+        T_world_tool: Transform,
+        lift: Array | None = None,
+        chosen: NDArray[np.integer] | None = None,
+        riding: Mapping[str, Transform] | None = None,
     ) -> ReachedGrasps:
         """Find out on which branches each grasp is reached, and why the others are not.
 
@@ -106,11 +110,13 @@ class GraspReach:
             lift: (3,) straight way that the tool goes from there, with what rides on it [m, world]; None: none. Margins
                 count from the first step on, so that it may start from what it rests on.
             chosen: numbers of the grasps to look at; all others are not reached. None: all.
+            riding: `T_tool_object` of objects that ride on the tool elsewhere than `surroundings` says, by name.
         """
         result, faults = np.zeros((2, len(self.grasps)), np.uint8)
         wanted = np.arange(len(self.grasps)) if chosen is None else np.asarray(chosen, dtype=np.int64)
         T_world_tools = self._lifted(T_world_tool, lift)
-        if not len(wanted) or not self._carried_free(T_world_tools[1:]):
+        ridden = {} if riding is None else riding
+        if not len(wanted) or not self._carried_free(T_world_tools[1:], ridden):
             faults[wanted] = _CARRIED
             return ReachedGrasps(result, faults)
         arm, first_joint = self.workcell.arm(self.arm), self.workcell.joints(self.arm).start
@@ -119,9 +125,9 @@ class GraspReach:
             if len(these):
                 _reach(
                     arm.dh, self._T_base_world, arm.position_min, arm.position_max, T_world_tools, self.T_tool_flange,
-                    these, self.settings.way(), self._positions.copy(), first_joint, group.held.kernel_copy(),
-                    group.opened.kernel_copy(), group.links.kernel_copy(), group.links.frame_index(TOOL_FRAME), result,
-                    faults,
+                    these, self.settings.way(), self._positions.copy(), first_joint, _ridden(group.held, ridden),
+                    _ridden(group.opened, ridden), _ridden(group.links, ridden), group.links.frame_index(TOOL_FRAME),
+                    result, faults,
                 )  # fmt: skip
         return ReachedGrasps(result, faults)
 
@@ -140,12 +146,15 @@ class GraspReach:
         T_world_tools[:, :3, 3] += np.linspace(0.0, 1.0, steps + 1)[:, None] * way
         return T_world_tools
 
-    def _carried_free(self, T_world_tools: Array) -> bool:
+    def _carried_free(self, T_world_tools: Array, riding: Mapping[str, Transform]) -> bool:
         """Tell whether tool and object, without a hand, keep their margins at all poses (m, 4, 4)."""
         query = self._carried
         return not len(query.kernel.pairs) or bool(
             _all_free(
-                query.kernel_copy(), query.frame_index(TOOL_FRAME), np.ascontiguousarray(T_world_tools), self._positions
+                _ridden(query, riding),
+                query.frame_index(TOOL_FRAME),
+                np.ascontiguousarray(T_world_tools),
+                self._positions,
             )
         )
 
@@ -175,24 +184,26 @@ class GraspReach:
     def _queries(self, grasp: int) -> _GroupQueries:
         held, opened = float(self.grasps.widths[grasp]), float(self.grasps.open_widths[grasp])
         return _GroupQueries(
-            held=self._query(held, self._hand_pairs),
-            opened=self._query(opened, self._hand_pairs),
-            links=self._query(opened, self._link_pairs),
+            held=self._query(held, "hand", self._hand_pairs),
+            opened=self._query(opened, "hand", self._hand_pairs),
+            links=self._query(opened, "links", self._link_pairs),
         )
 
     @cached_property
     def _carried(self) -> CollisionQuery:
-        return self._query(float(self.grasps.widths[0]), self._carried_pairs)
+        return self._query(float(self.grasps.widths[0]), "carried", self._carried_pairs)
 
-    def _query(self, width: float, only: PairChoice) -> CollisionQuery:
+    def _query(self, width: float, kind: str, choice: PairChoice) -> CollisionQuery:
         around, other = self.surroundings, self.workcell.other(self.arm)
-        objects = [name for name, placement in around.objects.items() if isinstance(placement, Riding)]
+        riding = [name for name, placement in around.objects.items() if isinstance(placement, Riding)]
+        widths = {self.arm: width, other: around.idle_width}
+        key = (kind, self.arm, around.idle_positions is None, *sorted(riding))
         return self.workcell.query(
-            {self.arm: width, other: around.idle_width},
+            widths,
             {TOOL_FRAME: Fixed(np.eye(4)), **around.objects},
-            touching=[(TOOL_FRAME, name) for name in objects],
+            touching=[(TOOL_FRAME, name) for name in riding],
             margins=around.margins,
-            only=only,
+            only=self.workcell.pairs(key, choice),
         )
 
     def _hand_pairs(self, a: CollisionBody, b: CollisionBody) -> bool:
@@ -222,6 +233,14 @@ class GraspReach:
 
     def _looked_at(self, body: CollisionBody) -> bool:
         return self.surroundings.idle_positions is not None or body.group != self.workcell.other(self.arm)
+
+
+def _ridden(query: CollisionQuery, riding: Mapping[str, Transform]) -> CollisionKernel:
+    """Return a kernel of one's own, in which objects ride at `T_tool_object`."""
+    kernel = query.kernel_copy()
+    for name, T_tool_object in riding.items():
+        set_frame(kernel, query.frame_index(name), T_tool_object)
+    return kernel
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,15 +59,16 @@ class ObjectOrder:
         return self._sorted(name for name in self.waiting(moved) if self.before(name) <= moved)
 
     def next_aside(self, moved: Set[str]) -> tuple[str, ...]:
-        """Return the objects that cannot go to their goals yet, and of which another one would be freed.
+        """Return the objects that can be put aside, on which nothing lies.
 
-        Nothing lies on them, and they stand where another is to go, or lie on one.
+        Those first that cannot go to their goals yet and hold another one up: they stand where it is to go, or lie on
+        it. The others may still be too close to another one for the hands.
         """
         waiting = self.waiting(moved)
-        freed = set[str]().union(*((self.in_its_way[name] | self.lying_on_it[name]) - {name} for name in waiting))
-        return self._sorted(
-            name for name in waiting & freed if self.lying_on_it[name] <= moved and not self.before(name) <= moved
-        )
+        held_up = set[str]().union(*((self.in_its_way[name] | self.lying_on_it[name]) - {name} for name in waiting))
+        free = [name for name in self._sorted(waiting) if self.lying_on_it[name] <= moved]
+        first = [name for name in free if name in held_up and not self.before(name) <= moved]
+        return (*first, *(name for name in free if name not in first))
 
     def deadlock(self, moved: Set[str]) -> tuple[Rejection, ...]:
         """Say of each object that waits which others hold it up, and how."""

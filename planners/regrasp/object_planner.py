@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 
 from planners.geometry.pose import inverse
 from planners.graph.rejections import Rejection
@@ -62,11 +63,10 @@ class ObjectPlanner:
             return None, report
         costs = RouteCosts((0.0 if last else self.settings.partner_weight) * self.routes.partnerless)
         poses = suctions.poses[: self.settings.suction_poses]
+        following = self.routes.routes(stage, target, poses, start, costs)
         tried: list[SuctionRoute] = []
-        for first in range(0, len(poses), self.settings.suction_group):
-            self.progress(f"regrasp {target.name}", first, len(poses))
-            group = poses[first : first + self.settings.suction_group]
-            routes = [self.routes.route(stage, target, pose, start, costs) for pose in group]
+        while routes := list(islice(following, self.settings.suction_group)):
+            self.progress(f"regrasp {target.name}", len(tried), len(poses))
             tried += routes
             done = self._try_group(stage, target, routes, report)
             if done is not None:

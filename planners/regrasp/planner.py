@@ -64,7 +64,7 @@ class SuctionToolPlanner:
         traffic = ToolTraffic(self.workcell, handovers.grasps)
         rng = np.random.default_rng(scene.seed)
         self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
-        routes = RouteMaker(self.workcell, handovers, self.choreographer.motion.bearing, park, settings)
+        routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
         self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
         self.pile = PilePlanner(
             ObjectPlanner(self.choreographer, routes, settings, progress),
@@ -130,7 +130,7 @@ class SuctionToolPlanner:
             f"with {_counted(handovers, 'handover') if handovers else 'no handover'}"
         )
         if aside:
-            summary += f"; {' and '.join(aside)} put aside first, because others go where it stands"
+            summary += f"; {' and '.join(aside)} put aside first, out of the way of others"
         return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
 
     def _nearest_order(self) -> tuple[str, ...]:

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.model import NamePair
 from planners.collision.placement import Fixed, Placement, Riding
 from planners.geometry.pose import Array, Transform, inverse
 from planners.regrasp.bearing import Bearing
-from planners.regrasp.grasp_layer import GraspLayer
+from planners.regrasp.grasp_layer import GraspLayer, LayerLoad
 from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
+from planners.regrasp.grasps import TOOL_FRAME, ToolGraspSettings
 from planners.regrasp.handovers import HandoverDatabase
 from planners.regrasp.suction_poses import SuctionPose
 from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_exchange import HandoverPlace
+from planners.regrasp.tool_motion import moved_by
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
-from planners.regrasp.tool_workcell import ToolWorkcell
+from planners.regrasp.tool_traffic import ToolTraffic
 from planners.regrasp.travel import least_travel, solutions
 from planners.scene.moved_object import MovedObject
 
@@ -32,7 +35,7 @@ class RouteMaker:
 
     def __init__(
         self,
-        workcell: ToolWorkcell,
+        traffic: ToolTraffic,
         handovers: HandoverDatabase,
         bearing: Bearing,
         park: Mapping[str, Array],
@@ -41,13 +44,14 @@ class RouteMaker:
         """Take what all objects share.
 
         Args:
-            workcell: for collision.
+            traffic: who may come how close to whom.
             handovers: of the cell and the tool.
             bearing: what cup and fingers hold.
             park: (6,) where each arm stands while the other moves [rad].
             settings: budgets and distances.
         """
-        self.workcell, self.handovers, self.bearing, self.settings = workcell, handovers, bearing, settings
+        self.traffic, self.handovers, self.bearing, self.settings = traffic, handovers, bearing, settings
+        self.workcell = workcell = traffic.workcell
         self.grasps, self.arms = handovers.grasps, tuple(workcell.cell.arms)
         self._park = park
         self._tool_flange = {arm: self.grasps.T_tool_flange(workcell.gripper(arm)) for arm in self.arms}
@@ -74,31 +78,30 @@ class RouteMaker:
             positions = np.full((2 * count, 1, 6), np.nan)
             positions[node, 0] = stage.q[self.workcell.joints(stage.holder.arm)]
             return RouteStart(nodes, positions, None)
-        objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
-        reach = {
-            arm: GraspReach(self.workcell, arm, self.grasps, self._around(stage, arm, objects), self._grasp_settings)
-            for arm in self.arms
-        }
-        rest = self._layer(stage.T_world_tool, reach, self.settings.carry.unrest, None)
+        reach = self._reach(stage, {}, {}, self._grasp_settings)
+        load = LayerLoad.of(self.bearing, None)
+        rest = GraspLayer(stage.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
         nodes = rest.ask(np.ones(2 * count, dtype=bool))
         return RouteStart(nodes, rest.solutions, rest)
 
-    def route(
-        self, stage: ToolStage, target: MovedObject, pose: SuctionPose, start: RouteStart, costs: RouteCosts
-    ) -> SuctionRoute:
-        """Return all ways to move an object with one suction pose; nothing of it is asked yet."""
-        sucked = SuckedObject(target.name, inverse(pose.T_object_tool))
-        objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
-        objects[target.name] = Riding("tool", sucked.T_tool_object)
-        reach = {
-            arm: GraspReach(self.workcell, arm, self.grasps, self._around(stage, arm, objects), self._layer_settings)
-            for arm in self.arms
-        }
-        lift = self.settings.carry.lift
-        suction = self._layer(stage.T_world_objects[target.name] @ pose.T_object_tool, reach, lift, sucked)
-        goals = tuple(self._layer(T @ pose.T_object_tool, reach, lift, sucked) for T in target.goals)
-        masks = (self._handover_masks(None), self._handover_masks(sucked))
-        return SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers)
+    def routes(
+        self, stage: ToolStage, target: MovedObject, poses: Sequence[SuctionPose], start: RouteStart, costs: RouteCosts
+    ) -> Iterator[SuctionRoute]:
+        """Yield all ways to move an object, one suction pose after the other; nothing of them is asked yet."""
+        lift = self.settings.carry.lift * _UP
+        T_world_object = stage.T_world_objects[target.name]
+        riding: dict[str, Placement | None] = {target.name: Riding("tool", np.eye(4))}
+        beside = [self._beside(stage, target.name, T) for T in (T_world_object, target.T_world_goal)]
+        here = there = self._reach(stage, riding, beside[0], self._layer_settings)
+        if beside[0] != beside[1]:
+            there = self._reach(stage, riding, beside[1], self._layer_settings)
+        for pose in poses:
+            sucked = SuckedObject(target.name, inverse(pose.T_object_tool))
+            load = LayerLoad.of(self.bearing, sucked)
+            suction = GraspLayer(T_world_object @ pose.T_object_tool, here, lift, load)
+            goals = tuple(GraspLayer(T @ pose.T_object_tool, there, lift, load) for T in target.goals)
+            masks = (self._handover_masks(None), self._handover_masks(sucked))
+            yield SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers)
 
     def places(self, stage: ToolStage, receiver: HeldGrasp) -> list[HandoverPlace]:
         """Return where the holder can hand the tool to a receiver, those with the shortest way for both first."""
@@ -123,12 +126,6 @@ class RouteMaker:
             )
             for _, o in sorted(places)
         ]
-
-    def _layer(
-        self, T_world_tool: Transform, reach: Mapping[str, GraspReach], lift: float, sucked: SuckedObject | None
-    ) -> GraspLayer:
-        borne = self.bearing.borne(self.bearing.load(sucked), self.grasps, T_world_tool[None])[0]
-        return GraspLayer(T_world_tool, reach, lift * _UP, borne)
 
     def _handover_masks(self, sucked: SuckedObject | None) -> HandoverMasks:
         """Return which grasps pass the tool on in any orientation in which cup and both hands bear it."""
@@ -157,6 +154,26 @@ class RouteMaker:
         there = solutions(arm, T_world_tool, self._tool_flange[held.arm][one], branches[one])
         return float(least_travel(arm, q[self.workcell.joints(held.arm)][None, None], there)[0])
 
-    def _around(self, stage: ToolStage, arm: str, objects: dict[str, Placement | None]) -> Surroundings:
-        other = self.workcell.other(arm)
-        return Surroundings(objects, self._park[other], stage.widths[other])
+    def _beside(self, stage: ToolStage, name: str, T_world_object: Transform) -> dict[NamePair, float]:
+        """Return margins of the pairs that an object is closer in than usual where it stands, but for what is below."""
+        raised = moved_by(T_world_object, self.settings.carry.layer_step * _UP)
+        standing = replace(stage, sucked=None, T_world_objects={**stage.T_world_objects, name: raised})
+        close = self.traffic.close_pairs(standing, frozenset({name}))
+        return {pair: margin for pair, margin in close.items() if TOOL_FRAME not in pair}
+
+    def _reach(
+        self,
+        stage: ToolStage,
+        riding: Mapping[str, Placement | None],
+        margins: Mapping[NamePair, float],
+        settings: ToolGraspSettings,
+    ) -> dict[str, GraspReach]:
+        """Return each arm's reach among the objects where they stand, or ride; the other arm is parked."""
+        objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
+        objects |= riding
+        reach = {}
+        for arm in self.arms:
+            other = self.workcell.other(arm)
+            around = Surroundings(objects, self._park[other], stage.widths[other], margins)
+            reach[arm] = GraspReach(self.workcell, arm, self.grasps, around, settings)
+        return reach

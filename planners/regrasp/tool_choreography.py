@@ -111,7 +111,14 @@ class ToolChoreographer:
         postures = self.motion.choose(
             stage, visit, branches, [self.traffic.carrying(laden, rest), self.traffic.carrying(bare, cup)]
         )
-        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER)
+        up = carry.lift * _UP
+        over = replace(
+            laden,
+            T_world_tool=moved_by(T_world_tool, up),
+            T_world_objects={**laden.T_world_objects, name: moved_by(T_world_goal, up)},
+        )
+        beside = self.traffic.close_pairs(over, over.carried)
+        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, beside)
         stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, rest)
         stage = replace(self.switches.vacuum(stage, SegmentKind.DETACH), sucked=None)
         return self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, cup)

@@ -109,9 +109,17 @@ class ToolMotion:
         return free
 
     def arrive(
-        self, stage: ToolStage, visit: Visit, postures: Sequence[Posture], kind: SegmentKind
+        self,
+        stage: ToolStage,
+        visit: Visit,
+        postures: Sequence[Posture],
+        kind: SegmentKind,
+        close: Mapping[NamePair, float] | None = None,
     ) -> tuple[ToolStage, Posture]:
-        """Move an arm through free space to where one of the postures begins its visit; return which, and its turns."""
+        """Move an arm through free space to where one of the postures begins its visit; return which, and its turns.
+
+        What is carried may stay close to what it stands beside already, and come close to the pairs of `close` [m].
+        """
         arm = visit.arm
         turned = [
             posture.turned(turns)
@@ -120,7 +128,11 @@ class ToolMotion:
         ]
         if not turned:
             raise Stuck(Rejection("reach", f"no turn of the {arm.name} arm's joints keeps them within their limits"))
-        query = self.traffic.carrying(stage) if kind is SegmentKind.TRANSFER else self.traffic.hand(stage, arm.name)
+        if kind is SegmentKind.TRANSFER:
+            beside = self.traffic.close_pairs(stage, stage.carried)
+            query = self.traffic.carrying(stage, {**beside, **(close or {})})
+        else:
+            query = self.traffic.hand(stage, arm.name)
         stage, chosen = self.free(stage, arm, np.array([posture.start for posture in turned]), query, kind)
         return stage, turned[chosen]
 

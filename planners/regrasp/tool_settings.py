@@ -77,11 +77,11 @@ class ToolPlannerSettings:
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
     """Sequences of one suction pose whose motion is tried before the next suction pose."""
-    tries: int = 60
+    tries: int = 40
     """Sequences of one object whose motion is tried, over all suction poses."""
     orientations: int = 6
     """Handover orientations of one pair of grasps whose motion is tried."""
-    orders: int = 12
+    orders: int = 8
     """Moves that are planned because another order is tried or an object is put aside, beyond one for each object."""
     carried_tilt: float = math.radians(40.0)
     """Most tilt of the tool while an object hangs on it, unless an end of the motion is tilted more [rad]."""

@@ -39,6 +39,11 @@ class ToolStage:
         return self.holder
 
     @property
+    def carried(self) -> frozenset[str]:
+        """Frames of the tool and of what hangs on it."""
+        return frozenset({"tool"} if self.sucked is None else {"tool", self.sucked.name})
+
+    @property
     def places(self) -> dict[str, Transform]:
         """Where the tool and all objects are, by name."""
         return {"tool": self.T_world_tool, **self.T_world_objects}

@@ -114,6 +114,19 @@ def test_contact_states_are_told_once_in_a_row() -> None:
     assert contact_states(document) == ["edge 1 on table", "no contact", "edge 1 on table"]
 
 
+def test_a_plan_without_contact_states_tells_what_is_moved() -> None:
+    document = {
+        "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, [])],
+        "explanation": {"summary": "3 objects moved, nearest to its goal first (a, b, c), with 1 handover."},
+        "certificate": {"passed": True, "checks": []},
+        "statistics": {"total_seconds": 3.0, "stages": [{"name": "certify", "seconds": 1.0}]},
+    }  # fmt: skip
+    told = summarise(document)
+    assert "3 objects moved" in told
+    assert "contact states" not in told
+    assert "2.00 s" in told
+
+
 def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:
     cause = {"reason": "the plate is too heavy", "needed": 62.8, "available": 54.0, "unit": "N", "where": "no contact"}
     document = {"outcome": "infeasible", "explanation": {"summary": "It cannot be lifted.", "causes": [cause]}}
