@@ -24,6 +24,8 @@ PICTURE_SECONDS = 90.0
 ONLY_THE_SCENE = "#now, #views, #ending, #message { visibility: hidden }"
 VISIBLE = 40
 """Difference of one colour channel, of 255."""
+BLUR = 8
+"""Pixels a side."""
 MOVED_SHARE = 2e-3
 """Share of pixels that differ when something in the scene moved: a wrist covers more."""
 LAYER_SHARE = 2e-4
@@ -130,7 +132,15 @@ def wait_until_it_differs(page: Page, reference: np.ndarray, share: float = MOVE
 
 
 def wait_until_it_is_as_before(page: Page, reference: np.ndarray, share: float = MOVED_SHARE) -> None:
-    wait_for(lambda: difference(reference, picture(page)) < share, PICTURE_SECONDS)
+    """Wait until hardly anything differs but the sharpness: viser draws coarser while frames are slow."""
+    wait_for(lambda: difference(*(blurred(each) for each in (reference, picture(page)))) < share, PICTURE_SECONDS)
+
+
+def blurred(shot: np.ndarray) -> np.ndarray:
+    """Return the means of squares of pixels, about as wide as an arm's joint."""
+    rows, columns = (size // BLUR for size in shot.shape[:2])
+    squares = shot[: rows * BLUR, : columns * BLUR].reshape(rows, BLUR, columns, BLUR, 3)
+    return squares.mean(axis=(1, 3))
 
 
 def drag_to(page: Page, fraction: float) -> None:
