@@ -17,6 +17,7 @@ from planners.regrasp.park_pose import park_poses, start_clash
 from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
 from planners.regrasp.route_maker import RouteMaker
 from planners.regrasp.set_aside import SetAside
+from planners.regrasp.suction_poses import SuctionCandidate
 from planners.regrasp.tool_capacity import impossibilities
 from planners.regrasp.tool_choreography import ToolChoreographer
 from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
@@ -34,6 +35,9 @@ _SAME_TURN = 4e-3
 """The same for its orientation [rad]."""
 _MOST_CAUSES = 5
 """Reasons that are told where there is no plan; all of them are counted."""
+
+_MOST_PLACES = 900
+"""Sampled places of the cup that are told for drawing, on all objects together [1]."""
 
 
 class SuctionToolPlanner:
@@ -171,6 +175,7 @@ class SuctionToolPlanner:
             self.rejections.include(found.rejections)
         segments = () if course is None else course.stage.segments
         turns = hose_turns(segments)
+        most_places = max(1, _MOST_PLACES // max(1, len(self.suctions.found)))
         return ToolPlan(
             outcome=outcome,
             segments=segments,
@@ -182,7 +187,7 @@ class SuctionToolPlanner:
             order=tuple(report.name for report in reports),
             steps=tuple(step for report in reports for step in report.steps),
             considered=Considered(
-                places={name: found.candidates for name, found in self.suctions.found.items()},
+                places={name: _thinned(found.candidates, most_places) for name, found in self.suctions.found.items()},
                 suctions=tuple(each for report in everyone for each in report.suctions),
             ),
             grasps=self.handovers.grasps,
@@ -212,6 +217,12 @@ class SuctionToolPlanner:
             "motion_queries": self.choreographer.motion.queries,
             "handovers": sum(report.counts["handovers"] for report in reports),
         }
+
+
+def _thinned(candidates: tuple[SuctionCandidate, ...], most: int) -> tuple[SuctionCandidate, ...]:
+    """Return an even choice of candidates, in order."""
+    chosen = np.unique(np.linspace(0, len(candidates) - 1, min(most, len(candidates))).astype(int))
+    return tuple(candidates[number] for number in chosen)
 
 
 def _counted(count: int, noun: str) -> str:

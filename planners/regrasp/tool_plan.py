@@ -38,7 +38,7 @@ class Considered:
     """Where the cup was looked at, for drawing. Which grasps were, is in `ToolPlan.regrasp`."""
 
     places: dict[str, tuple[SuctionCandidate, ...]]
-    """By object, all sampled places of the cup."""
+    """By object, an even choice of the sampled places of the cup."""
     suctions: tuple[ConsideredSuction, ...]
 
 
