@@ -25,7 +25,11 @@ SHOTS = {
         "ab1",
         "player.choose('simulation'), player.seek(0.9 * player.source.duration), player.panel.open('Lift')",
     ),
-    "viewer-suction": ("domino_pile", "player.panel.open('Regrasp'), player.seek(0.6 * player.source.duration)"),
+    "viewer-suction": (
+        "domino_pile",
+        "player.panel.open('Regrasp'),"
+        "player.seek(player.source.segments.find(({ kind }) => kind === 'handover').start)",
+    ),
     "viewer-regrasp": (
         "domino_pile",
         "player.panel.open('Regrasp'), player.panel.regrasp.choose('domino_2'), player.panel.regrasp.toggle(true)",

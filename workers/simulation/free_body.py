@@ -47,6 +47,8 @@ class FreeBody:
         self.center, self.velocity, self.spin = np.zeros(3), np.zeros(3), np.zeros(3)
         """(3,) centre of mass [m], its velocity [m/s], angular velocity [rad/s]; world axes."""
         self._R = np.eye(3)
+        self._inertia_inverse: Array | None = None
+        """World axes; computed once a step where it is asked for."""
         self.read()
 
     def read(self) -> None:
@@ -55,6 +57,7 @@ class FreeBody:
         linear, angular = bullet.getBaseVelocity(self.id, physicsClientId=self._client)
         self._R = np.array(bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
         self.center, self.velocity, self.spin = np.array(position), np.array(linear), np.array(angular)
+        self._inertia_inverse = None
 
     @property
     def T_world_body(self) -> Transform:
@@ -63,15 +66,17 @@ class FreeBody:
 
     def twist_at(self, point: Array) -> Array:
         """Return the (6,) velocity of the body at a point (3,) of the world, world axes."""
-        return np.concatenate([self.velocity + np.cross(self.spin, point - self.center), self.spin])
+        return np.concatenate([self.velocity + skew(self.spin) @ (point - self.center), self.spin])
 
     def mobility(self, one: Array, other: Array) -> Array:
         """Return (6, 6): how fast the twist at a point changes under a wrench about another point, world axes."""
-        inertia_inverse = (self._R / self._moments) @ self._R.T
+        if self._inertia_inverse is None:
+            self._inertia_inverse = (self._R / self._moments) @ self._R.T
+        inertia_inverse = self._inertia_inverse
         a, b = skew(one - self.center), skew(other - self.center)
         W = np.empty((6, 6))
-        W[:3, :3] = np.eye(3) / self.mass - a @ inertia_inverse @ b
         W[:3, 3:] = -a @ inertia_inverse
+        W[:3, :3] = W[:3, 3:] @ b + np.eye(3) / self.mass
         W[3:, :3] = inertia_inverse @ b
         W[3:, 3:] = inertia_inverse
         return W

@@ -20,6 +20,8 @@ TOOL_UNITS = {
 }
 """Curves by name: pull on the cup, share of what the cup bears, the squeeze that each hand needs, and how far the tool
 in the hands and the object on the cup are from where the plan has them. Zero while nothing is held."""
+MOTION_EVERY = 2
+"""Of the moments that are recorded, how many apart the motion is kept."""
 _DIGITS = {"N": 3, "1": 4, "m": 6}
 _POSE_DIGITS = 6
 _STILL = (2e-5, 1e-4)
@@ -32,7 +34,7 @@ class ToolRecorder:
     def __init__(self) -> None:
         self.time: list[float] = []
         self._rows: list[tuple[float, ...]] = []
-        self._positions: list[Array] = []
+        self._motion: list[tuple[float, Array]] = []
         self._tracks: dict[str, _Track] = {}
 
     def add(self, time: float, positions: Array, bodies: Iterable[tuple[str, FreeBody]], **values: float) -> None:
@@ -45,8 +47,10 @@ class ToolRecorder:
             values: of all curves, named as in `TOOL_UNITS` with underscores.
         """
         self.time.append(time)
-        self._positions.append(positions.copy())
         self._rows.append(tuple(values[name.replace(" ", "_")] for name in TOOL_UNITS))
+        if len(self.time) % MOTION_EVERY != 1:
+            return
+        self._motion.append((time, positions.copy()))
         for name, body in bodies:
             self._tracks.setdefault(name, _Track()).add(time, body.T_world_body)
 
@@ -61,8 +65,8 @@ class ToolRecorder:
     def motion(self) -> dict[str, Any]:
         """Return how robot and bodies moved, for playing it back; each body's poses have times of their own."""
         return {
-            "time": [round(value, 4) for value in self.time],
-            "positions": [(np.round(row, 5) + 0.0).tolist() for row in self._positions],
+            "time": [round(time, 4) for time, _ in self._motion],
+            "positions": [(np.round(positions, 5) + 0.0).tolist() for _, positions in self._motion],
             "bodies": {name: track.document() for name, track in self._tracks.items()},
         }
 
