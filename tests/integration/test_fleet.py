@@ -54,7 +54,7 @@ class Fleet:
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     folder: Path = tmp_path_factory.mktemp("fleet")
     with ExitStack() as stack:
-        server = stack.enter_context(running_postgres(folder))
+        server = stack.enter_context(running_postgres())
         settings = {**SETTINGS, "database_url": server.url}
         api = stack.enter_context(running_service(folder / "api", FAKE_SOLVER, command="api", **settings))
         first, second = (WorkerProcess(name, folder / name, FAKE_SOLVER, **settings) for name in ("first", "second"))
