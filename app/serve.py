@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import subprocess
 import sys
@@ -160,3 +161,6 @@ async def _work(settings: WorkerSettings) -> None:
         await worker.stop()
         queue.close()
         database.close()
+    log.info("worker has ended", worker=settings.worker_name)
+    # Everything is given back. Threads of the engine that wait for a database which is away would keep the process.
+    os._exit(0)

@@ -33,6 +33,8 @@ from workers.webhook_runner import WebhookRunner
 from workers.webhook_store import WebhookStore
 
 REJECTED_FOLDER = "rejected"
+GOODBYE_SECONDS = 10.0
+"""How long the engine may take to end [s]."""
 
 log = structlog.get_logger(__name__)
 
@@ -90,7 +92,10 @@ class Worker:
             with suppress(asyncio.CancelledError):
                 await loop
         await self._pool.close()
-        await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
+        with suppress(TimeoutError):
+            # Without a database the engine's threads wait for it, and cannot be told not to.
+            async with asyncio.timeout(GOODBYE_SECONDS):
+                await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
         logging.getLogger("dbos").removeFilter(_is_news)
         self._fleet.stop()
 

@@ -22,7 +22,7 @@ import psutil
 import sqlalchemy as sa
 
 from tests.benchmarks.tasks import Note
-from tests.support.postgres import PostgresServer
+from tests.support.postgres import PostgresServer, running_postgres
 from tests.support.service import ServiceProcess
 from tests.support.worker import WorkerProcess
 from workers.database import Database, open_database
@@ -95,9 +95,8 @@ class Fleet:
         self.server: PostgresServer | None = None
         self.workers: list[WorkerProcess] = []
         if settings.postgres:
-            self.server = PostgresServer(folder)
-            stack.callback(self.server.stop)
-            shared["database_url"] = self.server.start().url
+            self.server = stack.enter_context(running_postgres())
+            shared["database_url"] = self.server.url
             self.workers = [WorkerProcess(f"w{n}", folder / f"w{n}", settings.solver, **shared) for n in range(2)]
         command = "api" if settings.postgres else "serve"
         self.api = ServiceProcess(folder / "api", settings.solver, command, **shared)

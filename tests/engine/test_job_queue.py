@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from support.service import task
 
 from workers.database import Database, open_database
 from workers.engine_table import workflow_table
-from workers.job_queue import JobQueue
+from workers.job_queue import APPLICATION_VERSION, JobQueue
 from workers.packed_document import PackedDocument
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
@@ -56,6 +57,16 @@ def test_depth_counts_waiting_and_running_jobs_up_to_the_limit(
     depth = queue.depth(100)
     assert (depth.queued, depth.running, depth.total) == (3, 1, 4)
     assert queue.depth(2).queued == 2
+
+
+def test_a_job_is_of_the_pinned_version_so_that_workers_of_the_next_release_take_it(
+    database: Database, store: PlanStore, queue: JobQueue
+) -> None:
+    store.accept(task(), None, queue)
+    with database.engine.connect() as connection:
+        versions = connection.exec_driver_sql("SELECT application_version FROM workflow_status").scalars().all()
+    assert versions == [APPLICATION_VERSION]
+    assert not re.search(r"[0-9a-f]{8}", APPLICATION_VERSION), "no hash of the code"
 
 
 def test_jobs_of_a_dead_worker_are_begun_anew_once_and_those_of_others_are_not(

@@ -63,7 +63,7 @@ def test_a_copy_of_sqlite_made_while_it_is_open_is_whole(tmp_path: Path) -> None
 
 @needs_postgres
 def test_a_dump_of_postgresql_made_while_it_is_in_use_is_whole(tmp_path: Path) -> None:
-    with running_postgres(tmp_path) as server:
+    with running_postgres() as server:
         running = open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))
         records = fill(running)
         restored_url = dump_and_restore(server)

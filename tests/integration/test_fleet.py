@@ -29,6 +29,14 @@ class Fleet:
     first: WorkerProcess
     second: WorkerProcess
 
+    def with_both_workers(self) -> None:
+        """Start what an earlier test has left stopped."""
+        stopped = [worker for worker in (self.first, self.second) if worker.process is None]
+        for worker in stopped:
+            worker.launch()
+        for worker in stopped:
+            worker.wait()
+
     def post(self, wish: str) -> dict[str, Any]:
         answer = self.client.post("/v1/plans", json=task(external_id=wish))
         assert answer.status_code == 202, answer.text
@@ -46,7 +54,7 @@ class Fleet:
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     folder: Path = tmp_path_factory.mktemp("fleet")
     with ExitStack() as stack:
-        server = stack.enter_context(running_postgres(folder))
+        server = stack.enter_context(running_postgres())
         settings = {**SETTINGS, "database_url": server.url}
         api = stack.enter_context(running_service(folder / "api", FAKE_SOLVER, command="api", **settings))
         first, second = (WorkerProcess(name, folder / name, FAKE_SOLVER, **settings) for name in ("first", "second"))
@@ -70,13 +78,13 @@ def test_another_worker_takes_over_what_a_dead_one_had_and_its_processes_are_gon
 
 
 def test_a_worker_that_lives_is_not_robbed(fleet: Fleet) -> None:
-    fleet.first.start()
-    fleet.second.start()
+    fleet.with_both_workers()
     plans = [fleet.post("steps-60") for _ in range(2)]
     assert [finished(fleet.client, plan)["attempts"] for plan in plans] == [1, 1]
 
 
 def test_two_workers_cannot_share_a_name(fleet: Fleet) -> None:
+    fleet.with_both_workers()
     rival = WorkerProcess(
         "first", fleet.first.data_dir.with_name("rival"), FAKE_SOLVER, **SETTINGS, database_url=fleet.server.url
     )
@@ -88,6 +96,7 @@ def test_two_workers_cannot_share_a_name(fleet: Fleet) -> None:
 
 def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes(fleet: Fleet) -> None:
     """Frozen, its connection is cut by the server, as after a network failure."""
+    fleet.with_both_workers()
     plan = fleet.post("steps-80")
     wait_for(lambda: fleet.begun(plan), 20)
     workers = [fleet.first, fleet.second]
@@ -114,6 +123,7 @@ def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes
 
 
 def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it_is_back(fleet: Fleet) -> None:
+    fleet.with_both_workers()
     plan, waiting = fleet.post("steps-100"), fleet.post("now")
     wait_for(lambda: fleet.begun(plan), 20)
     fleet.server.stop()
@@ -131,6 +141,7 @@ def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it
 
 
 def test_a_cancelled_job_is_stopped_within_a_second_wherever_it_runs(fleet: Fleet) -> None:
+    fleet.with_both_workers()
     plan = fleet.post("child")
     wait_for(lambda: fleet.begun(plan), 20)
     at_work = [each for worker in (fleet.first, fleet.second) for each in worker.solvers() if each.children()]

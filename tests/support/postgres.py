@@ -7,6 +7,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,22 +29,19 @@ STARTUP_SECONDS = 60.0
 
 
 class PostgresServer:
-    """One server with its files in a folder."""
+    """One server with its files in a folder of its own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self) -> None:
         assert BINARIES is not None, "PostgreSQL is not installed"
-        self._binaries, self.folder = BINARIES, folder / "postgres"
+        self._binaries = BINARIES
+        # Not in a folder of the test: those are closed to the server's account.
+        self.folder = Path(tempfile.mkdtemp(prefix="liftwright-postgres-"))
         """The server's account may write there."""
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         self.process: subprocess.Popen[bytes] | None = None
-        self.folder.mkdir(parents=True)
         if self._account:
             shutil.chown(self.folder, NOBODY)
-            for parent in [folder, *folder.parents]:
-                # The account must be able to reach its files; temporary folders are closed to others.
-                if not parent.stat().st_mode & 0o001:
-                    parent.chmod(parent.stat().st_mode | 0o001)
         self.run("initdb", "--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8", "-D", self.folder)
 
     @property
@@ -58,14 +56,7 @@ class PostgresServer:
 
     def start(self) -> Self:
         """Start, and wait until it answers."""
-        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
-        words = [word for setting in settings for word in ("-c", setting)]
-        with (self.folder / "server.log").open("ab") as told:
-            self.process = subprocess.Popen(
-                [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
-                stdout=told, stderr=told, cwd="/", **self._account,
-            )  # fmt: skip
-        wait_for(self.answers, STARTUP_SECONDS)
+        wait_for(self._runs_and_answers, STARTUP_SECONDS)
         self._make_database()
         return self
 
@@ -115,6 +106,21 @@ class PostgresServer:
             listening = probe.connect_ex(("127.0.0.1", self.port)) == 0
         return not found and not listening
 
+    def _runs_and_answers(self) -> bool:
+        # It ends at once while anything is left of its last life.
+        if self.process is None or self.process.poll() is not None:
+            self._launch()
+        return self.answers()
+
+    def _launch(self) -> None:
+        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
+        words = [word for setting in settings for word in ("-c", setting)]
+        with (self.folder / "server.log").open("ab") as told:
+            self.process = subprocess.Popen(
+                [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
+                stdout=told, stderr=told, cwd="/", **self._account,
+            )  # fmt: skip
+
     def _make_database(self) -> None:
         with self._connect("postgres") as connection:
             connection.autocommit = True
@@ -130,10 +136,11 @@ class PostgresServer:
 
 
 @contextmanager
-def running_postgres(folder: Path) -> Iterator[PostgresServer]:
+def running_postgres() -> Iterator[PostgresServer]:
     """Run a server for the time of a test."""
-    server = PostgresServer(folder)
+    server = PostgresServer()
     try:
         yield server.start()
     finally:
         server.stop()
+        shutil.rmtree(server.folder)
