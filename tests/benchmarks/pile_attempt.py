@@ -81,6 +81,7 @@ class PileWorker:
 
     def _solve(self, pile: Pile, seed: int, body: dict[str, Any]) -> PileAttempt:
         certifier = TimedCertifier(self._pipeline.certify)
+        body = body | {"options": body.get("options", {}) | {"simulate": False}}
         pipeline = replace(self._pipeline, certify=certifier, clock=process_time)
         begun, reason, outcome = clocks(), "", ""
         try:
