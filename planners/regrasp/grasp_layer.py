@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform
 from planners.regrasp.bearing import Bearing, CarriedLoad
+from planners.regrasp.carried import CarriedPace
 from planners.regrasp.grasp_reach import REACH_FAULTS, Branches, GraspReach
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.travel import least_travel, solutions
@@ -105,10 +106,11 @@ class GraspLayer:
             parts.append(solutions(arm, self.T_world_tool, reach.T_tool_flange, branches))
         return np.concatenate(parts)
 
-    def travel_from(self, other: Array) -> Array:
-        """Return (2 n,) least seconds from joint positions (2 n, k, 6) of the same nodes [rad]."""
+    def travel_from(self, other: Array, pace: CarriedPace) -> Array:
+        """Return (2 n,) least seconds to carry the tool here from (2 n, k, 6) of the same nodes [rad]."""
         parts = []
         for number, reach in enumerate(self._reach.values()):
             part = slice(number * self.count, (number + 1) * self.count)
-            parts.append(least_travel(reach.workcell.arm(reach.arm), other[part], self.solutions[part]))
+            arm = reach.workcell.arm(reach.arm)
+            parts.append(least_travel(arm, other[part], self.solutions[part], reach.T_tool_flange, pace))
         return np.concatenate(parts)

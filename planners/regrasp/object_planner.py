@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from itertools import islice
 
 from planners.geometry.pose import inverse
@@ -65,7 +66,8 @@ class ObjectPlanner:
             for reason, mask in reasons.items():
                 report.rejections.add(Rejection("grasp", f"Where the tool rests: {reason}"), int(mask.sum()))
             return None, report
-        costs = RouteCosts((0.0 if last else self.settings.partner_weight) * self.routes.partnerless)
+        partnerless = (0.0 if last else self.settings.partner_weight) * self.routes.partnerless
+        costs = RouteCosts(partnerless, self.settings.carried)
         following = self.routes.routes(stage, target, poses, start, costs, tell)
         tried: list[SuctionRoute] = []
         while routes := list(islice(following, self.settings.suction_group)):
@@ -134,12 +136,12 @@ class ObjectPlanner:
     ) -> ToolStage | None:
         """Move along a sequence; where it gets stuck, take out the edge that could not be moved."""
         goal = route.goals[sequence.goal]
-        for edge in sequence.edges:
+        for edge, following in zip(sequence.edges, (*sequence.edges[1:], None), strict=True):
             key = (*key, edge)
             if key not in realised:
                 route.tell(ObjectStage.motion(0 if isinstance(edge, Pick) else edge.round))
                 try:
-                    realised[key] = self._step(stage, target, route, goal, edge)
+                    realised[key] = self._step(stage, target, route, goal, edge, following)
                 except Stuck as stuck:
                     report.rejections.add(stuck.rejection)
                     report.counts["edges deleted"] += 1
@@ -150,9 +152,15 @@ class ObjectPlanner:
         return stage
 
     def _step(
-        self, stage: ToolStage, target: MovedObject, route: SuctionRoute, goal: GraspLayer, edge: Edge
+        self,
+        stage: ToolStage,
+        target: MovedObject,
+        route: SuctionRoute,
+        goal: GraspLayer,
+        edge: Edge,
+        following: Edge | None,
     ) -> ToolStage:
-        """Move along one edge.
+        """Move along one edge, on a branch that suits the one that follows if it can be.
 
         Raises:
             Stuck: it cannot be moved.
@@ -163,13 +171,17 @@ class ObjectPlanner:
                 if stage.holder is not None:
                     return stage
                 assert route.start.layer is not None
-                return plan.pick_up(stage, self.routes.held(node), int(route.start.layer.branches[node]))
+                after = route.suction if isinstance(following, Transfer) else None
+                held, choices = self.routes.held(node), self.routes.on_the_way(stage, node, route.start.layer, after)
+                return _first_not_stuck(lambda branches: plan.pick_up(stage, held, branches), choices)
             case Handover(receiver=receiver):
                 held = self.routes.held(receiver)
                 return plan.hand_over(stage, held, self.routes.places(stage, held))
             case Transfer(round=0, node=node):
-                branches = int(route.suction.branches[node])
-                return plan.suck(stage, target.name, route.pose.T_object_tool, branches)
+                after = goal if isinstance(following, Transfer) else None
+                choices = self.routes.on_the_way(stage, node, route.suction, after)
+                pose = route.pose.T_object_tool
+                return _first_not_stuck(lambda branches: plan.suck(stage, target.name, pose, branches), choices)
             case Transfer(node=node):
                 T_world_goal = goal.T_world_tool @ inverse(route.pose.T_object_tool)
                 return plan.put_down(stage, T_world_goal, int(goal.branches[node]))
@@ -217,3 +229,12 @@ class ObjectPlanner:
                 held = self.routes.held(edge.node)
                 report.steps.append(RegraspStep(report.name, 0, held.arm, held.grasp, by))
         report.counts["handovers"] += sequence.handovers
+
+
+def _first_not_stuck(move: Callable[[int], ToolStage], choices: tuple[int, ...]) -> ToolStage:
+    """Move on the first set of branches on which that is possible."""
+    *earlier, last = choices
+    for branches in earlier:
+        with suppress(Stuck):
+            return move(branches)
+    return move(last)

@@ -119,8 +119,8 @@ class RouteMaker:
         numbers = numbers[borne[numbers, giver.grasp] & borne[numbers, receiver.grasp]]
         places = [
             (
-                self._way(giver, stage.q, T := base.T_world_tool[o], base.reached(giver.arm)[o])
-                + self._way(receiver, stage.q, T, base.reached(receiver.arm)[o]),
+                self._way(giver, stage.q, T := base.T_world_tool[o], base.reached(giver.arm)[o], carries=True)
+                + self._way(receiver, stage.q, T, base.reached(receiver.arm)[o], carries=False),
                 int(o),
             )
             for o in numbers
@@ -133,6 +133,24 @@ class RouteMaker:
             )
             for _, o in sorted(places)
         ]
+
+    def on_the_way(self, stage: ToolStage, node: int, between: GraspLayer, after: GraspLayer | None) -> tuple[int, ...]:
+        """Return the branches of a grasp in a layer: those on a shortest way to the next layer first, then all."""
+        branches, held = int(between.branches[node]), self.held(node)
+        if after is None:
+            return (branches,)
+        arm, T_tool_flange = self.workcell.arm(held.arm), self._tool_flange[held.arm][held.grasp][None]
+        here = stage.q[self.workcell.joints(held.arm)][None, None]
+        carries = None if stage.holder is None else T_tool_flange
+        through = between.solutions[node][:, None, None]
+        there, pace = after.solutions[node][None], self.settings.carried
+        seconds = [
+            float(least_travel(arm, here, q, carries, pace)[0] + least_travel(arm, q, there, T_tool_flange, pace)[0])
+            for q in through
+        ]
+        near = [b for b, each in enumerate(seconds) if each <= min(seconds) + self.settings.detour]
+        chosen = sum(1 << b for b in near) & branches
+        return (branches,) if chosen in (0, branches) else (chosen, branches)
 
     def _handover_masks(self, sucked: SuckedObject | None) -> HandoverMasks:
         """Return which grasps pass the tool on in any orientation in which cup and both hands bear it."""
@@ -154,12 +172,14 @@ class RouteMaker:
         level = poses[:, 2, 2] >= np.cos(self.settings.handover_tilt)
         return borne & (level & self.bearing.hanging(load, poses))[:, None]
 
-    def _way(self, held: HeldGrasp, q: Array, T_world_tool: Transform, branches: Branches) -> float:
+    def _way(self, held: HeldGrasp, q: Array, T_world_tool: Transform, branches: Branches, *, carries: bool) -> float:
         """Return the least seconds that an arm needs from where it is to a grasp of the tool at a pose."""
         arm = self.workcell.arm(held.arm)
         one = slice(held.grasp, held.grasp + 1)
-        there = solutions(arm, T_world_tool, self._tool_flange[held.arm][one], branches[one])
-        return float(least_travel(arm, q[self.workcell.joints(held.arm)][None, None], there)[0])
+        T_tool_flange = self._tool_flange[held.arm][one]
+        there = solutions(arm, T_world_tool, T_tool_flange, branches[one])
+        here = q[self.workcell.joints(held.arm)][None, None]
+        return float(least_travel(arm, here, there, T_tool_flange if carries else None, self.settings.carried)[0])
 
     def _beside(self, stage: ToolStage, name: str, T_world_object: Transform) -> dict[NamePair, float]:
         """Return margins of the pairs that an object is closer in than usual where it stands, but for what is below."""

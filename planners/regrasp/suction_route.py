@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, rotation_angle
 from planners.graph.rejections import Rejection
+from planners.regrasp.carried import CarriedPace
 from planners.regrasp.grasp_layer import GraspLayer, NodeMask
 from planners.regrasp.object_progress import ObjectStage, Tell
 from planners.regrasp.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
@@ -32,10 +33,12 @@ class RouteStart:
 
 @dataclass(frozen=True, eq=False)
 class RouteCosts:
-    """What makes one sequence better than another with as many handovers, in seconds of the slowest joint."""
+    """What makes one sequence better than another with as many handovers, in seconds."""
 
     last_grasp: Array
     """(2 n,) cost of ending with a grasp."""
+    pace: CarriedPace
+    """Of what is carried."""
 
 
 class SuctionRoute:
@@ -140,7 +143,7 @@ class SuctionRoute:
         free = np.zeros(nodes)
         at_suction = np.where(self.suction.reached, 0.0, np.inf)[None]
         first = RoundLayers(
-            direct=at_suction + self.suction.travel_from(self.start.positions),
+            direct=at_suction + self.suction.travel_from(self.start.positions, self.costs.pace),
             departing=free,
             arriving=at_suction,
             handovers=self._handovers[0],
@@ -150,7 +153,7 @@ class SuctionRoute:
         for goal in self.goal_order[:goals]:
             layer = self.goals[goal]
             arriving[goal] = np.where(layer.reached, self.costs.last_grasp, np.inf)
-            direct[goal] = arriving[goal] + layer.travel_from(self.suction.solutions)
+            direct[goal] = arriving[goal] + layer.travel_from(self.suction.solutions, self.costs.pace)
         second = RoundLayers(direct=direct, departing=free, arriving=arriving, handovers=self._handovers[1])
         return first, second
 

@@ -71,6 +71,8 @@ class ToolPlannerSettings:
     """In each of the two rounds."""
     suction_group: int = 8
     """Suction poses that are asked together for the route with the fewest handovers: the rolls of one place."""
+    detour: float = 0.3
+    """A branch may make the way to the next pose of the tool so much longer than the shortest does [s]."""
     near_goals: int = 6
     """Goals of one object that are asked first, those that turn the tool least; the rest only for direct routes."""
     suction_poses: int = 40
@@ -92,5 +94,5 @@ class ToolPlannerSettings:
     hold_reserve: float = 0.0
     """What must be left of every limit of cup and fingers [N]."""
     partner_weight: float = 0.5
-    """Cost of ending with a grasp that has no handover partner against one that has the most [rad], where further
+    """Cost of ending with a grasp that has no handover partner against one that has the most [s], where further
     objects follow."""
