@@ -3,6 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 ONCE ?=
+PART ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test check format bench clean
@@ -34,8 +35,8 @@ format: setup ## put code into its format
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md
-	@$(BIN)/python -m tests.benchmarks
+bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md; PART="lifts kernels" measures these only
+	@$(BIN)/python -m tests.benchmarks $(PART)
 
 clean: ## forget the environment and all plans
 	@rm -rf $(VENV) data build *.egg-info

@@ -11,8 +11,10 @@ import numpy as np
 from app.viewer.timeline import ContactSet, Timeline, Touch
 from planners.geometry.pose import Array
 
-CYCLE = ("left", "right", "suction", "environment", "goal", "start")
-"""Colours of simulated curves whose names say nothing about who is meant."""
+MINIMUM = "min. m g \u2212 f_cup"
+MILLIMETRES = 1e3
+Span = tuple[float, float]
+"""Begin and end [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,8 @@ class Chart:
     time: Array
     """(n,) [s]; two values at one time where two segments meet."""
     series: tuple[Series, ...]
+    marked: tuple[Span, ...] = ()
+    """Times at which something is not as it should be."""
 
 
 def planned_charts(document: Mapping[str, Any], timeline: Timeline) -> list[Chart]:
@@ -47,12 +51,55 @@ def planned_charts(document: Mapping[str, Any], timeline: Timeline) -> list[Char
 
 
 def simulated_charts(document: Mapping[str, Any]) -> list[Chart]:
-    """Return the simulation's curves, one chart a unit; nothing for a plan without a simulation."""
+    """Return what the simulated hands, cup and lifter did; nothing for a plan without one."""
     simulation = document["simulation"]
-    if simulation is None:
+    if simulation is None or not simulation["force_curves"][0]["time"]:
         return []
-    units = dict.fromkeys(curve["unit"] for curve in simulation["force_curves"])
-    return [_simulated(simulation, unit) for unit in units]
+    curves = {curve["name"]: np.array(curve["value"], dtype=float) for curve in simulation["force_curves"]}
+    time = np.array(simulation["force_curves"][0]["time"], dtype=float)
+    gripping, pushing = (arm_with(document, kind) for kind in ("gripper", "stick"))
+
+    def level(name: str, value: float) -> Series:
+        return Series(name, "limit", np.full(len(time), value), dashed=True)
+
+    hands = [
+        Series(f"{pushing}, pushes", pushing, curves["pushing hand"]),
+        Series(f"{gripping}, grips", gripping, curves["gripping hand"]),
+        Series("both", "sum", curves["both hands"]),
+    ]
+    if simulation["minimum_total_force"] is not None:
+        hands.append(level(MINIMUM, simulation["minimum_total_force"]))
+    cup = (Series("load", "suction", curves["suction load"]), level("limit", document["task"]["cup"]["max_force"]))
+    speeds = (
+        Series("hands, commanded", "sum", MILLIMETRES * curves["commanded velocity"]),
+        Series("lifter", "suction", MILLIMETRES * curves["lifter velocity"]),
+    )
+    return [
+        Chart("Hands, vertical force", "N", time, tuple(hands), dips(document)),
+        Chart("Vacuum cup", "N", time, cup),
+        Chart("Lift, speed upward", "mm/s", time, speeds),
+        Chart("Plate, tilt", "\u00b0", time, (Series("tilt", "environment", curves["plate tilt"]),)),
+    ]
+
+
+def dips(document: Mapping[str, Any]) -> tuple[Span, ...]:
+    """Return when both hands together bore less than the minimum during the simulated lift."""
+    simulation = document["simulation"]
+    least, lift = simulation["minimum_total_force"], simulation["lift"]
+    if least is None or lift is None:
+        return ()
+    both = next(curve for curve in simulation["force_curves"] if curve["name"] == "both hands")
+    time, total = np.array(both["time"]), np.array(both["value"])
+    below = (total < least) & (time >= lift["begin"])
+    # A dip ends with the first sample that is no longer below.
+    borders = np.flatnonzero(np.diff(np.concatenate([[False], below, [False]]).astype(int)))
+    times = time[np.minimum(borders, len(time) - 1)]
+    return tuple((float(begin), float(end)) for begin, end in times.reshape(-1, 2))
+
+
+def arm_with(document: Mapping[str, Any], kind: str) -> str:
+    """Return the arm whose hand is of a kind."""
+    return next(arm for arm, hand in document["cell"]["hands"].items() if hand["kind"] == kind)
 
 
 def minimum_total_force(document: Mapping[str, Any]) -> float | None:
@@ -73,7 +120,7 @@ def _hand_forces(document: Mapping[str, Any], sets: tuple[ContactSet, ...]) -> C
     series.append(Series("both", "sum", np.sum(list(lifts.values()), axis=0)))
     least = minimum_total_force(document)
     if least is not None:
-        series.append(Series("min. m g \u2212 f_cup", "limit", np.full(len(sets), least), dashed=True))
+        series.append(Series(MINIMUM, "limit", np.full(len(sets), least), dashed=True))
     return Chart("Hands, vertical force", "N", _times(sets), tuple(series))
 
 
@@ -105,27 +152,3 @@ def _speeds(document: Mapping[str, Any]) -> Chart:
         series.append(Series(arm, arm, 100.0 * of_limit.max(axis=1)))
     series.append(Series("limit", "limit", np.full(len(time), 100.0), dashed=True))
     return Chart("Fastest joint, of its limit", "%", time, tuple(series))
-
-
-def _simulated(simulation: Mapping[str, Any], unit: str) -> Chart:
-    curves = [curve for curve in simulation["force_curves"] if curve["unit"] == unit]
-    time = np.unique(np.concatenate([np.asarray(curve["time"], dtype=float) for curve in curves]))
-    series = [
-        Series(
-            curve["name"].replace("_", " "),
-            _colour(curve["name"], index),
-            np.interp(time, curve["time"], curve["value"], left=np.nan, right=np.nan),
-        )
-        for index, curve in enumerate(curves)
-    ]
-    least = simulation["minimum_total_force"]
-    if unit == "N" and least is not None:
-        series.append(Series("min. m g \u2212 f_cup", "limit", np.full(len(time), least), dashed=True))
-    title = {"N": "Simulated forces", "m/s": "Simulated speed commands"}.get(unit, series[0].name.capitalize())
-    return Chart(title, unit, time, tuple(series))
-
-
-def _colour(name: str, index: int) -> str:
-    named = {"left": "left", "right": "right", "suction": "suction", "cup": "suction", "sum": "sum", "total": "sum"}
-    words = name.lower().replace("_", " ").split()
-    return next((named[word] for word in words if word in named), CYCLE[index % len(CYCLE)])

@@ -8,6 +8,8 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
+from app.viewer.sources import SourceName
+
 STYLES = ("viewer.css",)
 SCRIPTS = ("plot.js", "charts.js", "score.js", "panel.js", "player.js")
 LIVE_SCRIPTS = (*SCRIPTS, "live.js")
@@ -33,10 +35,17 @@ def live_page() -> str:
     return _assemble(styles, scripts)
 
 
-def recorded_page(story: Mapping[str, Any], scene: str) -> str:
-    """Return the page with a story, a scene (a page that plays by itself) and all styles and scripts inside."""
+def recorded_page(story: Mapping[str, Any], scene: str, begins: Mapping[SourceName, float]) -> str:
+    """Return the page of a recording, with all styles and scripts inside.
+
+    Args:
+        story: what the page tells.
+        scene: a page that plays by itself.
+        begins: when in the scene each source begins [s].
+    """
     styles = "\n".join(f"<style>{static_text(name)}</style>" for name in STYLES)
-    data = f"<script>const RECORDED = {{story: {_literal(story)}, scene: {_literal(scene)}}};</script>"
+    recorded = {"story": story, "begins": begins, "scene": scene}
+    data = f"<script>const RECORDED = {_literal(recorded)};</script>"
     scripts = "\n".join(f"<script>{static_text(name)}</script>" for name in RECORDED_SCRIPTS)
     return _assemble(styles, f"{data}\n{scripts}")
 

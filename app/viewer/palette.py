@@ -28,8 +28,10 @@ SEGMENT_KINDS: Final[dict[str, tuple[str, str]]] = {
     "release": ("#f6d67a", "fingers open"),
     "attach": ("#9b59d0", "vacuum on"),
     "detach": ("#c9a6e8", "vacuum off"),
+    "settle": ("#8d95d6", "hands take up the load"),
+    "lift": ("#3f4fb5", "lift behind the lifter"),
 }
-"""Colour and words by kind of segment."""
+"""Colour and words by kind of segment; the last two are stretches of a simulation."""
 
 BODIES: Final[dict[str, Rgb]] = {
     "plate": (214, 190, 150),

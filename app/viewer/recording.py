@@ -7,14 +7,16 @@ from typing import Any
 
 from app.viewer.page import recorded_page
 from app.viewer.room import Room
-from app.viewer.timeline import Timeline
+from app.viewer.sources import Sources
 
 PICTURES_PER_SECOND = 30.0
 MOST_PICTURES = 3000
 """A longer plan is recorded with fewer pictures a second."""
 
 
-def record(room: Room, timeline: Timeline, story: Mapping[str, Any]) -> str:
+def record(room: Room, sources: Sources, story: Mapping[str, Any]) -> str:
     """Return the page of a plan that is in a room."""
-    step = max(1.0 / PICTURES_PER_SECOND, timeline.duration / MOST_PICTURES)
-    return recorded_page(story, room.record(timeline, step))
+    durations = sources.durations
+    step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
+    scene, begins = room.record(durations, step)
+    return recorded_page(story, scene, begins)

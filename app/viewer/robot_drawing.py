@@ -58,7 +58,7 @@ class ArmDrawing:
         self._positions = np.full(6, np.nan)
         self._joints: list[FrameHandle] = []
         add_frame(scene, root, arm.T_world_base)
-        links = _link_files(arm, shelf)
+        links = link_files(arm, shelf)
         _draw_link(scene, f"{root}/link_0", meshes, links[0])
         parent = root
         for index, (a, alpha, d, _) in enumerate(arm.dh, start=1):
@@ -166,7 +166,7 @@ def _draw_sensor(scene: SceneApi, hand: Gripper | Pusher, flange: str) -> float:
     return float(vertices[:, 2].max())
 
 
-def _link_files(arm: Arm, shelf: AssetShelf) -> tuple[LinkFile, ...]:
+def link_files(arm: Arm, shelf: AssetShelf) -> tuple[LinkFile, ...]:
     """Return the meshes of an arm's links, those of another robot where its file says so."""
     file: RobotFile = read_robot_file(shelf.find("robots", arm.robot.name, "robot"))
     if file.links is None:

@@ -15,8 +15,8 @@ import rich
 import viser
 
 from app.viewer.link_meshes import LinkMeshes
+from app.viewer.sources import SourceName, Sources
 from app.viewer.stage import Stage
-from app.viewer.timeline import Timeline
 from planners.scene.cell import Cell
 
 LOOPBACK = "127.0.0.1"
@@ -62,18 +62,18 @@ class Room:
         """Where the viser server listens."""
         return f"ws://{LOOPBACK}:{self._server.get_port()}"
 
-    def open(self, document: Mapping[str, Any], timeline: Timeline, cell: Cell, meshes: LinkMeshes) -> None:
+    def open(self, document: Mapping[str, Any], sources: Sources, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
         self._plans += 1
         with self._server.atomic():
             self._server.scene.reset()
-            self._stage = Stage(self._server.scene, f"/plan_{self._plans}", document, timeline, cell, meshes)
+            self._stage = Stage(self._server.scene, f"/plan_{self._plans}", document, sources, cell, meshes)
 
-    def show(self, time: float) -> None:
-        """Show the plan at a time [s]; an empty room stays empty."""
+    def show(self, source: SourceName, time: float) -> None:
+        """Show the plan or its simulation at a time [s]; an empty room stays empty."""
         if self._stage is not None:
             with self._server.atomic():
-                self._stage.show(time)
+                self._stage.show(source, time)
             self._server.flush()
 
     def set_layer(self, layer: str, *, visible: bool) -> None:
@@ -88,18 +88,26 @@ class Room:
             with client.atomic():
                 client.camera.position, client.camera.look_at = view.position, view.target
 
-    def record(self, timeline: Timeline, step: float) -> str:
-        """Play the plan from start to end and return a page that does so again, without any server.
+    def record(self, durations: Mapping[SourceName, float], step: float) -> tuple[str, dict[SourceName, float]]:
+        """Play the sources one after the other, and return a page that does so again without any server.
 
         Args:
-            timeline: of the plan in the room.
+            durations: of the sources of the plan in the room [s].
             step: time between two pictures [s].
+
+        Returns:
+            The page, and when in it each source begins [s].
         """
         serializer = self._server.get_scene_serializer()
-        for index in range(1, int(timeline.duration / step) + 2):
-            serializer.insert_sleep(step)
-            self.show(min(index * step, timeline.duration))
-        return serializer.as_html()
+        begins: dict[SourceName, float] = {}
+        pictures = 0
+        for source, duration in durations.items():
+            begins[source] = pictures * step
+            for index in range(int(duration / step) + 2):
+                self.show(source, min(index * step, duration))
+                serializer.insert_sleep(step)
+                pictures += 1
+        return serializer.as_html(), begins
 
     def close(self) -> None:
         """Stop the server; whoever still looks sees the last picture."""

@@ -1,4 +1,4 @@
-"""A plan in a scene: cell, bodies, contact forces, ghosts; shows any moment of it."""
+"""A plan in a scene: cell, bodies, contact forces, ghosts; shows any moment of it or of its simulation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from app.viewer.link_meshes import LinkMeshes
 from app.viewer.nodes import add_frame, place, place_at
 from app.viewer.palette import linear_rgb, meaning_of, rgb
 from app.viewer.robot_drawing import RobotDrawing
-from app.viewer.timeline import Moment, Timeline, Touch
+from app.viewer.sources import SourceName, Sources
+from app.viewer.timeline import Moment, Touch
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.kinematics.forward import link_frames
 from planners.scene.cell import Cell
@@ -30,6 +31,8 @@ LAYERS = ("forces", "cones", "frames", "start", "goal")
 """What can be shown or hidden."""
 FIRST_LAYERS = frozenset({"forces"})
 GHOST_OPACITY = 0.28
+WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
+"""Kinds of contacts."""
 
 
 class Stage:
@@ -40,7 +43,7 @@ class Stage:
         scene: SceneApi,
         root: str,
         document: Mapping[str, Any],
-        timeline: Timeline,
+        sources: Sources,
         cell: Cell,
         meshes: LinkMeshes,
     ) -> None:
@@ -51,11 +54,11 @@ class Stage:
             root: name of the node that all others stand under. A name is not to be used twice in a server's life:
                 viser forgets changes to a node when one of that name was removed before.
             document: the plan document.
-            timeline: of the document.
+            sources: what the document can be played from.
             cell: that the plan was made in.
             meshes: drawings of its robots.
         """
-        self._scene, self._root, self._timeline, self._cell = scene, root, timeline, cell
+        self._scene, self._root, self._sources, self._cell = scene, root, sources, cell
         self._visible = set(FIRST_LAYERS)
         self._arms = frozenset(cell.arms)
         light_scene(scene, root)
@@ -68,15 +71,15 @@ class Stage:
         self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
         self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
         self._ghosts = {
-            "start": self._add_ghost("start", document, timeline.at(0.0)),
-            "goal": self._add_ghost("goal", document, timeline.at(timeline.duration)),
+            "start": self._add_ghost("start", document, sources.plan.at(0.0)),
+            "goal": self._add_ghost("goal", document, sources.plan.at(sources.plan.duration)),
         }
-        self._moment = timeline.at(0.0)
-        self.show(0.0)
+        self._moment = sources.plan.at(0.0)
+        self.show("plan", 0.0)
 
-    def show(self, time: float) -> None:
-        """Show the plan at a time [s]."""
-        moment = self._moment = self._timeline.at(time)
+    def show(self, source: SourceName, time: float) -> None:
+        """Show the plan or its simulation at a time [s]."""
+        moment = self._moment = self._sources[source].at(time)
         self._robot.pose(moment.positions, moment.widths)
         for name, pose in moment.body_poses.items():
             if not np.array_equal(pose, self._poses[name]):
@@ -121,9 +124,9 @@ class Stage:
         used = set()
         if "cones" in self._visible:
             for touch in touches:
-                meaning = meaning_of(touch.by, self._arms, touch.kind)
-                if meaning == "suction":
+                if touch.kind not in WITH_FRICTION_CONE:
                     continue
+                meaning = meaning_of(touch.by, self._arms, touch.kind)
                 number = sum(key[:2] == (meaning, touch.mu) for key in used)
                 key = (meaning, touch.mu, number)
                 used.add(key)

@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 
 from app.summary import contact_word, largest_hand_force
-from app.viewer.curves import Chart, planned_charts, simulated_charts
+from app.viewer.curves import Chart, Span, dips, planned_charts, simulated_charts
 from app.viewer.palette import MEANINGS, SEGMENT_KINDS
-from app.viewer.timeline import Timeline
+from app.viewer.simulation_story import tell_simulation
+from app.viewer.sources import Sources
 from planners.geometry.pose import Array
 
 DIGITS = 4
 """Of times and values in curves, behind the point: a thousandth of what can be seen."""
+BY_CONTACT = "contact_states"
+"""Member of a graph's figures that has the same figures for each contact state."""
 OUTCOMES = {"solved": "solved", "infeasible": "infeasible", "not_found": "not found"}
 
 
-def tell_story(document: Mapping[str, Any], timeline: Timeline) -> dict[str, Any]:
+def tell_story(document: Mapping[str, Any], sources: Sources) -> dict[str, Any]:
     """Return all the page needs of a plan document but its scene."""
     return {
         "id": document["id"],
@@ -28,20 +31,69 @@ def tell_story(document: Mapping[str, Any], timeline: Timeline) -> dict[str, Any
         "outcome_words": OUTCOMES[document["outcome"]],
         "summary": document["explanation"]["summary"],
         "causes": [_cause(cause) for cause in document["explanation"]["causes"]],
-        "duration": round(timeline.duration, DIGITS),
-        "segments": [_segment(segment) for segment in document["segments"]],
-        "charts": [_chart(chart) for chart in planned_charts(document, timeline)],
-        "simulated": [_chart(chart) for chart in simulated_charts(document)],
-        "simulation_outcome": None if document["simulation"] is None else document["simulation"]["outcome"],
+        "sources": _sources(document, sources),
+        "simulation": None if document["simulation"] is None else tell_simulation(document),
         "legend": {
             "meanings": _legend(MEANINGS),
             "segments": _legend(SEGMENT_KINDS),
         },
-        "highlights": _highlights(document, timeline),
+        "highlights": _highlights(document, sources.plan.duration),
         "figures": _figures(document["statistics"]),
         "rejections": sorted(document["statistics"]["rejections"].items(), key=lambda item: -item[1]),
         "certificate": document["certificate"],
     }
+
+
+def _sources(document: Mapping[str, Any], sources: Sources) -> dict[str, Any]:
+    """Return what can be played: the plan, and its simulation if there is one."""
+    body = "plate" if document["task"]["kind"] == "plate_lift" else "object"
+    segments = [_segment(segment, body) for segment in document["segments"]]
+    planned_end = sources.plan.duration
+    plan = _source(planned_end, segments, planned_charts(document, sources.plan), [(0.0, planned_end)])
+    simulation = document["simulation"]
+    if simulation is None:
+        return {"plan": plan}
+    end, lift = simulation["time"], simulation["lift"]
+    pages = [(0.0, end)] if lift is None else [(0.0, lift["begin"]), (lift["begin"], end)]
+    executed = _source(end, _executed(segments, simulation), simulated_charts(document), pages, dips(document))
+    return {"plan": plan, "simulation": executed}
+
+
+def _source(
+    duration: float,
+    segments: Sequence[Mapping[str, Any]],
+    charts: Sequence[Chart],
+    pages: Sequence[Span],
+    marked: Sequence[Span] = (),
+) -> dict[str, Any]:
+    """Return one thing to play; its curves are shown page by page."""
+    return {
+        "duration": round(duration, DIGITS),
+        "segments": segments,
+        "charts": [_chart(chart) for chart in charts],
+        "pages": _spans(pages),
+        "marked": _spans(marked),
+    }
+
+
+def _executed(segments: Sequence[Mapping[str, Any]], simulation: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the plan's segments as far as the simulation came, and what followed them."""
+    end, lift = simulation["time"], simulation["lift"]
+    done = [{**segment, "end": min(segment["end"], end)} for segment in segments if segment["start"] < end]
+    planned_end = segments[-1]["end"]
+    common = {"state": "no contact", "element": "none", "hold": segments[-1]["hold"]}
+    after = [("settle", planned_end, end if lift is None else lift["begin"], "Hands take up the load")]
+    if lift is not None:
+        after.append(("lift", lift["begin"], end, "Hands follow the lifter"))
+    stretches = [(kind, start, stop, words) for kind, start, stop, words in after if start < stop]
+    return done + [
+        {"kind": kind, "start": round(start, DIGITS), "end": round(stop, DIGITS), "words": words, **common}
+        for kind, start, stop, words in stretches
+    ]
+
+
+def _spans(spans: Sequence[Span]) -> list[list[float]]:
+    return [[round(begin, DIGITS), round(end, DIGITS)] for begin, end in spans]
 
 
 def _subtitle(document: Mapping[str, Any]) -> str:
@@ -54,28 +106,28 @@ def _subtitle(document: Mapping[str, Any]) -> str:
     return f"{plate['mass']:g} kg {what}, cup of {cup['max_force']:g} N"
 
 
-def _segment(segment: Mapping[str, Any]) -> dict[str, Any]:
+def _segment(segment: Mapping[str, Any], body: str) -> dict[str, Any]:
     state = segment["contact_state"]
     return {
         "kind": segment["kind"],
         "start": round(segment["time"][0], DIGITS),
         "end": round(segment["time"][-1], DIGITS),
-        "words": _deed(segment["kind"], segment["movers"]),
+        "words": _deed(segment["kind"], segment["movers"], body),
         "state": "" if state is None else contact_word(state),
         "element": "" if state is None else state["element"],
         "hold": _hold(segment["hold"]),
     }
 
 
-def _deed(kind: str, movers: Sequence[str]) -> str:
+def _deed(kind: str, movers: Sequence[str], body: str) -> str:
     arms = " and ".join(movers)
     hand = f"{arms} hand" if len(movers) == 1 else "hands" if movers else "hand"
     deeds = {
         "transit": f"{hand} travels",
         "approach": f"{hand} approaches",
         "retreat": f"{hand} retreats",
-        "transfer": f"body moved by {arms} hand" if len(movers) == 1 else "body moved by both hands",
-        "handover": "body goes from hand to hand",
+        "transfer": f"{body} moved by {arms} hand" if len(movers) == 1 else f"{body} moved by both hands",
+        "handover": f"{body} goes from hand to hand",
         "grip": "fingers close",
         "release": "fingers open",
         "attach": "vacuum on",
@@ -100,6 +152,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
             {"name": line.name, "colour": line.colour, "dashed": line.dashed, "values": _numbers(line.values)}
             for line in chart.series
         ],
+        "marked": _spans(chart.marked),
     }
 
 
@@ -111,13 +164,13 @@ def _legend(entries: Mapping[str, tuple[str, str]]) -> dict[str, dict[str, str]]
     return {name: {"colour": colour, "words": words} for name, (colour, words) in entries.items()}
 
 
-def _highlights(document: Mapping[str, Any], timeline: Timeline) -> list[list[str]]:
+def _highlights(document: Mapping[str, Any], duration: float) -> list[list[str]]:
     """Return what a person wants to know first, as label and value."""
     certificate, statistics = document["certificate"], document["statistics"]
     rows = []
     if document["segments"]:
         force, arm = largest_hand_force(document)
-        rows += [["motion", f"{timeline.duration:.1f} s"], ["largest force", f"{force:.1f} N ({arm})"]]
+        rows += [["motion", f"{duration:.1f} s"], ["largest force", f"{force:.1f} N ({arm})"]]
     if statistics["total_seconds"] is not None:
         rows.append(["planned in", f"{statistics['total_seconds']:.2f} s"])
     if certificate is not None:
@@ -129,8 +182,18 @@ def _highlights(document: Mapping[str, Any], timeline: Timeline) -> list[list[st
 def _figures(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return groups of figures, each with a title and rows of label and value."""
     stages = [[stage["name"], f"{stage['seconds']:.2f} s"] for stage in statistics["stages"]]
-    groups = [("Graph", _rows(statistics["graph"])), ("Search", _rows(statistics["search"])), ("Time", stages)]
+    graph = {name: value for name, value in statistics["graph"].items() if name != BY_CONTACT}
+    by_contact = _by_contact(statistics["graph"].get(BY_CONTACT, {}))
+    search = _rows(statistics["search"])
+    groups = [("Graph", _rows(graph)), ("Nodes by contact", by_contact), ("Search", search), ("Time", stages)]
     return [{"title": title, "rows": rows} for title, rows in groups if rows]
+
+
+def _by_contact(figures: Mapping[str, Mapping[str, int]]) -> list[list[str]]:
+    """Return one row a contact state under a row of headings; nothing without contact states."""
+    columns = ("nodes", "alive", "dead")
+    rows = [[contact, *(f"{counts[column]:,}" for column in columns)] for contact, counts in figures.items()]
+    return [["", *columns], *rows] if rows else []
 
 
 def _rows(figures: Mapping[str, Any]) -> list[list[str]]:

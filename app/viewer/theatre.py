@@ -16,8 +16,8 @@ from app.plan_desk import PlanDesk
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.recording import record
 from app.viewer.room import Room
+from app.viewer.sources import Sources
 from app.viewer.story import tell_story
-from app.viewer.timeline import Timeline
 from planners.scene.cell import Cell
 
 MOST_ROOMS = 24
@@ -62,9 +62,9 @@ class Theatre:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        document, timeline, cell = self._load(plan_id)
-        room.open(document, timeline, cell, self._meshes)
-        return tell_story(document, timeline)
+        document, sources, cell = self._load(plan_id)
+        room.open(document, sources, cell, self._meshes)
+        return tell_story(document, sources)
 
     def record(self, plan_id: str) -> str:
         """Return a page that plays a plan without any server. Blocks for some seconds.
@@ -74,10 +74,10 @@ class Theatre:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        document, timeline, cell = self._load(plan_id)
+        document, sources, cell = self._load(plan_id)
         with Room() as room:
-            room.open(document, timeline, cell, self._meshes)
-            return record(room, timeline, tell_story(document, timeline))
+            room.open(document, sources, cell, self._meshes)
+            return record(room, sources, tell_story(document, sources))
 
     @property
     def recorders(self) -> CapacityLimiter:
@@ -89,11 +89,11 @@ class Theatre:
         for room in list(self._rooms.values()):
             await self.leave(room)
 
-    def _load(self, plan_id: str) -> tuple[dict[str, Any], Timeline, Cell]:
+    def _load(self, plan_id: str) -> tuple[dict[str, Any], Sources, Cell]:
         document = json.loads(gzip.decompress(self._desk.document(plan_id).gzip))
         name = document["cell"]["name"]
         if name not in self._cells:
             raise CellNotDrawn(name, sorted(self._cells))
         cell = self._cells[name]
         start = document["task"]["start_positions"]
-        return document, Timeline(document, cell.home if start is None else np.array(start)), cell
+        return document, Sources.of(document, cell.home if start is None else np.array(start)), cell

@@ -23,7 +23,7 @@ class Touch:
     body: str
     """Which the force acts on."""
     kind: str
-    """As in a plan document: soft_finger, point, environment or suction."""
+    """As in a plan document: soft_finger, point, environment or suction; or measured, of a simulated hand."""
     finger: int | None
     point: Array
     """(3,) [m]."""
@@ -59,7 +59,7 @@ class Moment:
     time: float
     """[s]"""
     segment: int | None
-    """Which segment runs; None in a plan without segments."""
+    """Which segment of the plan runs, the last one after its end; None in a plan without segments."""
     positions: Array
     """(12,) [rad], left arm first."""
     widths: dict[str, float]
@@ -122,7 +122,7 @@ class Timeline:
 
     def _body_poses(self, index: int, sample: int, fraction: float) -> dict[str, Array]:
         here = self._segments[index].body_poses
-        moving = {name: _between_poses(rows[sample], rows[sample + 1], fraction) for name, rows in here.items()}
+        moving = {name: between_poses(rows[sample], rows[sample + 1], fraction) for name, rows in here.items()}
         return {**self._rest_poses[index], **moving}
 
     @cached_property
@@ -220,7 +220,7 @@ def _between_touches(a: Touch, b: Touch, s: float) -> Touch:
     )
 
 
-def _between_poses(a: Array, b: Array, s: float) -> Array:
+def between_poses(a: Array, b: Array, s: float) -> Array:
     """Return the pose (7,) at the fraction `s`: straight for the position, along the great arc for the quaternion."""
     q0, q1 = a[3:], b[3:]
     cosine = float(q0 @ q1)

@@ -13,6 +13,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.errors import CellNotDrawn, DocumentNotReady, PlanNotFound, TheatreFull
 from app.viewer.room import VIEWS, Room
+from app.viewer.sources import SourceName
 from app.viewer.stage import LAYERS
 from app.viewer.theatre import Theatre
 
@@ -33,9 +34,10 @@ class OpenPlan(_Request):
 
 
 class ShowTime(_Request):
-    """Show a time of the plan [s]."""
+    """Show a time of the plan or of its simulation [s]."""
 
     type: Literal["time"]
+    source: SourceName
     time: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
@@ -90,7 +92,7 @@ def _answer(theatre: Theatre, room: Room, request: OpenPlan | ShowTime | SetLaye
             except (PlanNotFound, DocumentNotReady, CellNotDrawn) as error:
                 return {"type": "refused", "plan": request.plan, "detail": str(error)}
         case ShowTime():
-            room.show(request.time)
+            room.show(request.source, request.time)
         case SetLayer():
             room.set_layer(request.layer, visible=request.visible)
         case Look():

@@ -357,7 +357,7 @@ class ForceDips(StrictModel):
 
 
 class SimulatedMotion(StrictModel):
-    """What moved after the plan's last sample, for playing it back."""
+    """How robot and plate moved from start to end, for playing it back."""
 
     time: Numbers
     positions: Rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -40,5 +41,5 @@ class LiftPlan:
     causes: tuple[Rejection, ...]
     summary: str
     rejections: Rejections
-    graph: dict[str, int]
+    graph: Mapping[str, int | Mapping[str, Mapping[str, int]]]
     search: dict[str, int | float | None]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
 
 from planners.balance.capacity import LiftCapacity
 from planners.graph.rejections import Rejection
@@ -133,8 +137,8 @@ class LiftReport:
             "pushes": len(self._lift.pushes),
         }
 
-    def graph_figures(self) -> dict[str, int]:
-        """Return the sizes of what was built."""
+    def graph_figures(self) -> dict[str, int | Mapping[str, Mapping[str, int]]]:
+        """Return the sizes of what was built, at last by contact state."""
         status = self._lift.graph.knowledge.status
         return {
             **self._sampling_figures(),
@@ -145,6 +149,28 @@ class LiftReport:
             "unexamined": int((status == UNKNOWN).sum()),
             "starts": len(self._lift.graph.starts),
             "goals": int((self._lift.graph.goal & (status == ALIVE)).sum()),
+            "contact_states": self._figures_by_contact(),
+        }
+
+    def _figures_by_contact(self) -> dict[str, dict[str, int]]:
+        graph, status = self._lift.graph, self._lift.graph.knowledge.status
+        contact_of_pose = [contact_name(pose.contact) for pose in self._lift.poses.poses]
+        contacts = list(dict.fromkeys(contact_of_pose))
+        number_of_pose = np.array([contacts.index(contact) for contact in contact_of_pose], dtype=np.intp)
+        number_of_node = number_of_pose[graph.node_pose]
+
+        def counts(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+            return np.bincount(numbers, minlength=len(contacts))
+
+        columns = {
+            "poses": counts(number_of_pose),
+            "nodes": counts(number_of_node),
+            "alive": counts(number_of_node[status == ALIVE]),
+            "dead": counts(number_of_node[status == DEAD]),
+        }
+        return {
+            contact: {name: int(column[number]) for name, column in columns.items()}
+            for number, contact in enumerate(contacts)
         }
 
     def search_figures(self, path: GraphPath | None, contact_changes: int) -> dict[str, int | float | None]:

@@ -1,4 +1,4 @@
-"""`make bench`: measures everything and writes RESULTS.md and its pictures."""
+"""`make bench`: measures everything, or the parts that are named, into RESULTS.md and its pictures."""
 
 from __future__ import annotations
 
@@ -7,28 +7,45 @@ import sys
 import time
 from pathlib import Path
 
-from tests.benchmarks.plots import draw
-from tests.benchmarks.report import report
-from tests.benchmarks.run import FULL, QUICK, run
+from tests.benchmarks import kernel_part, lift_part, planning_part
+from tests.benchmarks.effort import FULL, QUICK
+from tests.benchmarks.machine import Circumstances
+from tests.benchmarks.part import Part, write_part
+from tests.benchmarks.results_file import NAME, replace_part
+
+PARTS = {
+    part.name: part
+    for part in (
+        Part("planning", "Plate lifts: planning", planning_part.measure),
+        Part("lifts", "Plate lifts: simulated", lift_part.measure),
+        Part("kernels", "Kernels", kernel_part.measure),
+    )
+}
+"""In the order in which they stand in the report."""
 
 
 def main() -> None:
     """Run the benchmarks."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all unless told")
     parser.add_argument("--quick", action="store_true", help="one small case of each, to see that everything works")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, metavar="DIR", help="where RESULTS.md goes")
     given = parser.parse_args()
+    unknown = [name for name in given.parts if name not in PARTS]
+    if unknown:
+        parser.error(f"there is no part {', '.join(unknown)}; choose from {', '.join(PARTS)}")
     begun = time.monotonic()
 
     def note(what: str) -> None:
         print(f"{time.monotonic() - begun:6.0f} s  {what}", file=sys.stderr, flush=True)
 
-    results = run(QUICK if given.quick else FULL, note)
     given.out.mkdir(parents=True, exist_ok=True)
-    pictures = draw(results, given.out)
-    target = given.out / "RESULTS.md"
-    target.write_text(report(results, pictures, quick=given.quick, seconds=time.monotonic() - begun))
-    note(f"wrote {target.name}")
+    for name in given.parts or PARTS:
+        circumstances = Circumstances.now()
+        findings = PARTS[name].measure(QUICK if given.quick else FULL, note, given.out)
+        text = write_part(PARTS[name], findings, circumstances.told())
+        replace_part(given.out / NAME, name, text, list(PARTS), quick=given.quick)
+        note(f"{name}: written into {NAME}")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from statistics import median
 
 from tests.benchmarks.bench_simulation import DRAWN, SimulationFigures
 from tests.benchmarks.markdown import Cell, table
+from tests.benchmarks.part import Limit
 
 LIFTED_SHARE = 0.95
 """Of all lifters, at least [1]."""
@@ -17,35 +18,35 @@ LARGEST_DIFFERENCE = 0.25
 _OUTCOMES = {"slipped": "slipped", "cup_lost": "cup lost", "overload": "overload"}
 
 
-def lift_limits(tasks: Sequence[SimulationFigures]) -> Iterator[tuple[str, str, str, bool]]:
-    """Yield what was aimed at: what, its limit, the worst that was reached with its task, and whether it is kept."""
+def lift_limits(tasks: Sequence[SimulationFigures]) -> Iterator[Limit]:
+    """Yield what was aimed at beside the worst that was reached, with its task."""
     if not tasks:
         return
     count = len(tasks[0].lifts)
     worst = min(tasks, key=lambda task: task.lifted)
     least = LIFTED_SHARE * count
-    yield (
+    yield Limit(
         f"lifts that end well behind {count} random lifters, worst task", f"≥ {least:g}",
         f"{worst.lifted} ({worst.task})", worst.lifted >= least,
     )  # fmt: skip
     blind = max(tasks, key=lambda task: task.blind_outcomes["lifted"])
     lifted = blind.blind_outcomes["lifted"]
-    yield (
+    yield Limit(
         "the same without the controller, best task", f"< {0.5 * count:g}", f"{lifted} ({blind.task})",
         lifted < 0.5 * count,
     )  # fmt: skip
     low = min(tasks, key=lambda task: task.height)
-    yield (
+    yield Limit(
         "height of the lift [m], lowest task", f"≥ {LEAST_HEIGHT:g}", f"{low.height:.3f} ({low.task})",
         low.height >= LEAST_HEIGHT,
     )  # fmt: skip
     far = max(tasks, key=lambda task: task.difference_of_weight)
-    yield (
+    yield Limit(
         "simulated less planned force at a node, over the weight, largest", f"≤ {100 * LARGEST_DIFFERENCE:g} %",
         f"{100 * far.difference_of_weight:.0f} % ({far.task})", far.difference_of_weight <= LARGEST_DIFFERENCE,
     )  # fmt: skip
     slow = max(tasks, key=lambda task: task.cpu_of_motion[1])
-    yield (
+    yield Limit(
         "CPU time of the simulation over the motion's own duration, slowest", "≤ 1",
         f"{slow.cpu_of_motion[1]:.2f} ({slow.task})", slow.cpu_of_motion[1] <= 1.0,
     )  # fmt: skip
@@ -55,7 +56,7 @@ def lift_sections(tasks: Sequence[SimulationFigures], pictures: Mapping[str, str
     """Return the section on the lifts and the one with their pictures."""
     count = max((len(task.lifts) for task in tasks), default=0)
     lifts = [
-        "## Simulated lifts: what the controller is worth",
+        "### What the controller is worth",
         f"Each task is planned once; its plan is executed in physics and lifted behind {count} random lifters, seeds 0 "
         f"to {count - 1}: switch-like, uneven, and unknown to the robot. Without the controller the hands rise at the "
         "lifters' usual speed, from the moment the lift begins.",
@@ -75,11 +76,11 @@ def lift_sections(tasks: Sequence[SimulationFigures], pictures: Mapping[str, str
         _explanation(tasks),
     ]  # fmt: skip
     drawn = [
-        "## Fig. 12 and 13: forces while lifting",
+        "### Fig. 12 and 13: forces while lifting",
         f"The lift of each task behind lifter {DRAWN}. From above: vertical force of each hand on the plate and the "
         "velocity that eq. (11) commands (Fig. 12), the sum of both forces against the minimum (Fig. 13), and the "
         "pull on the cup against its limit.",
-        *(f"### {task.task}: {_spelt(task.drawn)}\n\n{_picture(task, pictures)}" for task in tasks),
+        *(f"#### {task.task}: {_spelt(task.drawn)}\n\n{_picture(task, pictures)}" for task in tasks),
     ]
     return ["\n\n".join(lifts), "\n\n".join(drawn)]
 
@@ -134,5 +135,5 @@ def _spelt(simulation: Mapping[str, object]) -> str:
 
 
 def _picture(task: SimulationFigures, pictures: Mapping[str, str]) -> str:
-    file = pictures.get(f"lift {task.task}")
+    file = pictures.get(task.task)
     return f"![Forces while {task.task} is lifted]({file})" if file else "It did not come to the lift."

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+import time
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Self
 
 import psutil
 
@@ -17,18 +20,32 @@ LIBRARIES = (
 )  # fmt: skip
 
 
-def describe_run() -> dict[str, str]:
-    """Return commit, date, machine and versions."""
-    return {
-        "commit": commit(),
-        "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        "processor": _processor(),
-        "cores": str(len(os.sched_getaffinity(0))),
-        "memory": f"{psutil.virtual_memory().total / 2**30:.0f} GiB",
-        "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "libraries": ", ".join(f"{name} {version(name)}" for name in LIBRARIES),
-        "load when begun": load(),
-    }
+@dataclass(frozen=True)
+class Circumstances:
+    """Where, when and on what a part of the benchmarks was begun."""
+
+    commit: str
+    date: str
+    load: float
+    """Processes that wanted a core during the minute before [1]."""
+    clock: float
+    """[s]"""
+
+    @classmethod
+    def now(cls) -> Self:
+        """Return what holds as a measurement begins."""
+        return cls(commit(), f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", os.getloadavg()[0], time.monotonic())
+
+    def told(self) -> str:
+        """Return the paragraph on circumstances, as the measurement ends."""
+        libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
+        return (
+            f"Commit {self.commit}, {self.date}, in {(time.monotonic() - self.clock) / 60:.1f} min; {_processor()}, "
+            f"{len(os.sched_getaffinity(0))} cores, {psutil.virtual_memory().total / 2**30:.0f} GiB, "
+            f"{platform.system()} {platform.machine()}, Python {platform.python_version()}. Processes that wanted a "
+            f"core, mean of the minute before: {self.load:.1f} at the begin, {os.getloadavg()[0]:.1f} at the end. "
+            f"{libraries}."
+        )
 
 
 def commit() -> str:
@@ -38,11 +55,6 @@ def commit() -> str:
         return "unknown"
     changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!tests/benchmarks/RESULTS.md")
     return f"{head[:12]}{' with uncommitted changes' if changed else ''}"
-
-
-def load() -> str:
-    """Return how many processes wanted a core during the last minute."""
-    return f"{os.getloadavg()[0]:.1f} (1 min average; the benchmark itself keeps one core busy)"
 
 
 def _git(*words: str) -> str:

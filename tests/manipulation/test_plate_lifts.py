@@ -60,6 +60,14 @@ def test_a_lift_is_planned_or_it_is_said_why_not(case, cells):
     assert case.get("says", "") in said
 
 
+def test_figures_by_contact_state_add_up_to_those_of_the_whole_graph(cells):
+    graph = document_of(task_body("pb1"), cells)["statistics"]["graph"]
+    by_contact = graph["contact_states"]
+    assert {"face", "no contact"} <= set(by_contact)
+    for column in ("poses", "nodes", "alive", "dead"):
+        assert sum(figures[column] for figures in by_contact.values()) == graph[column]
+
+
 @pytest.mark.parametrize("name", ["ab3", "pb1_weak_cup"])
 def test_same_task_same_document_but_for_the_times(name, cells):
     documents = [document_of(task_body(name), cells) for _ in range(2)]

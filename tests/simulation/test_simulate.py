@@ -36,6 +36,13 @@ def test_the_document_is_what_the_contract_says(run) -> None:
         assert np.all(np.isfinite(each["value"]))
 
 
+def test_the_motion_is_told_from_start_to_end(run) -> None:
+    motion, period = run.simulation["motion"], 2.0 * SimulationSettings().record_period
+    times = np.array([0.0, *motion["time"], run.simulation["time"]])
+    assert np.diff(times).max() < period + 1e-6
+    assert len(motion["positions"]) == len(motion["plate"]) == len(motion["time"])
+
+
 def test_simulated_forces_at_the_nodes_are_those_of_the_plan(run) -> None:
     manipulation = run.simulation["manipulation"]
     transfers = [i for i, segment in enumerate(run.document["segments"]) if segment["kind"] == "transfer"]

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer.conftest import contact, segment
+from viewer.conftest import contact, lift, segment, set_curve, simulation
 
-from app.viewer.curves import Chart, Series, planned_charts, simulated_charts
+from app.viewer.curves import Chart, Series, dips, planned_charts, simulated_charts
 from app.viewer.timeline import Timeline
 
 
@@ -69,18 +69,42 @@ def test_a_plan_without_segments_has_no_curves(document: dict[str, Any]) -> None
     assert simulated_charts(document) == []
 
 
-def test_simulated_curves_are_grouped_by_unit_with_the_minimum_among_the_forces(document: dict[str, Any]) -> None:
-    curve = {"time": [0.0, 1.0], "value": [1.0, 3.0]}
-    document["simulation"] = {
-        "outcome": "lifted",
-        "minimum_total_force": 19.24,
-        "force_curves": [
-            {"name": "left_force", "unit": "N", **curve},
-            {"name": "commanded_velocity", "unit": "m/s", "time": [0.5, 1.5], "value": [0.0, 0.1]},
-            {"name": "right_force", "unit": "N", **curve},
-        ],
-    }
-    forces, speeds = simulated_charts(document)
-    assert [series.colour for series in forces.series] == ["left", "right", "limit"]
-    assert forces.series[-1].values == pytest.approx([19.24, 19.24])
-    assert (forces.unit, speeds.unit) == ("N", "m/s")
+@pytest.fixture
+def simulated(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a plan whose simulation lasts six seconds, with a lift from two on."""
+    document["segments"] = [segment(0.0, 11)]
+    document["simulation"] = simulation(6.0, lift=lift(2.0))
+    return document
+
+
+def simulated_chart(document: dict[str, Any], title: str) -> Chart:
+    return next(chart for chart in simulated_charts(document) if chart.title == title)
+
+
+def test_simulated_hands_are_shown_in_the_colours_of_their_arms_above_the_minimum(simulated: dict[str, Any]) -> None:
+    set_curve(simulated, "pushing hand", 14.0)
+    set_curve(simulated, "gripping hand", 8.0)
+    forces = simulated_chart(simulated, "Hands, vertical force")
+    by_colour = {series.colour: series.values for series in forces.series}
+    # The stick is on the left arm, the gripper on the right one.
+    assert by_colour["left"] == pytest.approx(14.0)
+    assert by_colour["right"] == pytest.approx(8.0)
+    assert by_colour["limit"] == pytest.approx(19.24)
+
+
+def test_speeds_are_in_millimetres_a_second(simulated: dict[str, Any]) -> None:
+    set_curve(simulated, "commanded velocity", 0.02)
+    set_curve(simulated, "lifter velocity", 0.05)
+    speeds = simulated_chart(simulated, "Lift, speed upward")
+    assert [series.values[0] for series in speeds.series] == pytest.approx([20.0, 50.0])
+
+
+def test_dips_are_the_times_in_the_lift_when_both_hands_bear_less_than_the_minimum(simulated: dict[str, Any]) -> None:
+    set_curve(simulated, "both hands", lambda time: 15.0 if time < 2.5 or 3.0 <= time < 3.4 or time >= 5.0 else 22.0)
+    assert np.array(dips(simulated)) == pytest.approx(np.array([[2.0, 2.5], [3.0, 3.4], [5.0, 5.98]]), abs=0.021)
+    assert simulated_chart(simulated, "Hands, vertical force").marked == dips(simulated)
+
+
+def test_before_a_lift_there_are_no_dips(simulated: dict[str, Any]) -> None:
+    simulated["simulation"]["lift"] = None
+    assert dips(simulated) == ()

@@ -66,11 +66,14 @@ def test_a_watcher_gets_a_room_and_is_told_of_plans_that_are_not_there(service: 
         answer = json.loads(socket.recv())
         assert answer["type"] == "refused"
         assert "none" in answer["detail"]
-        socket.send(json.dumps({"type": "time", "time": 1.0}))
+        socket.send(json.dumps({"type": "time", "source": "plan", "time": 1.0}))
         assert json.loads(socket.recv()) == {"type": "done", "request": "time"}
 
 
-@pytest.mark.parametrize("request_", ["{", '{"type":"time","time":-1}', '{"type":"dance"}', '{"type":"time"}'])
+@pytest.mark.parametrize(
+    "request_",
+    ["{", '{"type":"time","source":"plan","time":-1}', '{"type":"dance"}', '{"type":"time","source":"dream","time":1}'],
+)
 def test_a_request_that_makes_no_sense_ends_the_connection_and_nothing_else(
     service: ServiceProcess, request_: str
 ) -> None:

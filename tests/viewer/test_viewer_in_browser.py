@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,16 +12,18 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize
+from support.browser import CHROMIUM, LOADING_MILLISECONDS, running_browser, wait_for_plan
 from support.service import ServiceProcess, finished, running_service, task, wait_for
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-SOFTWARE_WEBGL = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-LOADING_SECONDS = 120.0
-"""The first picture waits for the drawings of the robot to be made."""
 WINDOW: ViewportSize = {"width": 960, "height": 640}
-"""Small: every pixel is drawn without a graphics card."""
-PICTURE_SECONDS = 40.0
+PIXELS_PER_POINT = 0.5
+"""Few: every pixel is drawn without a graphics card."""
+PICTURE_SECONDS = 90.0
+"""On a busy machine."""
+ONLY_THE_SCENE = "#now, #views, #ending, #message { visibility: hidden }"
+VISIBLE = 40
+"""Difference of one colour channel, of 255."""
 MOVED_SHARE = 2e-3
 """Share of pixels that differ when something in the scene moved: a wrist covers more."""
 LAYER_SHARE = 2e-4
@@ -41,29 +42,32 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess
 
 @pytest.fixture(scope="module")
 def plans(service: ServiceProcess) -> dict[str, dict[str, Any]]:
-    """Return the finished plans of three tasks, one of which cannot be planned."""
-    names = ("ab1", "pb1", "pb1_weak_cup")
+    """Return finished plans: one with its simulation, one without, and one that cannot be."""
+    bodies = {
+        "pb1": task("pb1.json"),
+        "planned only": task("pb1.json", external_id="planned only", options={"simulate": False}),
+        "pb1_weak_cup": task("pb1_weak_cup.json"),
+    }
     with service.client() as client:
-        posted = {name: client.post("/v1/plans", json=task(f"{name}.json")).json() for name in names}
-        return {name: finished(client, plan) for name, plan in posted.items()}
+        posted = {name: client.post("/v1/plans", json=body).json() for name, body in bodies.items()}
+        return {name: finished(client, plan, 300.0) for name, plan in posted.items()}
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE_WEBGL))
+    with running_browser() as browser:
         yield browser
-        browser.close()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
-    """Return a function that opens a window of its own at an address and fails the test on errors of its scripts."""
+    """Return a function that opens a window of its own at an address; errors of its scripts fail the module."""
     contexts = []
     errors: list[str] = []
 
     def open_(address: str, **options: Any) -> Page:
-        contexts.append(browser.new_context(viewport=WINDOW, **options))
+        contexts.append(browser.new_context(viewport=WINDOW, device_scale_factor=PIXELS_PER_POINT, **options))
+        contexts[-1].set_default_timeout(LOADING_MILLISECONDS)
         page = contexts[-1].new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(address)
@@ -75,13 +79,32 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
     assert errors == []
 
 
+@pytest.fixture(scope="module")
+def loaded_page(service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]) -> Page:
+    """Return a window with the simulated plan, for all tests that do not close it."""
+    page = open_page(service.address + plans["pb1"]["links"]["view"])
+    wait_for_plan(page, "pb1")
+    return page
+
+
+@pytest.fixture
+def page(loaded_page: Page) -> Page:
+    """Return the window as it is at first: the plan's start, and at rest."""
+    loaded_page.evaluate("player.play(false); player.choose('plan'); player.seek(0); player.panel.open('View')")
+    loaded_page.select_option("#speed", "1")
+    return loaded_page
+
+
 def picture(page: Page) -> np.ndarray:
-    return np.asarray(Image.open(io.BytesIO(page.locator("#scene-frame").screenshot())).convert("RGB"), dtype=int)
+    """Return what the scene's frame shows, without the words over it."""
+    box: Any = page.locator("#scene-frame").bounding_box()
+    shot = page.screenshot(clip=box, style=ONLY_THE_SCENE, timeout=1e3 * PICTURE_SECONDS)
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), dtype=int)
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:
     """Return the share of pixels that differ visibly."""
-    return float((np.abs(a - b).max(axis=2) > 40).mean())
+    return float((np.abs(a - b).max(axis=2) > VISIBLE).mean())
 
 
 def settled(page: Page) -> np.ndarray:
@@ -89,12 +112,12 @@ def settled(page: Page) -> np.ndarray:
     shots = [picture(page)]
 
     def still() -> bool:
-        page.wait_for_timeout(400)
+        page.wait_for_timeout(300)
         shots.append(picture(page))
         colours = len(np.unique(shots[-1].reshape(-1, 3) // 16, axis=0))
         return difference(*shots[-2:]) < 1e-5 and colours > 40
 
-    wait_for(still, LOADING_SECONDS)
+    wait_for(still, 1e-3 * LOADING_MILLISECONDS)
     return shots[-1]
 
 
@@ -107,10 +130,6 @@ def wait_until_it_is_as_before(page: Page, reference: np.ndarray, share: float =
     wait_for(lambda: difference(reference, picture(page)) < share, PICTURE_SECONDS)
 
 
-def wait_for_plan(page: Page, name: str) -> None:
-    page.wait_for_function(f"document.getElementById('title').textContent === '{name}'", timeout=1e3 * LOADING_SECONDS)
-
-
 def drag_to(page: Page, fraction: float) -> None:
     """Put the time slider at a fraction of its length, with the mouse."""
     box = page.locator("#time").bounding_box()
@@ -118,153 +137,211 @@ def drag_to(page: Page, fraction: float) -> None:
     page.mouse.click(box["x"] + 7 + fraction * (box["width"] - 14), box["y"] + 0.5 * box["height"])
 
 
-def visible_panels_of_viser(page: Page) -> int:
-    panels = page.frame_locator("#scene-frame").locator(".mantine-Paper-root")
-    assert panels.count() > 0
-    return panels.locator("visible=true").count()
-
-
 def now_lines(page: Page) -> list[float]:
-    return page.locator(".now-line").evaluate_all("lines => lines.map((line) => parseFloat(line.style.left))")
+    """Return where in each curve the line is that says "now"."""
+    return page.eval_on_selector_all(".now-line", "lines => lines.map((line) => line.getBoundingClientRect().left)")
 
 
-def test_the_slider_moves_robot_and_curves(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
-) -> None:
-    page = open_page(f"{service.address}/viewer/")
-    page.locator("#plan-list li", has_text="ab1").first.click()
-    wait_for_plan(page, "ab1")
-    assert page.locator("#outcome").text_content() == "solved"
+def text(page: Page, selector: str) -> str:
+    return page.locator(selector).inner_text()
+
+
+def document_of(service: ServiceProcess, plan: dict[str, Any]) -> dict[str, Any]:
+    with service.client() as client:
+        return client.get(plan["links"]["document"]).raise_for_status().json()
+
+
+def test_the_slider_moves_robot_and_curves(page: Page) -> None:
     before, lines = settled(page), now_lines(page)
-    assert visible_panels_of_viser(page) == 0
+    assert len(lines) == 3
     drag_to(page, 0.6)
     wait_until_it_differs(page, before)
-    assert len(lines) == 3
     assert all(later > earlier + 20 for earlier, later in zip(lines, now_lines(page), strict=True))
-    assert float(page.locator("#clock").inner_text().split()[0]) == pytest.approx(
-        0.6 * page.evaluate("player.story.duration"), rel=0.02
+    assert float(text(page, "#clock").split()[0]) == pytest.approx(
+        0.6 * page.evaluate("player.source.duration"), rel=0.02
     )
     drag_to(page, 0.0)
     wait_until_it_is_as_before(page, before)
 
 
-def test_a_plan_comes_by_its_view_address_and_plays_to_its_end(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
+def test_at_its_end_the_plan_goes_on_with_the_simulated_lift(
+    page: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:
-    page = open_page(service.address + plans["pb1"]["links"]["view"])
-    wait_for_plan(page, "pb1")
-    first = settled(page)
+    simulation = document_of(service, plans["pb1"])["simulation"]
+    page.evaluate("player.seek(player.source.duration - 0.5)")
+    before = settled(page)
     page.select_option("#speed", "4")
     page.locator("#play").click()
-    page.wait_for_function("!player.playing && player.time === player.story.duration", timeout=60_000)
-    wait_until_it_differs(page, first)
+    page.wait_for_function("player.sourceName === 'simulation'")
+    page.wait_for_function("!player.playing")
+    assert page.evaluate("player.time") == pytest.approx(simulation["time"])
+    assert text(page, "#ending").lower().startswith(simulation["outcome"].replace("_", " "))
+    assert page.locator("#source-simulation").get_attribute("aria-checked") == "true"
+    wait_until_it_differs(page, before)
 
 
-def test_keys_move_through_time_and_leave_the_camera_alone(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
+def test_the_simulation_shows_its_own_curves_and_the_lift_on_a_page_of_its_own(
+    page: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:
-    page = open_page(service.address + plans["ab1"]["links"]["view"])
-    wait_for_plan(page, "ab1")
+    simulation = document_of(service, plans["pb1"])["simulation"]
+    before = settled(page)
+    page.locator("#source-simulation").click()
+    titles = page.eval_on_selector_all(".chart h3", "found => found.map((title) => title.firstChild.textContent)")
+    assert titles == ["Hands, vertical force", "Vacuum cup", "Lift, speed upward", "Plate, tilt"]
+    page.locator("#segments button").last.click()
+    begin = simulation["lift"]["begin"]
+    assert page.evaluate("player.time") == pytest.approx(begin)
+    assert page.evaluate("player.charts.charts[0].plot.x") == pytest.approx([begin, simulation["time"]])
+    wait_until_it_differs(page, before)
+    at_begin, lines = settled(page), now_lines(page)
+    page.evaluate(f"player.seek(0.9 * {simulation['time']} + 0.1 * {begin})")
+    wait_until_it_differs(page, at_begin)
+    assert all(later > earlier + 20 for earlier, later in zip(lines, now_lines(page), strict=True))
+    page.get_by_role("tab", name="Lift").click()
+    assert f"{1e3 * simulation['lift']['height']:.0f} mm" in text(page, "#tab-body")
+    assert f"{simulation['minimum_total_force']:.1f} N" in text(page, "#tab-body")
+
+
+def test_a_click_on_the_timeline_jumps_to_a_segment(page: Page) -> None:
+    page.locator("#segments button").nth(2).click()
+    assert page.evaluate("player.time") == pytest.approx(page.evaluate("player.source.segments[2].start"))
+    assert text(page, "#now").startswith(page.evaluate("player.source.segments[2].words"))
+
+
+def test_keys_move_through_time_and_leave_the_camera_alone(page: Page) -> None:
     before = settled(page)
     # The scene has the focus now: without the page's care, arrows would turn the camera.
-    page.locator("#scene-frame").click(position={"x": 30, "y": 300})
+    page.locator("#scene-frame").click(position={"x": 30, "y": 200})
     page.keyboard.press("Shift+ArrowRight")
     assert page.evaluate("player.time") == pytest.approx(2.0)
     page.keyboard.press("]")
-    assert page.evaluate("player.time") == pytest.approx(page.evaluate("player.story.segments[2].start"))
+    assert page.evaluate("player.source.segments.map((segment) => segment.start).includes(player.time)")
+    page.keyboard.press("p")
+    assert page.evaluate("player.sourceName") == "simulation"
+    page.keyboard.press("p")
     page.keyboard.press(" ")
     assert page.evaluate("player.playing") is True
     page.keyboard.press(" ")
     page.keyboard.press("Home")
-    assert page.evaluate("[player.playing, player.time]") == [False, 0]
+    assert page.evaluate("[player.sourceName, player.playing, player.time]") == ["plan", False, 0]
     wait_until_it_is_as_before(page, before)
 
 
-def test_layers_are_shown_on_demand(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
-) -> None:
-    page = open_page(service.address + plans["ab1"]["links"]["view"])
-    wait_for_plan(page, "ab1")
-    page.evaluate("player.seek(0.95 * player.story.duration)")
+def test_layers_are_shown_on_demand(page: Page) -> None:
+    page.evaluate("player.seek(0.95 * player.source.duration)")
     far = settled(page)
     page.get_by_role("button", name="Close").click()
     wait_until_it_differs(page, far)
-    for layer in ("cones", "frames", "start", "goal"):
+    for layer in ("forces", "cones", "frames", "start", "goal"):
         # Anew each time: viser draws coarser while frames are slow.
         plain = settled(page)
-        page.check(f"#layer-{layer}")
+        page.locator(f"#layer-{layer}").click()
         wait_until_it_differs(page, plain, LAYER_SHARE)
-        page.uncheck(f"#layer-{layer}")
+        page.locator(f"#layer-{layer}").click()
+    page.get_by_role("button", name="Overview").click()
+    wait_until_it_is_as_before(page, far)
 
 
-def test_two_people_watch_two_plans(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
+def test_the_panels_tell_figures_rejections_and_checks(
+    page: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:
-    one = open_page(service.address + plans["ab1"]["links"]["view"])
-    wait_for_plan(one, "ab1")
-    seen_by_one = settled(one)
-    other = open_page(service.address + plans["pb1"]["links"]["view"])
-    wait_for_plan(other, "pb1")
-    wait_until_it_differs(other, seen_by_one)
-    seen_by_other = picture(other)
-    other.evaluate("player.seek(player.story.duration)")
-    wait_until_it_differs(other, seen_by_other)
-    assert difference(seen_by_one, settled(one)) < 1e-5
-    assert one.evaluate("[player.story.title, player.time]") == ["ab1", 0]
+    document = document_of(service, plans["pb1"])
+    page.get_by_role("tab", name="Figures").click()
+    graph = document["statistics"]["graph"]
+    assert f"{graph['nodes']:,}" in text(page, "#tab-body")
+    for contact, figures in graph["contact_states"].items():
+        row = page.locator("#tab-body tr").filter(has=page.get_by_text(contact, exact=True)).inner_text().split("\t")
+        assert row == [contact, *(f"{figures[column]:,}" for column in ("nodes", "alive", "dead"))]
+    page.get_by_role("tab", name="Rejected").click()
+    for reason, count in document["statistics"]["rejections"].items():
+        assert reason.rpartition(": ")[2] in text(page, "#tab-body")
+        assert f"{count:,}" in text(page, "#tab-body")
+    page.get_by_role("tab", name="Checks").click()
+    assert page.locator(".checks .yes").count() == len(document["certificate"]["checks"])
 
 
-def test_a_plan_that_cannot_be_says_why(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
+def test_two_people_watch_two_plans_and_one_of_them_learns_why_there_is_none(
+    page: Page, service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
 ) -> None:
-    page = open_page(service.address + plans["pb1_weak_cup"]["links"]["view"])
-    wait_for_plan(page, "pb1_weak_cup")
-    assert page.locator("#outcome").text_content() == "infeasible"
-    assert "needed 62.78 N" in page.locator("#message").inner_text()
-    settled(page)
+    seen_by_one = settled(page)
+    other = open_page(f"{service.address}/viewer/")
+    other.locator("#plan-list li", has_text="pb1_weak_cup").click()
+    wait_for_plan(other, "pb1_weak_cup")
+    assert text(other, "#outcome") == "infeasible"
+    assert "needed 62.78 N" in text(other, "#message")
+    settled(other)
+    other.locator("#plan-list li", has_text="planned only").click()
+    wait_for_plan(other, "planned only")
+    assert not other.locator("#sources").is_visible()
+    start = settled(other)
+    drag_to(other, 0.5)
+    wait_until_it_differs(other, start)
+    assert difference(seen_by_one, settled(page)) < 1e-5
+    assert page.evaluate("[player.story.title, player.time]") == ["pb1", 0]
+    other.context.close()
 
 
-def test_a_plan_deleted_while_it_is_watched_plays_on(service: ServiceProcess, open_page: Callable[..., Page]) -> None:
+def test_neither_a_plan_deleted_while_watched_nor_a_watcher_who_leaves_harms_anything(
+    page: Page, service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
+) -> None:
+    doomed = plans["planned only"]
+    leaves = open_page(service.address + doomed["links"]["view"])
+    wait_for_plan(leaves, "planned only")
+    before = settled(leaves)
     with service.client() as client:
-        plan = finished(client, client.post("/v1/plans", json=task("ab2.json", external_id="doomed")).json())
-        page = open_page(service.address + plan["links"]["view"])
-        wait_for_plan(page, "doomed")
-        before = settled(page)
-        assert client.delete(plan["links"]["self"]).status_code == 204
-        page.wait_for_function("!document.querySelector('#plan-list').innerText.includes('doomed')")
-        drag_to(page, 0.5)
-        wait_until_it_differs(page, before)
-        late = open_page(f"{service.address}/viewer/?plan={plan['id']}")
-        late.wait_for_function("document.getElementById('message').innerText.includes('there is no plan')")
-
-
-def test_a_watcher_who_leaves_takes_nothing_along(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
-) -> None:
-    stays = open_page(service.address + plans["ab1"]["links"]["view"])
-    wait_for_plan(stays, "ab1")
-    before = settled(stays)
-    leaves = open_page(service.address + plans["ab1"]["links"]["view"])
-    wait_for_plan(leaves, "ab1")
+        assert client.delete(doomed["links"]["self"]).status_code == 204
+    leaves.wait_for_function("!document.querySelector('#plan-list').innerText.includes('planned only')")
+    drag_to(leaves, 0.5)
+    wait_until_it_differs(leaves, before)
     leaves.locator("#play").click()
     scene = leaves.evaluate("frame.src")
-    leaves.close()
+    leaves.goto(f"{service.address}/viewer/?plan={doomed['id']}")
+    leaves.wait_for_function("document.getElementById('message').innerText.includes('there is no plan')")
     wait_for(lambda: httpx.get(scene).status_code == 404, 20.0)
-    drag_to(stays, 0.7)
-    wait_until_it_differs(stays, before)
+    leaves.context.close()
+    stays = settled(page)
+    drag_to(page, 0.7)
+    wait_until_it_differs(page, stays)
 
 
-def test_a_recording_plays_with_no_server(
-    service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page], tmp_path: Path
+def test_a_recording_plays_plan_and_simulation_with_no_server(
+    service: ServiceProcess, plans: dict[str, Any], loaded_page: Page, open_page: Callable[..., Page], tmp_path: Path
 ) -> None:
+    # The other window would draw all the time.
+    loaded_page.goto("about:blank")
     file = tmp_path / "recording.html"
     with service.client() as client:
-        file.write_text(client.get(plans["ab1"]["links"]["recording"]).raise_for_status().text, encoding="utf-8")
+        file.write_text(client.get(plans["pb1"]["links"]["recording"]).raise_for_status().text, encoding="utf-8")
     page = open_page(file.as_uri(), offline=True)
-    wait_for_plan(page, "ab1")
+    wait_for_plan(page, "pb1")
     before, lines = settled(page), now_lines(page)
-    assert visible_panels_of_viser(page) == 0
+    panels = page.frame_locator("#scene-frame").locator(".mantine-Paper-root")
+    assert panels.count() > 0
+    assert panels.locator("visible=true").count() == 0
     drag_to(page, 0.6)
     wait_until_it_differs(page, before)
     assert all(later > earlier + 20 for earlier, later in zip(lines, now_lines(page), strict=True))
+    plan_end = page.evaluate("player.choose('plan'), player.seek(player.source.duration), player.time")
+    at_plan_end = settled(page)
+    page.evaluate("player.choose('simulation'), player.seek(player.source.duration)")
+    assert page.evaluate("player.time") > plan_end
+    assert "lifted" in text(page, "#ending").lower()
+    wait_until_it_differs(page, at_plan_end)
+    page.evaluate("player.choose('plan')")
     drag_to(page, 0.0)
     wait_until_it_is_as_before(page, before)
+
+
+def test_a_job_that_was_cancelled_says_so_and_the_list_is_there_without_a_plan(
+    service: ServiceProcess, open_page: Callable[..., Page]
+) -> None:
+    with service.client() as client:
+        posted = [client.post("/v1/plans", json=task(external_id=f"unwanted {i}")).json() for i in range(2)]
+        for plan in reversed(posted):
+            client.post(plan["links"]["cancel"]).raise_for_status()
+        finished(client, posted[-1])
+    page = open_page(f"{service.address}/viewer/")
+    page.wait_for_function("document.getElementById('message').innerText.includes('Choose a plan')")
+    page.locator("#plan-list li", has_text="unwanted 1").click()
+    page.wait_for_function("document.getElementById('message').innerText.includes('was cancelled')")
+    assert not page.locator("#score").is_visible()

@@ -35,7 +35,7 @@ MODEL = (
 )
 """What is modelled, for a person."""
 _MOTION_EVERY = 2
-"""Of the recorded instants, how many apart the motion of the lift is kept."""
+"""Of the recorded instants, how many apart the motion is kept."""
 _DIGITS = 6
 
 
@@ -132,8 +132,8 @@ def _manipulation(execution: Execution, weight: float) -> dict[str, Any]:
 
 
 def _motion(execution: Execution) -> dict[str, Any]:
-    """Return what moved after the plan's last sample, for playing it back."""
-    rows = [row for row in execution.motion if row[0] > execution.reference.duration][::_MOTION_EVERY]
+    """Return how robot and plate moved, for playing it back."""
+    rows = execution.motion[::_MOTION_EVERY]
 
     def rounded(values: Array | list[float]) -> list[float]:
         return (np.round(values, _DIGITS) + 0.0).tolist()

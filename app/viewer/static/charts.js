@@ -1,6 +1,9 @@
 /* Curves under the scene: plots that share the page's time. */
 "use strict";
 
+/** A simulation's samples begin and end some hundredths of a second inside its time [s]. */
+const NEAR = 0.1;
+
 class Charts {
   /** @param root element to fill  @param colours meaning -> colour  @param seek called with a time in seconds */
   constructor(root, colours, seek) {
@@ -8,30 +11,12 @@ class Charts {
     new ResizeObserver(() => this.resize()).observe(root);
   }
 
-  /** Show a story's planned curves, and its simulated ones on demand. */
-  show(story) {
-    this.story = story;
-    this.choose("charts");
-  }
-
-  choose(which) {
-    this.charts.forEach((chart) => chart.plot.destroy());
+  /** Show the curves of what is played: { charts, pages }. */
+  show({ charts, pages }) {
     this.root.replaceChildren();
-    this.charts = this.story[which].map((chart) => this.add(chart));
-    if (this.story.simulated.length) this.root.append(this.choice(which));
+    this.pages = pages;
+    this.charts = charts.map((chart) => this.add(chart));
     this.resize();
-    this.now(this.time);
-  }
-
-  choice(current) {
-    const bar = element("div", { id: "charts-choice" });
-    for (const [which, words] of [["charts", "Plan"], ["simulated", "Simulation"]]) {
-      const button = element("button", { textContent: words });
-      button.setAttribute("aria-pressed", String(which === current));
-      button.onclick = () => this.choose(which);
-      bar.append(button);
-    }
-    return bar;
   }
 
   add(chart) {
@@ -46,7 +31,7 @@ class Charts {
     });
     const box = element("div");
     this.root.append(element("div", { className: "chart" }, title, legend, box));
-    const plot = new Plot(this.settings(chart), [chart.time, ...chart.series.map((line) => line.values)], box);
+    const plot = new Plot(this.settings(chart), [chart.time, ...chart.series.map((line) => line.values)], chart.marked, box);
     const line = element("div", { className: "now-line" });
     plot.over.append(line);
     const seek = (event) => this.seek(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left));
@@ -62,6 +47,7 @@ class Charts {
     return {
       height: 132,
       range: paddedRange,
+      mark: `${this.colours.limit}38`,
       series: chart.series.map((line) => ({
         colour: this.colours[line.colour],
         width: line.dashed ? 1.4 : 1.9,
@@ -76,11 +62,13 @@ class Charts {
     this.now(this.time);
   }
 
-  /** Move the line that says "now" and write the values there. */
+  /** Turn to the page of a time, move the line that says "now" there, and write its values. */
   now(time) {
     this.time = time;
+    const page = this.pages?.findLast(([begin]) => begin <= time) ?? [0, 1];
     for (const { chart, plot, line, values } of this.charts) {
-      const inside = time >= chart.time[0] - 1e-6 && time <= chart.time.at(-1) + 1e-6;
+      plot.setRange(...page);
+      const inside = time >= chart.time[0] - NEAR && time <= chart.time.at(-1) + NEAR;
       line.hidden = !inside;
       line.style.left = `${plot.valToPos(time, "x")}px`;
       chart.series.forEach((series, index) => {

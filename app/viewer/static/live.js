@@ -26,8 +26,8 @@ class Room {
   }
 
   /** Show a time; of the times asked for while one is on its way, only the last counts. */
-  show(time) {
-    this.waiting = { type: "time", time };
+  show(source, time) {
+    this.waiting = { type: "time", source, time };
     this.pump();
   }
 
@@ -79,6 +79,7 @@ const frame = document.getElementById("scene-frame");
 const list = document.getElementById("plan-list");
 let wanted = new URLSearchParams(location.search).get("plan");
 let loaded = null;
+let plans = [];
 let sceneAddress = "";
 
 room.onroom = (scene) => {
@@ -87,13 +88,13 @@ room.onroom = (scene) => {
   sceneAddress = scene;
   loaded = null;
   if (wanted) choose(wanted);
-  else say("Choose a plan on the left.");
+  else showEmpty();
 };
 player.adopt(frame);
 room.onstory = (story) => {
   if (story.id !== wanted) return;
   loaded = story.id;
-  say("");
+  say();
   if (!frame.hasAttribute("src")) frame.src = sceneAddress;
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== (layer === "forces")) room.layer(layer, visible);
@@ -104,8 +105,8 @@ room.onstory = (story) => {
     element("a", { href: `${base}/document`, target: "_blank", textContent: "Document", title: "The plan document" }),
   );
 };
-room.onrefused = ({ plan, detail }) => plan === wanted && say(detail);
-room.onlost = (words) => say(words);
+room.onrefused = ({ plan, detail }) => plan === wanted && say(...whyNot(plans.find(({ id }) => id === plan), detail));
+room.onlost = (words) => say("No connection", words);
 
 for (const view of VIEWS)
   document.getElementById("views").append(
@@ -113,16 +114,35 @@ for (const view of VIEWS)
 
 function choose(plan) {
   wanted = plan;
+  loaded = null;
   history.replaceState(null, "", `?plan=${plan}`);
   for (const item of list.children) item.setAttribute("aria-selected", String(item.dataset.plan === plan));
-  say("Loading the plan …");
+  const known = plans.find(({ id }) => id === plan);
+  player.close(known ? nameOf(known) : "Plan");
+  say("Loading …");
   room.load(plan);
 }
 
-function say(words) {
+/** Title and words about a plan that cannot be shown. */
+function whyNot(plan, detail) {
+  if (plan?.state === "failed") return ["The job failed", plan.error?.detail ?? detail, "That is no property of the task: the service's log says what went wrong."];
+  if (plan?.state === "cancelled") return ["Cancelled", "The job was cancelled before there was a plan."];
+  if (plan && !plan.done) return ["Being planned", `${progressOf(plan)}. The plan appears here as soon as it is ready.`];
+  return ["Nothing to show", detail];
+}
+
+/** Show that no plan is chosen. */
+function showEmpty() {
+  player.close("Plans");
+  if (plans.length) say("Choose a plan", "The list on the left has all plans, the newest first.");
+  else say("No plans yet", "Post a task, and its plan appears on the left:", element("code", { textContent: `curl -H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans` }));
+}
+
+/** Say something in place of the scene: a title and words; nothing to let the scene be seen. */
+function say(title, ...words) {
   const message = document.getElementById("message");
   message.className = "";
-  message.replaceChildren(...(words ? [words] : []));
+  message.replaceChildren(...(title ? [element("h3", { textContent: title })] : []), ...words.map((part) => element("p", {}, part)));
 }
 
 async function refreshList() {
@@ -135,24 +155,44 @@ async function refreshList() {
   setTimeout(refreshList, POLL_MILLISECONDS);
 }
 
-function showList(plans) {
-  const items = plans.map((plan) => listItem(plan));
-  if (!items.length) items.push(element("li", { className: "none", textContent: "No plans yet. Post a task to /v1/plans." }));
-  if (list.innerHTML !== element("ul", {}, ...items).innerHTML) {
+function showList(newest) {
+  const wasEmpty = !plans.length;
+  plans = newest;
+  const items = plans.length ? plans.map(listItem) : [element("li", { className: "none", textContent: "none yet" })];
+  const fresh = element("ul", {}, ...items);
+  if (list.innerHTML !== fresh.innerHTML) {
     const focused = document.activeElement?.dataset?.plan;
-    list.replaceChildren(...plans.map((plan) => listItem(plan)), ...(plans.length ? [] : items));
+    list.replaceChildren(...fresh.children);
     if (focused) list.querySelector(`[data-plan="${CSS.escape(focused)}"]`)?.focus();
   }
-  const mine = plans.find((plan) => plan.id === wanted);
-  if (mine?.state === "succeeded" && loaded !== wanted && room.ready && !room.busy) choose(wanted);
+  if (!room.ready) return;
+  if (!wanted) {
+    if (wasEmpty !== !plans.length) showEmpty();
+    return;
+  }
+  const mine = plans.find(({ id }) => id === wanted);
+  if (!mine || loaded === wanted || room.busy) return;
+  if (mine.state === "succeeded") choose(wanted);
+  else {
+    player.close(nameOf(mine));
+    say(...whyNot(mine));
+  }
+}
+
+function nameOf(plan) {
+  return plan.external_id ?? plan.id.slice(0, 8);
+}
+
+function progressOf(plan) {
+  return `${plan.state} ${Math.round(100 * plan.progress.fraction)} %`;
 }
 
 function listItem(plan) {
   const status = plan.outcome ?? plan.state;
-  const words = plan.done ? status.replace("_", " ") : `${plan.state} ${Math.round(100 * plan.progress.fraction)} %`;
+  const words = plan.done ? status.replace("_", " ") : progressOf(plan);
   const when = new Date(plan.created_at).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
   const item = element("li", { className: plan.done ? status : "running", tabIndex: 0 },
-    element("span", { className: "dot" }), element("b", { textContent: plan.external_id ?? plan.id.slice(0, 8) }),
+    element("span", { className: "dot" }), element("b", { textContent: nameOf(plan), title: nameOf(plan) }),
     element("small", { textContent: `${words} · ${when}` }));
   item.dataset.plan = plan.id;
   item.setAttribute("role", "option");

@@ -10,7 +10,7 @@ const LAYERS = [
 ];
 const KEYS = [
   ["play, pause", "Space"], ["0.2 s back, on", "← →"], ["2 s back, on", "Shift ← →"],
-  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["slower, faster", "- +"],
+  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation", "P"], ["slower, faster", "- +"],
 ];
 
 class Panel {
@@ -18,7 +18,7 @@ class Panel {
   constructor(setLayer) {
     this.setLayer = setLayer;
     this.visible = Object.fromEntries(LAYERS.map(([name, , , first]) => [name, first]));
-    this.tabs = { View: (s) => this.view(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
+    this.tabs = { View: (s) => this.view(s), Lift: (s) => this.lift(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
     this.current = "View";
     const bar = document.getElementById("tabs");
     for (const name of Object.keys(this.tabs)) {
@@ -54,7 +54,7 @@ class Panel {
       mark.style.borderColor = colour;
       meanings.append(element("li", {}, mark, words));
     }
-    const used = new Set(story.segments.map((segment) => segment.kind));
+    const used = new Set(Object.values(story.sources).flatMap(({ segments }) => segments.map(({ kind }) => kind)));
     const kinds = element("ul", { className: "legend" });
     for (const [kind, { colour, words }] of Object.entries(story.legend.segments)) {
       if (!used.has(kind)) continue;
@@ -80,13 +80,16 @@ class Panel {
     return list;
   }
 
+  lift({ simulation }) {
+    if (!simulation) return [quiet("This plan was not simulated.")];
+    const verdict = element("p", { className: `verdict ${simulation.lifted ? "good" : "bad"}` },
+      element("b", { textContent: simulation.words }), simulation.sentence);
+    const model = element("ul", { className: "model" }, ...simulation.model.map((words) => element("li", { textContent: words })));
+    return [verdict, ...tables(simulation.figures), ...comparison(simulation.nodes), heading("What is modelled"), model];
+  }
+
   figures(story) {
-    return story.figures.flatMap(({ title, rows }) => {
-      const table = element("table", { className: "figures" });
-      for (const [label, value] of rows)
-        table.append(element("tr", {}, element("td", { textContent: label }), element("td", { textContent: value })));
-      return [heading(title), table];
-    });
+    return tables(story.figures);
   }
 
   rejected(story) {
@@ -115,6 +118,24 @@ class Panel {
     }
     return [heading(story.certificate.passed ? "Certificate: passed, margins" : "Certificate: FAILED"), list];
   }
+}
+
+/** Groups of figures, each a table under its title. */
+function tables(groups) {
+  return groups.flatMap(({ title, rows }) => [heading(title), table(rows)]);
+}
+
+function table(rows) {
+  const cells = (row) => row.map((value) => element("td", { textContent: value }));
+  return element("table", { className: rows[0]?.length > 2 ? "figures wide" : "figures" }, ...rows.map((row) => element("tr", {}, ...cells(row))));
+}
+
+/** Planned and simulated forces at the end of each of the plate's motions. */
+function comparison(nodes) {
+  if (!nodes.length) return [];
+  const rows = nodes.flatMap(({ time, forces }) =>
+    forces.map(([by, planned, simulated], index) => [index ? "" : `${time.toFixed(1)} s`, by, planned, simulated]));
+  return [heading("Forces, N"), table([["", "", "plan", "sim."], ...rows])];
 }
 
 function heading(words) {

@@ -4,45 +4,78 @@
 /* Panels, bars and notes of viser's page, in all of its layouts. */
 const AROUND_THE_SCENE = ".mantine-Paper-root, [data-floating-window], .mantine-Notifications-root { display: none !important; }";
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
+const SOURCES = ["plan", "simulation"];
 
 class Player {
-  /** @param source what draws the scene: show(time), and for a live scene layer(name, visible) */
-  constructor(source) {
-    this.source = source;
+  /** @param scene what draws: show(source, time), and for a live scene layer(name, visible) */
+  constructor(scene) {
+    this.scene = scene;
     this.time = 0;
     this.playing = false;
     this.score = new Score((time) => this.seek(time));
-    this.panel = new Panel(source.layer ? (name, visible) => source.layer(name, visible) : null);
+    this.panel = new Panel(scene.layer ? (name, visible) => scene.layer(name, visible) : null);
     document.getElementById("play").onclick = () => this.play(!this.playing);
     document.getElementById("previous").onclick = () => this.jump(-1);
     document.getElementById("next").onclick = () => this.jump(1);
+    for (const name of SOURCES) document.getElementById(`source-${name}`).onclick = () => this.choose(name);
     window.addEventListener("keydown", (event) => this.key(event), true);
+  }
+
+  /** What is played: the plan or its simulation, with its duration, segments and curves. */
+  get source() {
+    return this.story?.sources[this.sourceName];
+  }
+
+  /** Show no plan, or one that there is only a name of. */
+  close(title) {
+    this.play(false);
+    this.story = this.captioned = null;
+    document.body.classList.add("empty");
+    document.title = `${title} · Liftwright`;
+    document.getElementById("title").textContent = title;
   }
 
   /** Show a plan from its start. */
   open(story) {
     this.story = story;
+    document.body.classList.remove("empty");
+    document.body.classList.toggle("still", !story.sources.plan.duration);
     this.time = 0;
     this.play(false);
-    const colours = {};
+    this.colours = {};
     for (const group of Object.values(story.legend))
-      for (const [name, { colour }] of Object.entries(group)) colours[name] = colour;
-    this.colours = colours;
-    this.charts ??= new Charts(document.getElementById("charts"), colours, (time) => this.seek(time));
-    this.charts.show(story);
-    this.score.show(story, colours);
+      for (const [name, { colour }] of Object.entries(group)) this.colours[name] = colour;
+    this.charts ??= new Charts(document.getElementById("charts"), this.colours, (time) => this.seek(time));
     this.panel.show(story);
     this.headline();
-    this.refresh();
+    document.getElementById("sources").hidden = !story.sources.simulation;
+    this.choose("plan");
+  }
+
+  /** Play the plan, or the simulation, from the time that is shown now. */
+  choose(name) {
+    if (!this.story.sources[name]) return;
+    this.sourceName = name;
+    for (const other of SOURCES) document.getElementById(`source-${other}`).setAttribute("aria-checked", String(other === name));
+    this.charts.show(this.source);
+    this.score.show(this.source, this.colours);
+    this.seek(this.time);
   }
 
   headline() {
-    const story = this.story;
+    const { story } = this;
     document.title = `${story.title} · Liftwright`;
     document.getElementById("title").textContent = story.title;
     document.getElementById("subtitle").textContent = story.subtitle;
     const badge = document.getElementById("outcome");
     Object.assign(badge, { hidden: false, className: `badge ${story.outcome}`, textContent: story.outcome_words });
+    const { simulation } = story;
+    const simulated = document.getElementById("simulated");
+    simulated.hidden = !simulation;
+    if (simulation) {
+      const className = `badge ${simulation.lifted ? "solved" : "failed"}`;
+      Object.assign(simulated, { className, textContent: `simulated: ${simulation.words}`, title: simulation.sentence });
+    }
     document.getElementById("highlights").replaceChildren(
       ...story.highlights.map(([label, value]) =>
         element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value }))),
@@ -53,8 +86,8 @@ class Player {
   }
 
   play(on) {
-    if (on && !this.story?.duration) return;
-    if (on && this.time >= this.story.duration - 1e-6) this.time = 0;
+    if (on && !this.source?.duration) return;
+    if (on && this.time >= this.source.duration - 1e-6) this.time = 0;
     this.playing = on;
     const button = document.getElementById("play");
     button.classList.toggle("on", on);
@@ -63,51 +96,73 @@ class Player {
     let last = performance.now();
     const tick = (now) => {
       if (!this.playing) return;
-      this.time = Math.min(this.time + ((now - last) / 1000) * Number(document.getElementById("speed").value), this.story.duration);
+      this.time += (Math.max(0, now - last) / 1000) * Number(document.getElementById("speed").value);
       last = now;
+      if (this.time >= this.source.duration && !this.goOn()) {
+        this.time = this.source.duration;
+        this.play(false);
+      }
       this.refresh();
-      if (this.time >= this.story.duration) this.play(false);
-      else requestAnimationFrame(tick);
+      if (this.playing) requestAnimationFrame(tick);
     };
     requestAnimationFrame(tick);
   }
 
+  /** At the plan's end, go on with the lift that was simulated. */
+  goOn() {
+    const { simulation } = this.story.sources;
+    if (this.sourceName !== "plan" || !simulation || simulation.duration <= this.time) return false;
+    this.choose("simulation");
+    return true;
+  }
+
   seek(time) {
     if (!this.story) return;
-    this.time = Math.min(Math.max(time, 0), this.story.duration);
+    this.time = Math.min(Math.max(time, 0), this.source.duration);
     this.refresh();
   }
 
   /** Go to a neighbouring segment's start; back first goes to the start of the one that runs. */
   jump(direction) {
-    if (!this.story?.segments.length) return;
+    const segments = this.source?.segments ?? [];
+    if (!segments.length) return;
     const here = this.score.segmentAt(this.time);
-    const into = this.time - this.story.segments[here].start;
+    const into = this.time - segments[here].start;
     const target = direction < 0 && into > 0.3 ? here : here + direction;
-    if (target >= this.story.segments.length) this.seek(this.story.duration);
-    else this.seek(this.story.segments[Math.max(target, 0)].start);
+    this.seek(target >= segments.length ? this.source.duration : segments[Math.max(target, 0)].start);
   }
 
   refresh() {
-    const { story, time } = this;
-    this.source.show(time);
+    const { source, time } = this;
+    this.scene.show(this.sourceName, time);
     const segment = this.score.segmentAt(time);
     this.score.now(time, segment);
     this.charts.now(time);
     document.getElementById("clock").replaceChildren(
-      `${time.toFixed(2)} s`, element("small", { textContent: ` / ${story.duration.toFixed(1)}` }));
-    if (segment !== this.shownSegment || story !== this.shownStory) this.caption(segment);
+      `${time.toFixed(2)} s`, element("small", { textContent: ` / ${source.duration.toFixed(1)}` }));
+    if (source.segments[segment] !== this.captioned) this.caption(source.segments[segment]);
+    this.tellEnding(this.sourceName === "simulation" && time >= source.duration - 1e-3);
   }
 
+  /** Say which segment runs. */
   caption(segment) {
-    this.shownSegment = segment;
-    this.shownStory = this.story;
+    this.captioned = segment;
     const now = document.getElementById("now");
-    if (segment < 0) return now.replaceChildren();
-    const { kind, words, state, hold } = this.story.segments[segment];
+    if (!segment) return now.replaceChildren();
+    const { kind, words, state, hold } = segment;
     const mark = element("i");
     mark.style.background = this.colours[kind];
     now.replaceChildren(element("b", {}, mark, words), element("span", { textContent: state }), element("span", { textContent: hold }));
+  }
+
+  /** Say how the simulation ended, once it has. */
+  tellEnding(ended) {
+    const ending = document.getElementById("ending");
+    ending.hidden = !ended;
+    if (!ended) return;
+    const { words, lifted, sentence } = this.story.simulation;
+    ending.className = lifted ? "good" : "bad";
+    ending.replaceChildren(element("b", { textContent: words[0].toUpperCase() + words.slice(1) }), sentence);
   }
 
   /** Keys of the player; those it takes do not reach the scene's camera. */
@@ -122,11 +177,12 @@ class Player {
       ArrowLeft: () => this.seek(this.time - step),
       ArrowRight: () => this.seek(this.time + step),
       Home: () => this.seek(0),
-      End: () => this.seek(this.story.duration),
+      End: () => this.seek(this.source.duration),
       "[": () => this.jump(-1),
       "]": () => this.jump(1),
       "+": () => faster(1),
       "-": () => faster(-1),
+      p: () => this.choose(this.sourceName === "plan" ? "simulation" : "plan"),
     };
     if (this.panel.setLayer)
       for (const [name, , key] of LAYERS) actions[key.toLowerCase()] = () => this.panel.toggle(name);

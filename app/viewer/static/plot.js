@@ -3,25 +3,41 @@
 
 class Plot {
   /**
-   * @param settings  height [px], series: [{colour, width, dash}], range: (low, high) -> [low, high] of the y axis
+   * @param settings  height [px], series: [{colour, width, dash}], range: (low, high) -> [low, high] of the y axis,
+   *                  mark: colour of stretches that stand out
    * @param data      [x, y of each series, …]; x rises
+   * @param marked    [[from, to], …]: stretches of the x axis to stand out
    * @param box       element to fill
    */
-  constructor(settings, data, box) {
-    Object.assign(this, { settings, data, box });
+  constructor(settings, data, marked, box) {
+    Object.assign(this, { settings, data, marked });
     this.edges = { left: 40, right: 10, top: 6, bottom: 22 };
     this.canvas = document.createElement("canvas");
     this.over = document.createElement("div");
     this.over.className = "plot-over";
-    this.frame = document.createElement("div");
-    this.frame.className = "plot";
-    this.frame.append(this.canvas, this.over);
-    box.append(this.frame);
+    const frame = document.createElement("div");
+    frame.className = "plot";
+    frame.append(this.canvas, this.over);
+    box.append(frame);
     const values = data.slice(1).flat().filter((value) => value !== null);
     const extremes = values.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
     this.y = settings.range(...(values.length ? extremes : [null, null]));
     this.x = [data[0][0], data[0].at(-1)];
     this.setSize({ width: box.clientWidth || 300, height: settings.height });
+  }
+
+  /** Show another stretch of the x axis. */
+  setRange(low, high) {
+    if (this.x[0] === low && this.x[1] === high) return;
+    this.x = [low, high];
+    this.draw();
+  }
+
+  /** Show another stretch of the x axis. */
+  setRange(low, high) {
+    if (this.x[0] === low && this.x[1] === high) return;
+    this.x = [low, high];
+    this.draw();
   }
 
   destroy() {
@@ -38,9 +54,9 @@ class Plot {
     Object.assign(this.over.style, {
       left: `${left}px`, top: `${top}px`, width: `${this.width}px`, height: `${this.height}px`,
     });
-    const context = this.canvas.getContext("2d");
-    context.setTransform(pixels, 0, 0, pixels, left * pixels, top * pixels);
-    this.draw(context);
+    this.context = this.canvas.getContext("2d");
+    this.context.setTransform(pixels, 0, 0, pixels, left * pixels, top * pixels);
+    this.draw();
   }
 
   /** Pixels from the left end of the x axis, or from the top of the y axis. */
@@ -55,7 +71,8 @@ class Plot {
     return this.x[0] + (pixels / this.width) * (this.x[1] - this.x[0]);
   }
 
-  draw(context) {
+  draw() {
+    const { context } = this;
     context.clearRect(-this.edges.left, -this.edges.top, this.canvas.width, this.canvas.height);
     context.font = "11px system-ui, sans-serif";
     context.lineWidth = 1;
@@ -73,10 +90,21 @@ class Plot {
       stroke(context, [[0, y], [this.width, y]]);
       context.fillText(`${tick}`, -6, y);
     }
-    this.settings.series.forEach((style, index) => this.line(context, style, this.data[index + 1]));
+    context.save();
+    context.beginPath();
+    context.rect(0, -this.edges.top, this.width, this.height + 2 * this.edges.top);
+    context.clip();
+    context.fillStyle = this.settings.mark;
+    for (const [from, to] of this.marked) {
+      const left = this.valToPos(from, "x");
+      context.fillRect(left, 0, Math.max(2, this.valToPos(to, "x") - left), this.height);
+    }
+    this.settings.series.forEach((style, index) => this.line(style, this.data[index + 1]));
+    context.restore();
   }
 
-  line(context, style, values) {
+  line(style, values) {
+    const { context } = this;
     Object.assign(context, { strokeStyle: style.colour, lineWidth: style.width, lineJoin: "round" });
     context.setLineDash(style.dash ?? []);
     let run = [];

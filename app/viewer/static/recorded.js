@@ -5,16 +5,15 @@
 class RecordedScene {
   constructor(frame) {
     this.frame = frame;
-    this.wanted = 0;
   }
 
-  show(time) {
-    this.wanted = time;
+  show(source, time) {
+    const wanted = RECORDED.begins[source] + time;
     const field = this.frame.contentDocument?.querySelector("input");
     if (!field) return;
     // The field shows tenths and ignores what it shows already: a little more is never what it shows.
     const write = Object.getOwnPropertyDescriptor(this.frame.contentWindow.HTMLInputElement.prototype, "value").set;
-    write.call(field, (time + 0.00013).toFixed(5));
+    write.call(field, (wanted + 0.00013).toFixed(5));
     field.dispatchEvent(new this.frame.contentWindow.Event("input", { bubbles: true }));
   }
 }

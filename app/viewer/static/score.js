@@ -9,12 +9,13 @@ class Score {
     this.slider.onkeydown = (event) => event.preventDefault();
   }
 
-  show(story, colours) {
-    this.story = story;
-    this.slider.max = story.duration || 1;
-    this.slider.disabled = !story.duration;
-    const share = (start, end) => `${(100 * (end - start)) / (story.duration || 1)}%`;
-    this.buttons = story.segments.map((segment) => {
+  /** Show the timeline of what is played: { duration, segments, marked }. */
+  show(source, colours) {
+    this.source = source;
+    this.slider.max = source.duration || 1;
+    this.slider.disabled = !source.duration;
+    const share = (start, end) => `${(100 * (end - start)) / (source.duration || 1)}%`;
+    this.buttons = source.segments.map((segment) => {
       const button = element("button", { title: `${segment.words}, ${segment.state || "no state"}, ${segment.hold}` });
       button.setAttribute("role", "listitem");
       button.setAttribute("aria-label", `${segment.words} at ${segment.start.toFixed(1)} s`);
@@ -26,31 +27,39 @@ class Score {
     });
     document.getElementById("segments").replaceChildren(...this.buttons);
     document.getElementById("states").replaceChildren(
-      ...contactStretches(story.segments).map((stretch) => {
+      ...contactStretches(source.segments).map((stretch) => {
         const words = element("div", { textContent: stretch.state, title: stretch.state });
         words.style.width = share(stretch.start, stretch.end);
         return words;
+      }),
+    );
+    document.getElementById("marks").replaceChildren(
+      ...source.marked.map(([begin, end]) => {
+        const mark = element("i");
+        Object.assign(mark.style, { left: share(0, begin), width: share(begin, end) });
+        return mark;
       }),
     );
   }
 
   now(time, segment) {
     this.slider.value = time;
-    document.getElementById("playhead").style.left = `${(100 * time) / (this.story.duration || 1)}%`;
+    document.getElementById("playhead").style.left = `${(100 * time) / (this.source.duration || 1)}%`;
     this.buttons.forEach((button, index) => button.classList.toggle("on", index === segment));
   }
 
   /** Which segment runs at a time; -1 in a plan without segments. */
   segmentAt(time) {
-    const after = this.story.segments.findIndex((segment) => segment.start > time + 1e-9);
-    return (after < 0 ? this.story.segments.length : after) - 1;
+    const after = this.source.segments.findIndex((segment) => segment.start > time + 1e-9);
+    return (after < 0 ? this.source.segments.length : after) - 1;
   }
 }
 
-/** Neighbouring segments of one contact state become one stretch. */
+/** Neighbouring segments of one contact state become one stretch; the lift is one of its own. */
 function contactStretches(segments) {
   const stretches = [];
-  for (const { state, start, end } of segments) {
+  for (const { kind, state: contact, start, end } of segments) {
+    const state = kind === "lift" ? "lift" : contact;
     const last = stretches.at(-1);
     if (last && last.state === state) last.end = end;
     else stretches.push({ state, start, end });

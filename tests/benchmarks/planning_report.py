@@ -1,18 +1,21 @@
-"""Writes RESULTS.md: the paper's columns beside ours, and what was aimed at beside what was reached."""
+"""Tells of planning plate lifts: the paper's columns beside ours."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from statistics import fmean, pstdev
+from typing import TYPE_CHECKING
 
 from tests.benchmarks.bench_graph import GraphFigures, PathFigures, SearchFigures
 from tests.benchmarks.bench_paper_method import PaperMethodFigures
 from tests.benchmarks.bench_processes import ProcessFigures
 from tests.benchmarks.bench_tasks import TaskFigures
-from tests.benchmarks.lift_report import lift_limits, lift_sections
 from tests.benchmarks.markdown import Cell, cell, table
 from tests.benchmarks.paper_tables import PAPER
-from tests.benchmarks.run import Results
+from tests.benchmarks.part import Limit
+
+if TYPE_CHECKING:
+    from tests.benchmarks.planning_part import PlanningFigures
 
 PLANNING_LIMIT, PLANNING_AIM = 3.0, 1.0
 """[s]"""
@@ -20,90 +23,39 @@ CERTIFICATE_LIMIT, CERTIFICATE_AIM = 5.0, 1.0
 """[s]"""
 MEMORY_LIMIT = 1024.0
 """[MiB]"""
-RATE_LIMIT = 100_000.0
-"""Free configurations of the full cell on one core [1/s]."""
-
-COMPARISONS = (
-    ("a free configuration of the full cell", "collision", 1.0, "free_us",
-     (("coal, broad phase", "coal_broadphase_free_us"), ("coal, all pairs", "coal_pairs_free_us"),
-      ("python-fcl, all pairs", "fcl_pairs_free_us"))),
-    ("inverse kinematics, all branches", "kinematics", 1.0, "closed_form_us",
-     (("pinocchio, iterated, one solution", "iteration_us"),)),
-    ("a cone program", "balance", 1.0, "template_us",
-     (("Clarabel, new solver", "new_solver_us"), ("cvxpy, stated anew", "cvxpy_us"))),
-    ("cheapest paths from one start, 300,000 edges", "search", 1e3, "ours_ms",
-     (("scipy dijkstra", "scipy_ms"), ("networkx dijkstra", "networkx_ms"))),
-)  # fmt: skip
-"""What, its kernel, microseconds in the unit of its figures, our figure, and others with theirs."""
 
 
-def report(results: Results, pictures: dict[str, str], *, quick: bool, seconds: float) -> str:
-    """Return the text of RESULTS.md."""
-    heading = "# Benchmark results\n\nWritten by `make bench`; times are wall clock unless they are called CPU."
-    if quick:
-        heading += "\n\n**A quick run, to see that everything works: these figures mean nothing.**"
-    sections = [
-        heading,
-        _machine(results, seconds),
-        _reached(results),
+def limits(results: PlanningFigures) -> list[Limit]:
+    """Return what was aimed at beside what was reached."""
+    solved = [task for task in results.tasks if task.name in PAPER]
+    certified = sum(task.outcome == "solved" and not task.failed_checks for task in solved)
+    planning = {task.name: task.planning for task in solved}
+    certificate = {task.name: task.certificate for task in solved}
+    memory = {figures.name: figures.peak_mib for figures in results.processes}
+    return [
+        Limit.at_most("planning [s], slowest of the tasks", planning, PLANNING_LIMIT, PLANNING_AIM),
+        Limit.at_most("certificate [s], slowest of the tasks", certificate, CERTIFICATE_LIMIT, CERTIFICATE_AIM),
+        Limit.at_most("peak memory of a planning process [MiB]", memory, MEMORY_LIMIT),
+        Limit(
+            "tasks solved and certified", f"{len(solved)} of {len(solved)}", f"{certified} of {len(solved)}",
+            certified == len(solved),
+        ),
+    ]  # fmt: skip
+
+
+def sections(results: PlanningFigures, pictures: dict[str, str]) -> list[str]:
+    """Return the sections of this part; pictures are file names."""
+    return [
         _tasks(results, pictures["stages"]),
         _processes(results),
         _table_3(results),
         _table_4(results),
         _paper_method(results, pictures["comparison"]),
         _scaling(results, pictures["scaling"]),
-        *lift_sections(results.simulations, pictures),
-        _kernels(results),
     ]
-    return "\n\n".join(sections) + "\n"
 
 
-def _machine(results: Results, seconds: float) -> str:
-    rows = [*results.machine.items(), ("length of this run", f"{seconds / 60:.1f} min")]
-    return "## Machine\n\n" + table(("", ""), rows).replace("--:", ":--")
-
-
-def _reached(results: Results) -> str:
-    solved = [task for task in results.tasks if task.name in PAPER]
-    planning = {task.name: task.planning for task in solved}
-    certificate = {task.name: task.certificate for task in solved}
-    memory = {figures.name: figures.peak_mib for figures in results.processes}
-    rows: list[Sequence[Cell]] = [
-        _limit("planning [s], slowest of the five tasks", planning, PLANNING_LIMIT, PLANNING_AIM),
-        _limit("certificate [s], slowest of the five tasks", certificate, CERTIFICATE_LIMIT, CERTIFICATE_AIM),
-        _limit("peak memory of a planning process [MiB]", memory, MEMORY_LIMIT, None),
-    ]
-    if "collision" in results.kernels:
-        rate = results.kernels["collision"]["free_per_second"]
-        rows.append(
-            ("free configurations of the full cell per CPU second", f"≥ {RATE_LIMIT:,.0f}", None, rate,
-             _verdict(rate >= RATE_LIMIT), None)
-        )  # fmt: skip
-    solved_and_certified = sum(task.outcome == "solved" and not task.failed_checks for task in solved)
-    rows.append(
-        ("tasks solved and certified", f"{len(solved)} of {len(solved)}", None,
-         f"{solved_and_certified} of {len(solved)}", _verdict(solved_and_certified == len(solved)), None)
-    )  # fmt: skip
-    rows += [
-        (what, limit, None, reached, _verdict(kept), None)
-        for what, limit, reached, kept in lift_limits(results.simulations)
-    ]
-    return "## Aimed at and reached\n\n" + table(("", "limit", "aim", "reached", "limit kept", "aim kept"), rows)
-
-
-def _limit(what: str, values: dict[str, float], limit: float, aim: float | None) -> list[Cell]:
-    worst = max(values, key=values.__getitem__)
-    reached = values[worst]
-    within_aim = None if aim is None else _verdict(reached <= aim)
-    return [what, f"≤ {limit:g}", None if aim is None else f"≤ {aim:g}", f"{cell(reached)} ({worst})",
-            _verdict(reached <= limit), within_aim]  # fmt: skip
-
-
-def _verdict(kept: bool) -> str:
-    return "yes" if kept else "**no**"
-
-
-def _tasks(results: Results, picture: str) -> str:
+def _tasks(results: PlanningFigures, picture: str) -> str:
     stages = list(dict.fromkeys(stage for task in results.tasks for stage in task.stages))
     head = ("task", "outcome", "planning", "of it CPU", "slowest run", "certificate", "of it CPU", "total")
     rows = [
@@ -111,7 +63,7 @@ def _tasks(results: Results, picture: str) -> str:
          task.certificate_cpu, task.total) for task in results.tasks
     ]  # fmt: skip
     parts = [
-        "## Tasks, spec to certified plan",
+        "### Tasks, spec to certified plan",
         "Seconds, medians, in one warm process with cached kernels. Planning runs from the parsed body to the finished "
         "document, motion included.",
         table(head, rows),
@@ -135,7 +87,7 @@ def _failures(tasks: Iterable[TaskFigures]) -> list[str]:
     return ["\n".join(lines)] if lines else []
 
 
-def _processes(results: Results) -> str:
+def _processes(results: PlanningFigures) -> str:
     service = results.service
     rows = []
     for figures in results.processes:
@@ -155,17 +107,17 @@ def _processes(results: Results) -> str:
             f"{cell(service.in_a_row)} s each, the start of each job's process included."
         )
     head = ("task", "peak memory [MiB]", "POST to 202 [ms]", "202 to done [s]", "ended as")
-    return "\n\n".join(["## Processes and the running service", text, table(head, rows)])
+    return "\n\n".join(["### Processes and the running service", text, table(head, rows)])
 
 
-def _table_3(results: Results) -> str:
+def _table_3(results: PlanningFigures) -> str:
     lazy = {task.name: task for task in results.tasks}
     sizes = [row for figures in results.graphs for row in _sizes(figures)]
     times = [row for figures in results.graphs for row in _times(figures)]
     examined = [_examined(figures, lazy[figures.name]) for figures in results.graphs]
     return "\n\n".join(
         [
-            "## Table III: building the graph",
+            "### Table III: building the graph",
             "The whole graph, every node examined, as the paper builds it (`search: full`).",
             table(
                 ("task", "grips", "pushes", "holds", "DCSG nodes", "DCSG edges", "MSG nodes", "MSG edges"),
@@ -218,11 +170,11 @@ def _examined(figures: GraphFigures, lazy: TaskFigures) -> list[Cell]:
     ]  # fmt: skip
 
 
-def _table_4(results: Results) -> str:
+def _table_4(results: PlanningFigures) -> str:
     rows = [row for figures in results.searches for row in _searches(figures)]
     return "\n\n".join(
         [
-            "## Table IV: searching the graph",
+            "### Table IV: searching the graph",
             "The search runs from every start to all goals, every node being known. Its path is what the paper "
             "reports: the cheapest of each start, and of these the one of least force. Ours is checked along its "
             "edges too, and replaced until its whole motion is found: the checked path, with the seconds of all "
@@ -256,11 +208,11 @@ def _path(path: PathFigures | None) -> tuple[Cell, Cell, Cell]:
     return (None, None, None) if path is None else (path.length, path.contact_changes, f"{path.largest_force:.2f}")
 
 
-def _paper_method(results: Results, picture: str) -> str:
+def _paper_method(results: PlanningFigures, picture: str) -> str:
     ours = {task.name: task.planning_cpu for task in results.tasks}
     return "\n\n".join(
         [
-            "## The paper's own method on this machine (extrapolated)",
+            "### The paper's own method on this machine (extrapolated)",
             "Each pose with each hold examined by itself. RV1: inverse kinematics by iteration (pinocchio, damped "
             "least squares, from the start positions) for the poses of each hand, collisions of every solution and "
             "pair of solutions. RV2: the cone program stated anew in cvxpy and solved, where RV1 leaves a node. "
@@ -288,7 +240,7 @@ def _extrapolated(figures: PaperMethodFigures, ours: float) -> list[Cell]:
     ]  # fmt: skip
 
 
-def _scaling(results: Results, picture: str) -> str:
+def _scaling(results: PlanningFigures, picture: str) -> str:
     head = (
         "task",
         "contacts",
@@ -303,7 +255,7 @@ def _scaling(results: Results, picture: str) -> str:
     )
     return "\n\n".join(
         [
-            "## How cost grows",
+            "### How cost grows",
             "Denser contacts cut every step of tilt and azimuth; denser holds put more grips and pushes on the rim. "
             "Each row is a process of its own, one run, lazy search.",
             table(head, [_scaled(figures) for figures in results.scaling]),
@@ -317,28 +269,3 @@ def _scaled(figures: ProcessFigures) -> list[Cell]:
         figures.name, f"×{figures.contact_density:g}", f"×{figures.hold_density:g}", figures.poses, figures.nodes,
         figures.edges, figures.planning, figures.planning_cpu, figures.peak_mib, figures.outcome,
     ]  # fmt: skip
-
-
-def _kernels(results: Results) -> str:
-    beside = [
-        (what, ours * scale, other, theirs * scale, theirs / ours)
-        for what, kernel, scale, own_member, others in COMPARISONS
-        for other, member in others
-        if (figures := results.kernels.get(kernel)) and (ours := figures[own_member]) and (theirs := figures[member])
-    ]
-    parts = [
-        "## Kernels",
-        "CPU time on one core; the others' figures come from the same run.",
-        table(("", "ours [µs]", "beside", "its [µs]", "its ÷ ours"), beside),
-    ]
-    for name, figures in results.kernels.items():
-        rows = [(_spelt(member), value) for member, value in figures.items()]
-        parts += [f"### {name.capitalize()}", table(("", ""), rows)]
-    return "\n\n".join(parts)
-
-
-def _spelt(member: str) -> str:
-    """Write the name of a figure out, with its unit in brackets."""
-    words = member.split("_")
-    units = {"us": "[µs]", "ms": "[ms]"}
-    return " ".join([*(word for word in words if word not in units), *(units[word] for word in words if word in units)])

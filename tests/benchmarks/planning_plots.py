@@ -1,4 +1,4 @@
-"""The pictures beside RESULTS.md."""
+"""The pictures of planning plate lifts."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from tests.benchmarks.lift_plots import draw_lift
 from tests.benchmarks.paper_tables import PAPER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from tests.benchmarks.run import Results
+    from tests.benchmarks.planning_part import PlanningFigures
 
 STAGE_COLOURS = {
     "scene and document": "#b8b8b8",
@@ -28,8 +27,8 @@ STAGE_COLOURS = {
 PAPER_COLOUR, EXTRAPOLATED_COLOUR, OUR_COLOUR = "#8c8c8c", "#4c78a8", "#f58518"
 
 
-def draw(results: Results, folder: Path) -> dict[str, str]:
-    """Draw all pictures; return the file name of each, by name; those of lifts are called "lift" and their task."""
+def draw(results: PlanningFigures, folder: Path) -> dict[str, str]:
+    """Draw all pictures; return the file name of each, by name."""
     pictures = {"stages": _stages, "comparison": _comparison, "scaling": _scaling}
     # The same figures give the same file.
     with mpl.rc_context({"svg.hashsalt": "liftwright", "font.size": 9.0}):
@@ -37,11 +36,10 @@ def draw(results: Results, folder: Path) -> dict[str, str]:
             figure = Figure(figsize=(7.5, 3.2), layout="constrained")
             drawn(results, figure.subplots())
             figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
-    lifts = {f"lift {figures.task}": draw_lift(figures, folder) for figures in results.simulations}
-    return {name: f"{name}.svg" for name in pictures} | {name: file for name, file in lifts.items() if file}
+    return {name: f"{name}.svg" for name in pictures}
 
 
-def _stages(results: Results, axes: Axes) -> None:
+def _stages(results: PlanningFigures, axes: Axes) -> None:
     tasks = [task for task in results.tasks if task.outcome == "solved"] or results.tasks
     names = [task.name for task in tasks]
     left = [0.0] * len(tasks)
@@ -57,7 +55,7 @@ def _stages(results: Results, axes: Axes) -> None:
     _tidy(axes)
 
 
-def _comparison(results: Results, axes: Axes) -> None:
+def _comparison(results: PlanningFigures, axes: Axes) -> None:
     names = [figures.name for figures in results.paper_method]
     ours = {task.name: task.planning_cpu for task in results.tasks}
     series = (
@@ -74,7 +72,7 @@ def _comparison(results: Results, axes: Axes) -> None:
     _tidy(axes)
 
 
-def _scaling(results: Results, axes: Axes) -> None:
+def _scaling(results: PlanningFigures, axes: Axes) -> None:
     for name in dict.fromkeys(figures.name for figures in results.scaling):
         rows = sorted((each for each in results.scaling if each.name == name), key=lambda each: each.nodes)
         axes.plot([row.nodes for row in rows], [row.planning for row in rows], "o-", label=name)

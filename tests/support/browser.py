@@ -1,0 +1,28 @@
+"""A real browser for tests: Chromium without a screen and without a graphics card."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SOFTWARE_WEBGL = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+LOADING_MILLISECONDS = 120e3
+"""The first picture waits for the drawings of the robot to be made."""
+
+
+@contextmanager
+def running_browser() -> Iterator[Browser]:
+    """Run Chromium for the time of a test."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE_WEBGL))
+        yield browser
+        browser.close()
+
+
+def wait_for_plan(page: Page, name: str) -> None:
+    """Wait until the viewer tells of a plan of this name."""
+    page.wait_for_function(f"player.story?.title === '{name}'", timeout=LOADING_MILLISECONDS)

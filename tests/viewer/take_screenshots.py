@@ -1,0 +1,68 @@
+"""Takes the README's pictures of the viewer anew: `python tests/viewer/take_screenshots.py`, into docs/."""
+
+from __future__ import annotations
+
+import io
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Page, ViewportSize
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS.parent), str(TESTS)]
+
+from support.browser import running_browser, wait_for_plan  # noqa: E402
+from support.service import finished, running_service, task  # noqa: E402
+
+DOCS = TESTS.parent / "docs"
+WINDOW: ViewportSize = {"width": 1366, "height": 768}
+"""A laptop's."""
+DRAWING_MILLISECONDS = 15e3
+"""Until the scene is drawn at its full sharpness without a graphics card."""
+SHOTS = {
+    "viewer": ("ab1", "player.seek(0.87 * player.source.duration)"),
+    "viewer-lift": (
+        "ab1",
+        "player.choose('simulation'), player.seek(0.9 * player.source.duration), player.panel.open('Lift')",
+    ),
+    "viewer-infeasible": ("pb1_weak_cup", "null"),
+}
+"""Name of the picture: task, and what is done in its page."""
+
+
+def main() -> None:
+    """Plan the tasks with the real service and photograph them."""
+    with (
+        tempfile.TemporaryDirectory() as data,
+        running_service(Path(data), None) as service,
+        service.client() as client,
+    ):
+        with running_browser() as browser:
+            for name, (plan_name, deed) in SHOTS.items():
+                posted = client.post(
+                    "/v1/plans", json=task(f"{plan_name}.json"), headers={"Idempotency-Key": plan_name}
+                )
+                plan = finished(client, posted.json(), 300.0)
+                page = browser.new_page(viewport=WINDOW)
+                page.goto(service.address + plan["links"]["view"])
+                wait_for_plan(page, plan_name)
+                page.wait_for_timeout(DRAWING_MILLISECONDS)
+                page.evaluate(deed)
+                page.wait_for_timeout(DRAWING_MILLISECONDS)
+                (DOCS / f"{name}.png").write_bytes(_small_png(page))
+                page.close()
+
+
+def _small_png(page: Page) -> bytes:
+    """Return a picture of the page in the 256 colours that cover it best."""
+    whole = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    picture = whole.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    file = io.BytesIO()
+    picture.save(file, "PNG", optimize=True)
+    return file.getvalue()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Drawings of robots are light, and still have the robots' shapes."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import viser
+from scipy.spatial import cKDTree
+
+from app.viewer.link_meshes import LINKS, LinkMeshes, thin_out, visual_path
+from app.viewer.robot_drawing import ArmDrawing, link_files
+from planners.scene.asset_files import shipped_shelf
+from planners.scene.cell import known_cells, load_cell
+
+LARGEST_ARM_BYTES = 1_000_000
+
+
+class CountedMeshes(LinkMeshes):
+    """Counts what it gives out."""
+
+    sent = 0
+
+    def glb(self, *given, **settings) -> bytes:
+        drawn = super().glb(*given, **settings)
+        self.sent += len(drawn)
+        return drawn
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("drawings")
+
+
+@pytest.mark.parametrize("cell", known_cells())
+def test_no_arm_with_its_hand_takes_more_than_a_megabyte(cell: str, folder: Path) -> None:
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        for name, arm in load_cell(cell).arms.items():
+            meshes = CountedMeshes(folder)
+            ArmDrawing(server.scene, arm, meshes, shipped_shelf(), f"/{name}")
+            assert 100_000 < meshes.sent <= LARGEST_ARM_BYTES
+    finally:
+        server.stop()
+
+
+def test_what_is_drawn_is_nowhere_far_from_the_mesh(folder: Path) -> None:
+    """Both ways: nothing sticks out, and nothing is lost."""
+    arm = load_cell("dual_ur3e_lift").arms["left"]
+    link = link_files(arm, shipped_shelf())[2]
+    drawn = trimesh.load(io.BytesIO(LinkMeshes(folder).glb(link.mesh, np.eye(4))), file_type="glb", force="mesh")
+    whole = trimesh.load(visual_path(link.mesh), force="mesh", process=False)
+    points = [trimesh.sample.sample_surface(mesh, 20_000, seed=1)[0] for mesh in (drawn, whole)]
+    diagonal = np.sqrt(3.0) * LINKS.cell
+    for a, b in (points, points[::-1]):
+        assert cKDTree(a).query(b)[0].max() < 1.5 * diagonal
+
+
+def test_thinning_keeps_the_volume_of_a_closed_body() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=0.1)
+    vertices, faces = thin_out(np.asarray(ball.vertices), np.asarray(ball.faces), 0.01)
+    assert len(faces) < 0.25 * len(ball.faces)
+    thinned = trimesh.Trimesh(vertices, faces, process=False)
+    assert thinned.volume == pytest.approx(ball.volume, rel=0.02)

@@ -1,0 +1,78 @@
+"""What the page is told of a plan and its simulation."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from viewer.conftest import lift, segment, simulation
+
+from app.viewer.sources import Sources
+from app.viewer.story import tell_story
+
+
+def story(document: dict[str, Any]) -> dict[str, Any]:
+    return tell_story(document, Sources.of(document, np.zeros(12)))
+
+
+@pytest.fixture
+def planned(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a plan of two seconds."""
+    document["segments"] = [segment(0.0, 11), segment(1.0, 11, kind="transfer")]
+    return document
+
+
+def test_a_plan_without_a_simulation_is_all_that_can_be_played(planned: dict[str, Any]) -> None:
+    told = story(planned)
+    assert list(told["sources"]) == ["plan"]
+    assert told["simulation"] is None
+
+
+def test_the_lift_follows_the_segments_of_the_plan_without_gaps(planned: dict[str, Any]) -> None:
+    planned["simulation"] = simulation(8.0, lift=lift(3.5))
+    played = story(planned)["sources"]["simulation"]
+    assert [stretch["kind"] for stretch in played["segments"]] == ["transit", "transfer", "settle", "lift"]
+    assert all(a["end"] == pytest.approx(b["start"]) for a, b in pairwise(played["segments"]))
+    assert played["segments"][-1]["end"] == played["duration"] == 8.0
+    assert played["pages"] == [[0.0, 3.5], [3.5, 8.0]]
+
+
+def test_a_simulation_that_fails_on_the_way_ends_where_something_gave_way(planned: dict[str, Any]) -> None:
+    planned["simulation"] = simulation(1.4, outcome="slipped", cause="the tip slid off")
+    told = story(planned)
+    played = told["sources"]["simulation"]
+    assert [(stretch["kind"], stretch["end"]) for stretch in played["segments"]] == [
+        ("transit", 1.0),
+        ("transfer", 1.4),
+    ]
+    assert told["simulation"]["lifted"] is False
+    assert "1.40 s" in told["simulation"]["sentence"]
+    assert "the tip slid off" in told["simulation"]["sentence"]
+
+
+def test_a_failed_lift_is_told_with_its_time_in_the_lift_and_its_cause(planned: dict[str, Any]) -> None:
+    planned["simulation"] = simulation(5.0, outcome="cup_lost", cause="the cup was over its 20 N", lift=lift(3.5))
+    told = story(planned)["simulation"]
+    assert told["words"] == "cup lost"
+    assert "5.00 s, 1.50 s into the lift: the cup was over its 20 N" in told["sentence"]
+
+
+def test_a_simulation_that_ended_before_its_first_sample_can_be_told(planned: dict[str, Any]) -> None:
+    planned["simulation"] = simulation(0.0, outcome="slipped", cause="the tip slid off")
+    json.dumps(story(planned), allow_nan=False)
+
+
+def test_forces_at_the_nodes_are_compared_by_their_sizes(planned: dict[str, Any]) -> None:
+    node = {
+        "segment": 1,
+        "time": 1.9,
+        "planned": {"left": [3.0, 0.0, 4.0]},
+        "simulated": {"left": [0.0, 6.0, 8.0]},
+        "largest_difference": 7.8,
+    }
+    planned["simulation"] = simulation(8.0, lift=lift(3.5))
+    planned["simulation"]["manipulation"]["nodes"] = [node]
+    assert story(planned)["simulation"]["nodes"][0]["forces"] == [["left hand", "5.0", "10.0"]]
