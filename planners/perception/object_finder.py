@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ NO_OUTLINE = "its top is neither a rectangle nor a disc"
 NOT_UPRIGHT = "its sides do not go straight down from its top"
 NO_TOP = "it has no level top"
 MOST_PARTS = 20
-"""A part of a top is tried with so many others [1]."""
+"""So many tops that something stands on are tried as parts of one another [1]."""
 THINNEST = 0.010
 """What is thinner, on whatever it lies, is not told apart from it [m]."""
 WIDER = 0.0025
@@ -42,6 +43,8 @@ class Candidate:
     """Height, above the table, of what it stands on [m]."""
     carrier: Candidate | None = None
     """What it stands on; None: the table."""
+    parts: tuple[TopFacet, ...] = ()
+    """What its top was put together from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,30 +101,30 @@ def _inside(relief: Relief, workspace: Array | None) -> Mask:
 def _candidates(
     facets: Sequence[TopFacet], relief: Relief, settings: PerceptionSettings
 ) -> tuple[list[Candidate], list[tuple[TopFacet, str]]]:
-    """Return the candidates that tops make, alone or with another part of the same top, and why the others make none."""
-    found = [(facet, _candidate(facet, relief, settings)) for facet in facets]
-    candidates = [each for _, each in found if isinstance(each, Candidate)]
-    failed = [(facet, each) for facet, each in found if isinstance(each, str) and each != CUT]
-    reasons = [(facet, each) for facet, each in found if each == CUT]
-    while failed:
-        part, reason = failed.pop(0)
-        for other, reason_of_other in failed[:MOST_PARTS]:
-            joined = _joined(part, other, relief, settings)
-            if joined is not None:
-                candidates.append(joined)
-                failed.remove((other, reason_of_other))
-                break
-        else:
-            reasons.append((part, reason))
-    return candidates, reasons
+    """Return the candidates that tops make, and why the others make none.
+
+    Something that lies across a top hides its middle: two parts at one height are one top if that makes an outline.
+    """
+    parts = [facet for facet in facets if facet.beside.any() or facet.hidden.any()][:MOST_PARTS]
+    joined: list[Candidate] = []
+    for a, b in combinations(parts, 2):
+        if any(each in (a, b) for whole in joined for each in whole.parts):
+            continue
+        whole = _joined(a, b, relief, settings)
+        if whole is not None:
+            joined.append(whole)
+    used = [part for whole in joined for part in whole.parts]
+    found = [(facet, _candidate(facet, relief, settings)) for facet in facets if facet not in used]
+    single = [each for _, each in found if isinstance(each, Candidate)]
+    return [*joined, *single], [(facet, each) for facet, each in found if isinstance(each, str)]
 
 
 def _joined(a: TopFacet, b: TopFacet, relief: Relief, settings: PerceptionSettings) -> Candidate | None:
-    """Return the candidate of a top that something lies across and hides the middle of."""
-    if abs(a.height - b.height) > EDGE_REACH * relief.noise or not (a.beside.any() or a.hidden.any()):
+    """Return the candidate that two parts of a top make together; None where they make none."""
+    if abs(a.height - b.height) > EDGE_REACH * relief.noise:
         return None
     whole = _candidate(make_facet(a.pixels | b.pixels, relief), relief, settings)
-    return whole if isinstance(whole, Candidate) else None
+    return replace(whole, parts=(a, b)) if isinstance(whole, Candidate) else None
 
 
 def _candidate(facet: TopFacet, relief: Relief, settings: PerceptionSettings) -> Candidate | str:
@@ -204,7 +207,7 @@ def _stacked(candidates: Sequence[Candidate]) -> list[Candidate]:
         ]
         carrier = max(below, key=lambda other: other.facet.height, default=None)
         bottom = 0.0 if carrier is None else carrier.facet.height
-        stacked.append(Candidate(each.facet, each.outline, bottom, carrier))
+        stacked.append(replace(each, bottom=bottom, carrier=carrier))
     return stacked
 
 
@@ -230,7 +233,7 @@ def _widened(candidate: Candidate, relief: Relief, settings: PerceptionSettings)
         radius = float(np.quantile(radii[on_shoulder], 0.85)) + 0.25 * facet.pitch
     if radius < disc.radius + WIDER:
         return candidate
-    return Candidate(facet, _disc_like(disc, disc.center, radius), candidate.bottom, candidate.carrier)
+    return replace(candidate, outline=_disc_like(disc, disc.center, radius))
 
 
 def _around(outline: Outline, pitch: float, relief: Relief) -> tuple[Array, Array, Array]:

@@ -129,7 +129,8 @@ def _fit_rectangle(facet: TopFacet, seen: Array, settings: PerceptionSettings) -
     seen_sides = min(_seen_of_side(local[on & (side == k)], k, size, facet.pitch) for k in range(4))
     residual = float(np.sqrt(np.mean(np.minimum(np.abs(off), 3.0 * facet.pitch) ** 2)))
     stds = [_edge_std(size[1 - k], yaw + 0.5 * math.pi * (1 - k), facet, settings) for k in (0, 1)]
-    yaw_std = _yaw_std(size, int(on.sum()), facet)
+    yaw_std = _yaw_std(size, yaw, facet, settings)
+    size = size + 2.0 * settings.edge_inset * facet.pitch
     if size[1] > size[0]:
         size, yaw, stds = size[::-1], yaw + 0.5 * math.pi, stds[::-1]
     yaw = yaw - math.pi * math.ceil((yaw - 0.5 * math.pi) / math.pi)
@@ -184,14 +185,20 @@ def _edge_std(length: float, direction: float, facet: TopFacet, settings: Percep
 
     Pixels tell an edge to within their pitch; an edge across the image's rows crosses many, at evenly spread phases.
     """
+    return math.hypot(settings.edge_floor, facet.pitch / math.sqrt(12.0 * _phases(length, direction, facet)))
+
+
+def _phases(length: float, direction: float, facet: TopFacet) -> float:
+    """Return how many rows or columns of pixels an edge crosses [1]: so many times it is measured anew."""
     slant = math.atan2(facet.grid[1], facet.grid[0]) - direction
-    phases = 1.0 + length * min(abs(math.sin(slant)), abs(math.cos(slant))) / facet.pitch
-    return math.hypot(settings.edge_floor, facet.pitch / math.sqrt(12.0 * phases))
+    return 1.0 + length * min(abs(math.sin(slant)), abs(math.cos(slant))) / facet.pitch
 
 
-def _yaw_std(size: Array, count: int, facet: TopFacet) -> float:
-    """Return the standard deviation of the yaw [rad]: that of a line through points as far off as pixels allow."""
-    return facet.pitch / math.sqrt(12.0) * math.sqrt(12.0) / (float(size.max()) * math.sqrt(max(count, 1)))
+def _yaw_std(size: Array, yaw: float, facet: TopFacet, settings: PerceptionSettings) -> float:
+    """Return the standard deviation of the yaw [rad]: that of two lines as long as the longer side."""
+    longer = int(np.argmax(size))
+    phases = _phases(float(size[longer]), yaw + 0.5 * math.pi * longer, facet)
+    return math.hypot(settings.yaw_floor, facet.pitch / (float(size[longer]) * math.sqrt(2.0 * phases)))
 
 
 def _fit_disc(facet: TopFacet, seen: Array, settings: PerceptionSettings) -> Disc | None:
@@ -217,4 +224,5 @@ def _fit_disc(facet: TopFacet, seen: Array, settings: PerceptionSettings) -> Dis
     residual = float(np.sqrt(np.mean(np.minimum(np.abs(off), 3.0 * facet.pitch) ** 2)))
     spread = facet.pitch / math.sqrt(12.0 * max(1.0, 0.25 * on.sum()))
     std = math.hypot(settings.edge_floor, spread)
+    radius += settings.edge_inset * facet.pitch
     return Disc(center, radius, residual, float(on.mean()), min(1.0, least), std)

@@ -32,8 +32,12 @@ class PerceptionSettings:
     """Standard deviation of a depth if the table's own points do not tell a larger one [m]."""
     height_floor: float = 0.001
     """Standard deviation of a height that more pixels do not improve [m]: the sensor's own error."""
-    edge_floor: float = 0.0008
+    edge_floor: float = 0.0007
     """Standard deviation of an edge that more pixels do not improve [m]: pixels that mix both sides of an edge."""
+    yaw_floor: float = math.radians(0.1)
+    """Standard deviation of a yaw that more pixels do not improve [rad]."""
+    edge_inset: float = 0.15
+    """Edges seem so many pixels further in: pixels that mix both sides belong to neither [1]."""
     least_side: float = 0.015
     """Of a top [m]."""
     fewest_pixels: int = 20
@@ -42,9 +46,9 @@ class PerceptionSettings:
     """More are clutter; the largest are looked at [1]."""
     coverage: float = 0.90
     """Share of a model's outline that its top fills, or something that hides it [1]."""
-    fitting_edge: float = 0.80
+    fitting_edge: float = 0.75
     """Share of a top's edge that lies on the model's [1]."""
-    edge_tolerance: float = 0.9
+    edge_tolerance: float = 1.1
     """... within so many pixels [1]."""
     seen_side: float = 0.35
     """Share of every side that is seen [1]."""

@@ -125,11 +125,13 @@ class DepthNoise:
     """Share of the pixels on an edge whose depth is a mean of both sides [1]."""
     lost: float = 0.005
     """Share of pixels without a measurement [1]."""
+    drift: float = 0.0015
+    """Largest error that changes slowly over the image, another one in each image [m]."""
     step: float = 0.001
     """Depths are whole multiples of this [m]."""
 
 
-NOISELESS = DepthNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-6)
+NOISELESS = DepthNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-6)
 
 
 def overhead_camera(
@@ -181,6 +183,7 @@ def depth_image(
     far = np.maximum(0.0, np.where(np.isfinite(depth), depth, 0.0) - 1.15)
     deviation = noise.axial + noise.growth * far**2 + noise.slant * (slant / (0.5 * math.pi - slant)) ** 2
     depth = depth + np.minimum(deviation, 0.02) * rng.standard_normal(shape)
+    depth = depth + noise.drift * _drift(shape, rng)
     depth = np.round(depth / noise.step) * noise.step
     lost = (rng.random(shape) < noise.lost) | ~np.isfinite(depth) | (slant > math.radians(84.0))
     return np.where(lost, np.nan, depth)
@@ -194,6 +197,13 @@ def _mix_edges(depth: Array, share: float, rng: np.random.Generator) -> Array:
         mean = np.where(mixed < 1.0, mixed * depth + (1.0 - mixed) * beside, depth)
         edge = np.abs(np.where(np.isfinite(beside - depth), beside - depth, 0.0)) > 0.01
     return np.where(edge & (rng.random(depth.shape) < share), mean, depth)
+
+
+def _drift(shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Return a smooth field between -1 and 1: a wave across the image, about as long as the image."""
+    direction, length, phase = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.6, 1.5) * shape[1], rng.uniform(0.0, 6.28)
+    rows, columns = np.indices(shape)
+    return np.sin(2.0 * math.pi / length * (columns * math.cos(direction) + rows * math.sin(direction)) + phase)
 
 
 def _slant(things: Sequence[Thing], camera: Camera, shape: tuple[int, int]) -> Array:
