@@ -42,6 +42,8 @@ class ToolPart(StrictModel):
     pose: Pose7
     """T_world_tool."""
     uncertainty: PoseUncertainty
+    markers_at: Vector3
+    """The middle of its board of markers [m]: what was seen best."""
     markers: tuple[int, ...]
     """Ids of those that were seen."""
     error: float

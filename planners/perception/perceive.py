@@ -179,6 +179,7 @@ def _tool_part(scan: ScanSpec, board: SeenBoard, T_world_tool: Transform) -> Too
         name=scan.tool,
         pose=_pose(T_world_tool),
         uncertainty=PoseUncertainty(position=position, rotation=board.rotation_std),
+        markers_at=_pose(board.T_world_board)[:3],
         markers=board.markers,
         error=board.error,
     )
