@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from importlib import resources
 from importlib.metadata import version
 
+from anyio import CapacityLimiter
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
@@ -14,7 +15,7 @@ from app.errors import install_error_handlers
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
-from app.routes import capabilities, meshes, plans, probes, viewer
+from app.routes import capabilities, meshes, plans, probes, scenes, viewer
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
 from planners.scene.cell import Cell, known_cells, load_cell
@@ -22,6 +23,7 @@ from workers.database import open_database
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
+from workers.scene_store import SceneStore
 from workers.worker import Worker
 
 REFERENCE_TASK = "ab1.json"
@@ -41,6 +43,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         store = PlanStore(database)
         app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.meshes = MeshStore(database)
+        app.state.scenes = SceneStore(database)
+        app.state.perceivers = CapacityLimiter(settings.max_perceived)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
         app.state.theatre = Theatre(app.state.desk, app.state.cells, settings.data_dir / "drawings")
         worker = Worker(settings, database, queue, store) if with_worker else None
@@ -66,7 +70,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     )
     app.state.settings = settings
     install_error_handlers(app)
-    for router in (plans.router, meshes.router, viewer.router, capabilities.router, probes.router):
+    for router in (plans.router, scenes.router, meshes.router, viewer.router, capabilities.router, probes.router):
         app.include_router(router)
     install_openapi(app)
     return app

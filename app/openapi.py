@@ -8,6 +8,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from planners.contract.plan_document import document_schema
+from planners.contract.scan_spec import scan_schema
 from planners.contract.task_spec import task_schema
 
 COMPONENTS = "#/components/schemas/"
@@ -29,7 +30,7 @@ def _describe(app: FastAPI) -> dict[str, Any]:
         title=app.title, version=app.version, description=app.description, routes=app.routes, tags=app.openapi_tags
     )
     schemas = description.setdefault("components", {}).setdefault("schemas", {})
-    for name, schema in (("PlanDocument", document_schema()), ("TaskSpec", task_schema())):
+    for name, schema in (("PlanDocument", document_schema()), ("TaskSpec", task_schema()), ("ScanSpec", scan_schema())):
         component = _into_components(schema)
         schemas.update(component.pop("$defs", {}))
         schemas[name] = component

@@ -73,7 +73,8 @@ async def post_plan(
     key = _read_idempotency_key(idempotency_key)
     wait = _read_wait(prefer)
     body = await read_body(request, settings.max_body_bytes)
-    task = await run_in_threadpool(accept_task, body, request.app.state.cells, request.app.state.meshes.get)
+    state = request.app.state
+    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, state.scenes.document)
     plan = await run_in_threadpool(desk.submit, task, key)
     headers = {"Location": plan.links.self}
     if wait is not None:

@@ -127,4 +127,3 @@ def read_scan(body: object) -> ScanSpec:
 def scan_schema() -> dict[str, object]:
     """Return the JSON schema (2020-12) of a scan's description."""
     return _ADAPTER.json_schema()
-

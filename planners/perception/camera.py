@@ -42,7 +42,8 @@ class Camera:
         if not any(self.distortion):
             return np.stack([(columns - self.cx) / self.fx, (rows - self.cy) / self.fy], axis=-1)
         pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
-        return cv2.undistortPoints(pixels, self.matrix, self.distortion_array).reshape(height, width, 2)
+        rays = cv2.undistortPoints(pixels, self.matrix, self.distortion_array)
+        return np.asarray(rays, dtype=float).reshape(height, width, 2)
 
     def pixels(self, points: Array) -> Array:
         """Return the (n, 2) pixels of (n, 3) points in the world, all of them in front of the camera."""
@@ -51,4 +52,4 @@ class Camera:
         projected, _ = cv2.projectPoints(
             seen.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), self.matrix, self.distortion_array
         )
-        return projected.reshape(-1, 2)
+        return np.asarray(projected, dtype=float).reshape(-1, 2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,9 +168,7 @@ def _ascii(content: bytes, start: int, names: Sequence[str], count: int, part: s
         raise ScanRefused(part, "a point of the file is not made of numbers") from error
 
 
-def _columns(
-    content: bytes, start: int, names: Sequence[str], types: Sequence[str], count: int, part: str
-) -> Array:
+def _columns(content: bytes, start: int, names: Sequence[str], types: Sequence[str], count: int, part: str) -> Array:
     _xyz(names, part)
-    table = _numbers(content, start, np.dtype(list(zip(names, types, strict=True))), count, part)
+    table: Any = _numbers(content, start, np.dtype(list(zip(names, types, strict=True))), count, part)
     return np.column_stack([np.asarray(table[name], dtype=float) for name in "xyz"])

@@ -21,7 +21,7 @@ NEAREST, FARTHEST = 0.05, 8.0
 LARGEST_IMAGE = 2_100_000
 """A view has no more pixels: Full HD [1]."""
 LARGEST_FIT_ERROR = 0.5
-"""If rows and columns of an organised cloud are farther from a pinhole camera's, it is taken as a heap of points [px]."""
+"""An organised cloud whose rows and columns are farther off a pinhole camera's is taken as a heap of points [px]."""
 POINTS_A_PIXEL = 1.6
 """Of a heap of points, on average where there are any [1]."""
 

@@ -110,7 +110,7 @@ def find_board(image: NDArray[np.uint8], camera: Camera, board: MarkerBoard) -> 
     if others and others[0][0] < AMBIGUOUS * error and len(markers) == 1:
         return BoardNotSeen("it is seen too small to tell which way it leans")
     rotation, _ = cv2.Rodrigues(turn)
-    T_camera_board = transform(rotation, move.ravel())
+    T_camera_board = transform(np.asarray(rotation, dtype=float), move.ravel())
     if T_camera_board[:3, 2] @ move.ravel() >= 0.0:
         return BoardNotSeen("it is seen from behind, which no board can be")
     position_std, rotation_std = _deviations(model, turn, move, camera, max(error, CORNER_NOISE))
@@ -128,7 +128,7 @@ def _markers(image: NDArray[np.uint8], board: MarkerBoard) -> tuple[tuple[int, .
     if ids is None:
         return (), np.empty((0, 2))
     seen: dict[int, Array] = {}
-    for marker, corners in zip(ids.ravel().tolist(), found, strict=True):
+    for marker, corners in zip((int(each) for each in ids.ravel()), found, strict=True):
         if marker in board.ids and marker not in seen:
             seen[marker] = corners.reshape(4, 2).astype(float)
     kept = tuple(sorted(seen))

@@ -273,10 +273,9 @@ def _stands(candidate: Candidate, upright: Sequence[Candidate]) -> bool:
     return True
 
 
-def _objects(
-    standing: Sequence[Candidate], relief: Relief, settings: PerceptionSettings
-) -> list[PerceivedObject]:
+def _objects(standing: Sequence[Candidate], relief: Relief, settings: PerceptionSettings) -> list[PerceivedObject]:
     """Name the objects from left to right, far to near, and put them into the world."""
+
     def place(candidate: Candidate) -> tuple[float, float, float]:
         x, y = candidate.outline.center
         return (-round(float(y), 3), round(float(x), 3), candidate.facet.height)
@@ -316,7 +315,10 @@ def _object(
 
 
 def _unrecognised(
-    above: Mask, standing: Sequence[Candidate], reasons: Sequence[tuple[TopFacet, str]], relief: Relief,
+    above: Mask,
+    standing: Sequence[Candidate],
+    reasons: Sequence[tuple[TopFacet, str]],
+    relief: Relief,
     settings: PerceptionSettings,
 ) -> list[Unrecognised]:
     """Return the pieces of what is above the table and belongs to no object."""
@@ -348,4 +350,3 @@ def _piece(piece: Mask, reasons: Sequence[tuple[TopFacet, str]], relief: Relief)
     shared: list[tuple[int, str]] = [(int((facet.pixels & piece).sum()), reason) for facet, reason in reasons]
     most, reason = max(shared, default=(0, NO_TOP))
     return Unrecognised(reason if most > 0 else NO_TOP, hull, float(np.quantile(points[:, 2], 0.99)))
-

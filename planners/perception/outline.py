@@ -202,7 +202,7 @@ def _yaw_std(size: Array, yaw: float, facet: TopFacet, settings: PerceptionSetti
 
 
 def _fit_disc(facet: TopFacet, seen: Array, settings: PerceptionSettings) -> Disc | None:
-    points, center, radius = seen, seen.mean(axis=0), 0.0
+    points, center, radius, off = seen, seen.mean(axis=0), 0.0, np.zeros(len(seen))
     for round_ in range(ROUNDS):
         unknowns = np.column_stack([2.0 * (points - center), np.ones(len(points))])
         squares = np.sum((points - center) ** 2, axis=1)

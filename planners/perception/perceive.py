@@ -160,9 +160,7 @@ def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) ->
     (table,) = (box for box in cell.boxes if box.name == "table")
     x, y = 0.5 * table.size[:2]
     workspace = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) + table.center[:2]
-    bodies: list[ConvexShape] = [
-        shape for body in cell.bodies if body.name != "table" for shape in body.shapes
-    ]
+    bodies: list[ConvexShape] = [shape for body in cell.bodies if body.name != "table" for shape in body.shapes]
     if T_world_tool is None and cell.tool_rest is not None:
         T_world_tool = cell.tool_rest.T_world_tool
     if scan.tool is not None and T_world_tool is not None:
@@ -191,9 +189,7 @@ def _table_part(seen: SeenTable, cell: Cell) -> TablePart:
     a, b, c = plane.normal.tolist()
     (table,) = (box for box in cell.boxes if box.name == "table")
     height = plane.height_at(float(table.center[0]), float(table.center[1]))
-    return TablePart(
-        point=(x, y, z), normal=(a, b, c), height=height, deviation=plane.deviation, points=plane.points
-    )
+    return TablePart(point=(x, y, z), normal=(a, b, c), height=height, deviation=plane.deviation, points=plane.points)
 
 
 def _object_part(each: PerceivedObject) -> ObjectPart:

@@ -43,7 +43,7 @@ class PerceivedObject:
 
     @property
     def height(self) -> float:
-        """[m]"""
+        """Of its top above its bottom [m]."""
         return self.shape.size[2] if isinstance(self.shape, Box) else self.shape.height
 
     def outline(self, beyond: float = 0.0) -> Array:

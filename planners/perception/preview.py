@@ -27,7 +27,10 @@ AXIS = 0.05
 
 
 def draw_preview(
-    picture: Picture | None, camera: Camera | None, board: SeenBoard | None, T_world_tool: Transform | None,
+    picture: Picture | None,
+    camera: Camera | None,
+    board: SeenBoard | None,
+    T_world_tool: Transform | None,
     seen: SeenTable | None,
 ) -> bytes:
     """Return a PNG picture with everything that was found drawn in."""
@@ -70,7 +73,7 @@ def _drawn_on_heights(seen: SeenTable) -> Picture:
     image = cv2.applyColorMap((40 + 200 * grey).astype(np.uint8), cv2.COLORMAP_BONE)
     image[~np.isfinite(heights)] = (60, 0, 60)
     scale = max(1, round(HEIGHT / image.shape[0]))
-    image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    image = np.repeat(np.repeat(image.astype(np.uint8), scale, axis=0), scale, axis=1)
     for piece in seen.findings.unrecognised:
         ring = np.column_stack([piece.outline, np.full(len(piece.outline), piece.top)])
         _outline(image, scale * _pixels(seen.view, ring), LOST)
@@ -79,14 +82,15 @@ def _drawn_on_heights(seen: SeenTable) -> Picture:
         pixels = scale * _pixels(seen.view, top)
         _outline(image, pixels, FOUND)
         _label(image, _text(each), pixels.mean(axis=0))
-    return image.astype(np.uint8)
+    return image
 
 
 def _rings(each: PerceivedObject) -> tuple[Array, Array]:
     """Return the (n, 3) outlines of an object's bottom and top in the world."""
     outline = each.outline()
     z, half = each.T_world_object[2, 3], 0.5 * each.height
-    return tuple(np.column_stack([outline, np.full(len(outline), z + sign * half)]) for sign in (-1.0, 1.0))
+    bottom, top = (np.column_stack([outline, np.full(len(outline), height)]) for height in (z - half, z + half))
+    return bottom, top
 
 
 def _text(each: PerceivedObject) -> list[str]:
@@ -113,7 +117,7 @@ def _outline(image: Picture, pixels: Array, colour: Sequence[int]) -> None:
 def _label(image: Picture, lines: Sequence[str], center: Array) -> None:
     for i, line in enumerate(lines):
         (width, _), _ = cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
-        at = _pixel(center + [-0.5 * width, 16.0 * i])
+        at = _pixel(center + np.array([-0.5 * width, 16.0 * i]))
         for colour, thickness in (((0, 0, 0), 3), (FOUND, 1)):
             cv2.putText(image, line, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness, cv2.LINE_AA)
 

@@ -1,7 +1,7 @@
 """From a perceived scene and what is wanted of its objects to a suction-tool task.
 
-A task that names a scene leaves out what was perceived: shapes and start poses of its objects, the tool's pose, and what
-else is there. An object of the task is found by its `detection`, or by its own name.
+A task that names a scene leaves out what was perceived: shapes and start poses of its objects, the tool's pose, and
+what else is there. An object of the task is found by its `detection`, or by its own name.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Standing:
 
     @property
     def top(self) -> float:
-        """z of its top [m]."""
+        """Z of its top [m]."""
         return float(self.T_world_object[2, 3] + 0.5 * self.size[2])
 
     @property
@@ -71,9 +71,9 @@ class Standing:
 def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> dict[str, Any]:
     """Return a task's body with everything put in that it leaves to its scene; what it says itself stays.
 
-    Sizes have the clearance that their uncertainty asks for; poses rest on the cell's table. Detections that the task does
-    not name, and what was not recognised, become obstacles. Goals of perceived objects are put down on what is less than
-    `GOAL_REACH` below or above them, since nobody knows perceived heights beforehand.
+    Sizes have the clearance that their uncertainty asks for; poses rest on the cell's table. Detections that the task
+    does not name, and what was not recognised, become obstacles. Goals of upright objects are put down on what is less
+    than `GOAL_REACH` below or above them, since nobody knows perceived heights beforehand.
 
     Args:
         body: JSON data with the member `scene_id`; not validated.
@@ -133,8 +133,8 @@ def _check_fit(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> Non
     if off > TABLE_ERROR or lean > TABLE_LEAN:
         raise SceneError(
             "/scene_id",
-            f"the table was seen {1e3 * off:.1f} mm off its height and {math.degrees(lean):.2f} degrees off level; up to "
-            f"{1e3 * TABLE_ERROR:g} mm and {math.degrees(TABLE_LEAN):.1f} degrees are taken for the camera's error",
+            f"the table was seen {1e3 * off:.1f} mm off its height and {math.degrees(lean):.2f} degrees off level; up "
+            f"to {1e3 * TABLE_ERROR:g} mm and {math.degrees(TABLE_LEAN):.1f} degrees are taken for the camera's error",
         )
 
 
@@ -188,8 +188,9 @@ def _with_goals_put_down(objects: Sequence[Any], table_top: float) -> list[Any]:
 def _goal_outline(given: Any) -> Array | None:
     """Return the (n, 2) outline of an object at its goal; None if it is none of ours, or does not stand upright."""
     shape, pose = (given.get("shape"), given.get("goal_pose")) if isinstance(given, dict) else (None, None)
-    numbers = isinstance(pose, list | tuple) and len(pose) == 7 and all(_is_number(value) for value in pose)
-    if not numbers or not isinstance(shape, dict) or not np.linalg.norm(pose[3:]) > 0.5:
+    if not isinstance(pose, list | tuple) or len(pose) != 7 or not all(_is_number(value) for value in pose):
+        return None
+    if not isinstance(shape, dict) or not np.linalg.norm(pose[3:]) > 0.5:
         return None
     T = from_pose7(pose)
     if T[2, 2] < math.cos(UPRIGHT):
@@ -214,7 +215,7 @@ def _height(shape: Mapping[str, Any]) -> float:
 
 
 def _settled_tool(tool: ToolPart, cell: Cell) -> Transform:
-    """Stand a tool up that was seen nearly upright on the table: its markers stay where they were seen, seen from above."""
+    """Stand a tool up that was seen nearly upright on the table; seen from above, its markers stay in their place."""
     T_seen = from_pose7(tool.pose)
     if abs(T_seen[2, 3] - cell.table_top) > STANDING or T_seen[2, 2] < math.cos(UPRIGHT):
         return T_seen
@@ -278,9 +279,7 @@ def _beyond(outline: Array, points: Array) -> float:
 
 
 def _obstacles(left: Sequence[Standing], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
-    obstacles = [
-        {"name": each.part.name, "shape": each.shape, "pose": to_pose7(each.T_world_object)} for each in left
-    ]
+    obstacles = [{"name": each.part.name, "shape": each.shape, "pose": to_pose7(each.T_world_object)} for each in left]
     for i, piece in enumerate(scene.unrecognised):
         height = max(LOWEST_OBSTACLE, piece.top - cell.table_top)
         outline = np.array(piece.outline)
@@ -302,4 +301,4 @@ def _simple(outline: Array) -> Array:
     y = (normals[:, 0] * reached - following[:, 0] * reach) / determinant
     corners = np.column_stack([x, y])
     hull = corners[ConvexHull(np.round(corners, 4)).vertices]
-    return np.round(hull, 4)
+    return np.round(hull, 4).astype(float)

@@ -71,7 +71,7 @@ class TopFacet:
     height: float
     """Above the table [m]."""
     edge: Array
-    """(m, 2) where it ends: between a pixel inside and its neighbour outside, on its plane, in the table's frame [m]."""
+    """(m, 2) where it ends, halfway from pixels inside to those outside: on its plane, in the table's frame [m]."""
     hidden: Mask
     """(m,) where it does not end but something nearer to the camera begins."""
     beside: Mask
@@ -145,7 +145,7 @@ def _labels(relief: Relief, settings: PerceptionSettings) -> tuple[NDArray[np.in
         sound = ~np.isfinite(relief.heights) | (np.abs(relief.heights - smooth) < NOISE_REACH * relief.noise)
     seeds = (level & above & sound & ~relief.known).astype(np.uint8)
     count, labels = cv2.connectedComponents(seeds, connectivity=4)
-    return labels, count - 1
+    return labels.astype(np.int32), count - 1
 
 
 def _grown(core: Mask, taken: Mask, relief: Relief) -> Mask:
@@ -217,9 +217,7 @@ def _higher(
     return higher, away
 
 
-def _unseen(
-    relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int
-) -> Mask:
+def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int) -> Mask:
     """Tell beyond which pixels nothing at all was measured for a while."""
     h, w = relief.view.shape
     empty = np.ones(len(rows), dtype=bool)

@@ -39,11 +39,12 @@ class Effort:
     kernels: tuple[str, ...] = tuple(KERNELS)
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
+    frames: int = 200
 
 
 FULL = Effort()
 QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
-    kernels=("kinematics",), service=False, lifters=1,
+    kernels=("kinematics",), service=False, lifters=1, frames=5,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

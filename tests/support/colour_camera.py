@@ -70,7 +70,9 @@ class Studio:
 
     def box(self, size: tuple[float, float, float], T_world_box: Transform, colour: tuple[float, float, float]) -> int:
         shape = pybullet.createVisualShape(
-            pybullet.GEOM_BOX, halfExtents=[0.5 * length for length in size], rgbaColor=[*colour, 1.0],
+            pybullet.GEOM_BOX,
+            halfExtents=[0.5 * length for length in size],
+            rgbaColor=[*colour, 1.0],
             physicsClientId=self._client,
         )
         return self._body(shape, T_world_box)
@@ -79,7 +81,10 @@ class Studio:
         self, radius: float, height: float, T_world_cylinder: Transform, colour: tuple[float, float, float]
     ) -> int:
         shape = pybullet.createVisualShape(
-            pybullet.GEOM_CYLINDER, radius=radius, length=height, rgbaColor=[*colour, 1.0],
+            pybullet.GEOM_CYLINDER,
+            radius=radius,
+            length=height,
+            rgbaColor=[*colour, 1.0],
             physicsClientId=self._client,
         )
         return self._body(shape, T_world_cylinder)
@@ -118,8 +123,13 @@ class Studio:
         to_gl = np.diag([1.0, -1.0, -1.0, 1.0]) @ inverse(camera.T_world_camera)
         fine = (FINER * width, FINER * height)
         _, _, rgba, _, _ = pybullet.getCameraImage(
-            *fine, to_gl.T.ravel().tolist(), _frustum(camera, window), lightDirection=[0.3, 0.2, 1.0], shadow=0,
-            renderer=pybullet.ER_TINY_RENDERER, physicsClientId=self._client,
+            *fine,
+            to_gl.T.ravel().tolist(),
+            _frustum(camera, window),
+            lightDirection=[0.3, 0.2, 1.0],
+            shadow=0,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._client,
         )
         drawn_finer = np.asarray(rgba, dtype=np.uint8).reshape(fine[1], fine[0], 4)[..., 2::-1]
         image = np.full((HEIGHT, WIDTH, 3), 128.0, np.float32)

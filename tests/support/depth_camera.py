@@ -53,11 +53,13 @@ class Turned:
         o, d = T[:3, :3] @ eye + T[:3, 3], directions @ T[:3, :3].T
         hits = [_disc(o, d, z, r) for z, r in (self.profile[0], self.profile[-1])]
         hits += [
-            _cone(o, d, low, high) for low, high in zip(self.profile, self.profile[1:], strict=False)
+            _cone(o, d, low, high)
+            for low, high in zip(self.profile, self.profile[1:], strict=False)
             if high[0] > low[0]
         ]
         hits += [
-            _disc(o, d, low[0], max(low[1], high[1])) for low, high in zip(self.profile, self.profile[1:], strict=False)
+            _disc(o, d, low[0], max(low[1], high[1]))
+            for low, high in zip(self.profile, self.profile[1:], strict=False)
             if high[0] == low[0]
         ]
         return np.min(hits, axis=0)
@@ -135,7 +137,10 @@ NOISELESS = DepthNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-6)
 
 
 def overhead_camera(
-    position: Sequence[float] = (0.45, 0.0, 2.25), tilt: float = 0.0, roll: float = 0.0, focal: float = 365.0,
+    position: Sequence[float] = (0.45, 0.0, 2.25),
+    tilt: float = 0.0,
+    roll: float = 0.0,
+    focal: float = 365.0,
     shape: tuple[int, int] = (424, 512),
 ) -> Camera:
     """A camera that looks down on the table, its image's right to the world's -y; `tilt` about its x, `roll` its z."""
@@ -169,7 +174,10 @@ def cast(camera: Camera, pixels: Array, things: Sequence[Thing]) -> Array:
 
 
 def depth_image(
-    things: Sequence[Thing], camera: Camera, rng: np.random.Generator, noise: DepthNoise | None = None,
+    things: Sequence[Thing],
+    camera: Camera,
+    rng: np.random.Generator,
+    noise: DepthNoise | None = None,
     shape: tuple[int, int] = (424, 512),
 ) -> Array:
     """Return the (h, w) depth image of things, NaN where nothing was measured [m]."""

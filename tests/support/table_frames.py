@@ -11,7 +11,7 @@ import numpy as np
 from planners.geometry.pose import Array, Transform, rotation_z, transform
 from planners.perception.camera import Camera
 from planners.perception.perceived_object import PerceivedObject
-from support.depth_camera import (
+from tests.support.depth_camera import (
     TABLE_CENTER,
     TABLE_SIZE,
     TABLE_TOP,
@@ -100,7 +100,8 @@ def frame(rng: np.random.Generator, noise: DepthNoise | None = None) -> Frame:
     """Return one frame: tissue boxes, dominoes, cans, other boxes and cylinders, the odd one on another."""
     camera = overhead_camera(
         position=(0.45 + rng.uniform(-0.08, 0.08), rng.uniform(-0.08, 0.08), 2.25 + rng.uniform(-0.05, 0.05)),
-        tilt=math.radians(rng.uniform(-5.0, 5.0)), roll=rng.uniform(-math.pi, math.pi),
+        tilt=math.radians(rng.uniform(-5.0, 5.0)),
+        roll=rng.uniform(-math.pi, math.pi),
     )
     objects: list[TrueObject] = []
     for _ in range(int(rng.integers(3, 7))):
@@ -113,7 +114,10 @@ def frame(rng: np.random.Generator, noise: DepthNoise | None = None) -> Frame:
 
 
 def seen(
-    objects: Sequence[TrueObject], camera: Camera, rng: np.random.Generator, noise: DepthNoise | None = None,
+    objects: Sequence[TrueObject],
+    camera: Camera,
+    rng: np.random.Generator,
+    noise: DepthNoise | None = None,
     others: Sequence[Thing] = (),
 ) -> Frame:
     """Return the frame of objects and of other things on the table."""
@@ -133,8 +137,13 @@ def errors(perceived: PerceivedObject, true: TrueObject) -> Errors:
     told = perceived.uncertainty
     worse = int(np.argmax(off[:2]))
     return Errors(
-        float(np.linalg.norm(T[:2, 3] - T_true[:2, 3])), yaw, float(off[:2].max()), float(off[2]),
-        max(told.position[:2]), told.size[worse], told.yaw,
+        float(np.linalg.norm(T[:2, 3] - T_true[:2, 3])),
+        yaw,
+        float(off[:2].max()),
+        float(off[2]),
+        max(told.position[:2]),
+        told.size[worse],
+        told.yaw,
     )
 
 
@@ -144,7 +153,9 @@ def matched(
     """Return pairs whose centres are near each other, what was invented and what was missed."""
     pairs, missed, left = [], [], list(perceived)
     for one in true:
-        near = [each for each in left if np.linalg.norm(each.T_world_object[:3, 3] - one.T_world_object[:3, 3]) < within]
+        near = [
+            each for each in left if np.linalg.norm(each.T_world_object[:3, 3] - one.T_world_object[:3, 3]) < within
+        ]
         if near:
             best = min(
                 near, key=lambda each: float(np.linalg.norm(each.T_world_object[:3, 3] - one.T_world_object[:3, 3]))
@@ -186,7 +197,9 @@ def _placed(
     kind, size, is_can = drawn
     reach = 0.5 * math.hypot(*size[:2])
     for _ in range(50):
-        x = float(rng.uniform(TABLE_CENTER[0] - 0.5 * TABLE_SIZE[0] + reach, TABLE_CENTER[0] + 0.5 * TABLE_SIZE[0] - reach))
+        x = float(
+            rng.uniform(TABLE_CENTER[0] - 0.5 * TABLE_SIZE[0] + reach, TABLE_CENTER[0] + 0.5 * TABLE_SIZE[0] - reach)
+        )
         y = float(rng.uniform(-0.36 + reach, 0.36 - reach))
         if all(np.hypot(*(one.T_world_object[:2, 3] - [x, y])) > one.reach + reach + GAP for one in objects):
             return TrueObject(kind, size, on_table(x, y, size[2], rng.uniform(-math.pi, math.pi)), is_can)
@@ -199,5 +212,9 @@ def _on_top(objects: Sequence[TrueObject], rng: np.random.Generator) -> list[Tru
         if one.kind == "box" and min(one.size[:2]) > 0.1 and one.size[0] > 0.16:
             x, y = one.T_world_object[:2, 3]
             above = one.size[2]
-            return [TrueObject("box", DOMINO, on_table(float(x), float(y), DOMINO[2], rng.uniform(-math.pi, math.pi), above))]
+            return [
+                TrueObject(
+                    "box", DOMINO, on_table(float(x), float(y), DOMINO[2], rng.uniform(-math.pi, math.pi), above)
+                )
+            ]
     return []
