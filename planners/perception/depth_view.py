@@ -22,6 +22,8 @@ LARGEST_IMAGE = 2_100_000
 """A view has no more pixels: Full HD [1]."""
 LARGEST_FIT_ERROR = 0.5
 """An organised cloud whose rows and columns are farther off a pinhole camera's is taken as a heap of points [px]."""
+STEEPEST_RAY = 5.0
+"""No camera looks farther aside [1]: x or y over z."""
 POINTS_A_PIXEL = 1.6
 """Of a heap of points, on average where there are any [1]."""
 
@@ -74,7 +76,9 @@ class DepthView:
             ScanRefused: Too few points are measurements in front of the camera.
         """
         depth = _measured(points[:, 2])
-        kept = np.isfinite(points).all(axis=1) & np.isfinite(depth)
+        with np.errstate(invalid="ignore"):
+            seen_aside = np.abs(points[:, :2]).max(axis=1) > STEEPEST_RAY * points[:, 2]
+        kept = np.isfinite(points).all(axis=1) & np.isfinite(depth) & ~seen_aside
         seen = points[kept]
         if len(seen) < FEWEST_POINTS:
             raise _too_few(len(seen))

@@ -85,8 +85,8 @@ def _objects_told(objects: ObjectFigures) -> str:
     text = (
         f"{objects.frames} depth images of 512 x 424 pixels, cast by rays from about 1.15 m above the table, of three "
         "to six tissue boxes, dominoes, cans, other boxes and cylinders, at times a domino on a box. Noise: 1.5 mm "
-        "along the ray and more with distance and slant, 0.4 px across, three of ten pixels on edges mixed, 0.5 % lost, a "
-        "slow drift of 1.5 mm. Yaw is that of boxes whose sides differ by more than 15 %. "
+        "along the ray and more with distance and slant, 0.4 px across, three of ten pixels on edges mixed, 0.5 % "
+        "lost, a slow drift of 1.5 mm. Yaw is that of boxes whose sides differ by more than 15 %. "
         f"Pieces told as not recognised: {objects.unrecognised}. Errors within two of the standard deviations that "
         f"were told: {inside}."
     )
