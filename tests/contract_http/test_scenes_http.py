@@ -11,6 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
+from app.demo import post_scan
 from tests.support.scan_frames import SHIPPED, shipped
 
 SCAN = shipped()
@@ -56,6 +57,12 @@ def test_a_scene_has_a_picture_with_the_detections_drawn_in(client: httpx.Client
 def test_a_task_may_name_a_scene_in_place_of_shapes_and_poses(client: httpx.Client, scene: dict[str, Any]) -> None:
     answer = client.post("/v1/plans", json={**TASK, "scene_id": scene["id"]})
     assert answer.status_code == 202, answer.text
+
+
+def test_the_demo_posts_a_scan_and_the_task_of_its_scene(address: str, scene: dict[str, Any]) -> None:
+    plan = post_scan(address, SHIPPED / "tissue_boxes")
+    assert plan["kind"] == "suction_tool"
+    assert scene["scene"]["objects"]
 
 
 @pytest.mark.parametrize(
