@@ -9,12 +9,12 @@ Rgb = tuple[int, int, int]
 MEANINGS: Final[dict[str, tuple[str, str]]] = {
     "left": ("#2f7fe0", "left hand"),
     "right": ("#f08a24", "right hand"),
-    "environment": ("#2fa866", "table or support"),
+    "environment": ("#2fa866", "table, support"),
     "suction": ("#9b59d0", "vacuum cup"),
-    "sum": ("#1d2733", "both hands together"),
+    "sum": ("#1d2733", "both hands"),
     "limit": ("#d63a4a", "limit"),
-    "start": ("#8a97a6", "start"),
-    "goal": ("#16a3b8", "goal"),
+    "start": ("#8a97a6", "ghost at start"),
+    "goal": ("#16a3b8", "ghost at goal"),
 }
 """Colour and words by meaning."""
 

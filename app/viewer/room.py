@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
+import numpy as np
 import rich
 import viser
 
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.sources import SourceName, Sources
 from app.viewer.stage import Stage
+from planners.geometry.pose import Array
 from planners.scene.cell import Cell
 
 LOOPBACK = "127.0.0.1"
@@ -24,18 +26,25 @@ LOOPBACK = "127.0.0.1"
 
 @dataclass(frozen=True)
 class View:
-    """Where the camera is, and what it looks at [m]."""
+    """Where the camera is, and what it looks at, along the world's axes [m]."""
 
     position: tuple[float, float, float]
     target: tuple[float, float, float]
+    from_body: bool = False
+    """Whether they count from the body that is moved, wherever it is, instead of the world's origin."""
+
+    def in_world(self, body_position: Array) -> tuple[Array, Array]:
+        """Return position and target in the world (3,) [m], while the body that is moved is at `body_position` (3,)."""
+        origin = body_position if self.from_body else np.zeros(3)
+        return origin + self.position, origin + self.target
 
 
 VIEWS = {
-    "overview": View((1.52, -1.0, 1.82), (0.17, 0.0, 1.3)),
+    "overview": View((1.89, -0.99, 1.75), (0.2, -0.02, 1.12)),
     "front": View((2.05, 0.0, 1.62), (0.15, 0.0, 1.36)),
     "side": View((0.32, -1.95, 1.5), (0.26, 0.0, 1.36)),
-    "top": View((0.36, -0.02, 3.0), (0.3, 0.0, 1.1)),
-    "close": View((0.95, -0.62, 1.52), (0.3, 0.0, 1.16)),
+    "top": View((0.4, 0.0, 2.9), (0.3, 0.0, 1.1)),
+    "close": View((0.68, -0.64, 0.4), (0.0, 0.0, 0.06), from_body=True),
 }
 FIELD_OF_VIEW = 0.66
 """Vertical [rad]."""
@@ -83,10 +92,13 @@ class Room:
                 self._stage.set_layer(layer, visible)
 
     def look(self, view: View) -> None:
-        """Move the camera of whoever looks into the room."""
+        """Move the camera of whoever looks into the room; an empty room has nothing to look at."""
+        if self._stage is None:
+            return
+        position, target = view.in_world(self._stage.body_position)
         for client in self._server.get_clients().values():
             with client.atomic():
-                client.camera.position, client.camera.look_at = view.position, view.target
+                client.camera.position, client.camera.look_at = position, target
 
     def record(self, durations: Mapping[SourceName, float], step: float) -> tuple[str, dict[SourceName, float]]:
         """Play the sources one after the other, and return a page that does so again without any server.

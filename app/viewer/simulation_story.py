@@ -48,8 +48,8 @@ def _figures(simulation: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = [
         ["largest force difference", f"{manipulation['largest_difference']:.1f} N"],
         ["of the plate's weight", f"{100.0 * manipulation['largest_difference_of_weight']:.1f} %"],
-        ["cup off its place by at most", f"{1e3 * manipulation['largest_distance']:.1f} mm"],
-        ["plate turned by at most", f"{np.degrees(manipulation['largest_angle']):.1f}\u00b0"],
+        ["cup off its place, most", f"{1e3 * manipulation['largest_distance']:.1f} mm"],
+        ["plate turned, most", f"{np.degrees(manipulation['largest_angle']):.1f}\u00b0"],
     ]
     return [*groups, {"title": "Manipulation against its plan", "rows": rows}]
 
@@ -60,7 +60,8 @@ def _lift_rows(lift: Mapping[str, Any]) -> list[list[str]]:
         ["reachable", f"{1e3 * lift['reachable_height']:.0f} mm"],
         ["F_goal, pushing hand", f"{lift['goal_force']:.1f} N"],
         ["reserve kept on the cup", f"{100.0 * lift['cup_reserve']:.0f} %"],
-        ["lifter's way", f"{1e3 * lift['lifter_travel']:.0f} mm in {lift['lifter_seconds']:.1f} s"],
+        ["lifter's way", f"{1e3 * lift['lifter_travel']:.0f} mm"],
+        ["lifter's time", f"{lift['lifter_seconds']:.1f} s"],
         ["hands follow by force", "yes" if lift["controlled"] else "no"],
     ]
 

@@ -31,6 +31,8 @@ LAYERS = ("forces", "cones", "frames", "start", "goal")
 """What can be shown or hidden."""
 FIRST_LAYERS = frozenset({"forces"})
 GHOST_OPACITY = 0.28
+MOVED = frozenset({"plate", "object"})
+"""Roles of the body that a task is about."""
 WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
 """Kinds of contacts."""
 
@@ -74,6 +76,7 @@ class Stage:
             "start": self._add_ghost("start", document, sources.plan.at(0.0)),
             "goal": self._add_ghost("goal", document, sources.plan.at(sources.plan.duration)),
         }
+        self._moved = next(name for name, body in document["bodies"].items() if body["role"] in MOVED)
         self._moment = sources.plan.at(0.0)
         self.show("plan", 0.0)
 
@@ -86,6 +89,11 @@ class Stage:
                 place_at(self._bodies[name], pose)
                 self._poses[name] = pose
         self._show_contacts()
+
+    @property
+    def body_position(self) -> Array:
+        """Where the body that is moved is now (3,), in the world [m]."""
+        return self._moment.body_poses[self._moved][:3]
 
     def set_layer(self, layer: str, visible: bool) -> None:
         """Show or hide one of `LAYERS`."""

@@ -102,7 +102,7 @@ def _subtitle(document: Mapping[str, Any]) -> str:
         return task["kind"].replace("_", " ")
     plate, cup = task["plate"], task["cup"]
     size = plate["shape"].get("size")
-    what = "plate" if size is None else " x ".join(f"{1000 * length:.0f}" for length in size) + " mm plate"
+    what = "plate" if size is None else " \u00d7 ".join(f"{1000 * length:.0f}" for length in size) + " mm plate"
     return f"{plate['mass']:g} kg {what}, cup of {cup['max_force']:g} N"
 
 

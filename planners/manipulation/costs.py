@@ -1,13 +1,13 @@
-"""What an edge of the Manipulation State Graph costs: paper B, eqs. (6) to (10), one function an equation."""
+"""What an edge of the Manipulation State Graph costs: paper B, eqs. (6) to (9), one function an equation.
+
+Eq. (10), the joint torques of both ends of an edge on which the hold changes, depends on nodes: the node examiner works
+out the part of one node, its load, and the search adds the loads of both ends of such an edge.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
-
-from planners.geometry.pose import Array
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,3 @@ class TransitionCost:
     def contact_change(self, restraint_before: int, restraint_after: int) -> float:
         """Cost of a change of contact state with one hold, eq. (9): less restraint is cheaper to reach."""
         return self.omega * math.exp(-(restraint_before - restraint_after))
-
-
-def torque_load(joint_torques: Array) -> float:
-    """Sum of the magnitudes of joint torques [Nm]: one end's part of eq. (10)."""
-    return float(np.abs(joint_torques).sum())
-
-
-def hold_change(load_before: float, load_after: float) -> float:
-    """Cost of an edge on which the hold changes, eq. (10), from the torque loads of its two ends [Nm]."""
-    return load_before + load_after

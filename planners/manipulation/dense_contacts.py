@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
-from planners.geometry.polygon import area, overlap, side_directions
+from planners.geometry.polygon import area, side_directions
 from planners.geometry.polyhedron import Element, ElementKind, Prism
 from planners.geometry.pose import Array, Transform, rotation_z, transform
 from planners.manipulation.contacts import (
@@ -367,25 +367,6 @@ def rest_pose(T_world_plate: Transform, shape: Prism, support_height: float) -> 
     yaw = math.atan2(T_world_plate[1, 0], T_world_plate[0, 0])
     position = [*T_world_plate[:2, 3], support_height + 0.5 * shape.height]
     return transform(rotation_z(yaw), position)
-
-
-def resting_contact_points(shape: Prism, T_world_plate: Transform, support: Array | None = None) -> Array:
-    """Return the contact points of a plate that lies flat: the corners of the overlap of both touching faces.
-
-    Args:
-        shape: the plate.
-        T_world_plate: the pose at rest.
-        support: (m, 2) outline of the surface under the plate, counter-clockwise, world x and y [m]; None when the
-            surface reaches beyond the plate everywhere.
-
-    Returns:
-        (k, 3) in the plate's frame [m]; no rows when the faces do not overlap.
-    """
-    if support is None:
-        return shape.bottom_vertices.copy()
-    R, p = T_world_plate[:2, :2], T_world_plate[:2, 3]
-    corners = overlap(shape.outline, (np.asarray(support, dtype=float) - p) @ R)
-    return np.column_stack([corners, np.full(len(corners), -0.5 * shape.height)])
 
 
 def _samples(plate: RestingPlate, contact: PrincipalContact, sampling: ContactSampling) -> list[PlatePose]:

@@ -9,11 +9,11 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.inverse import BRANCHES
+from planners.kinematics.windings import all_windings
 from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
 from planners.manipulation.reach import HandReach
 
 _TURN = 2.0 * math.pi
-_WINDINGS = np.array([-_TURN, 0.0, _TURN])
 
 
 @dataclass(eq=False)
@@ -68,9 +68,7 @@ class EngagementTrack:
     def windings(self, lo: Array, hi: Array) -> Array:
         """Return (k, 6) whole turns [rad] after which the whole engagement is within limits."""
         everything = np.concatenate([self.approach, *self.motions.values(), self.retreat])
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        choices = [w[(low[i] + w >= lo[i]) & (high[i] + w <= hi[i])] for i, w in enumerate([_WINDINGS] * 6)]
-        return np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, 6)
+        return all_windings(np.zeros(6), lo - everything.min(axis=0), hi - everything.max(axis=0))
 
     def turn(self, turns: Array) -> None:
         """Add whole turns to all joints."""

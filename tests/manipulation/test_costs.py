@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planners.manipulation.contacts import restraint
-from planners.manipulation.costs import TransitionCost, hold_change, torque_load
+from planners.manipulation.costs import TransitionCost
 
 UP = np.array([0.0, 0.0, 1.0])
 CORNERS = np.array([[0.15, 0.15, -0.02], [-0.15, 0.15, -0.02], [-0.15, -0.15, -0.02], [0.15, -0.15, -0.02]])
@@ -32,8 +32,3 @@ def test_a_contact_change_costs_by_the_ranks_of_its_contacts(before, after, expe
 def test_there_and_back_cost_multiplies_to_omega_squared(pair):
     costs = TransitionCost(omega=0.7)
     assert costs.contact_change(*pair) * costs.contact_change(*pair[::-1]) == pytest.approx(0.49)
-
-
-def test_a_hold_change_costs_the_magnitudes_of_both_ends_torques():
-    assert torque_load(np.array([1.0, -2.0, 0.5])) == 3.5
-    assert hold_change(torque_load(np.array([1.0, -2.0])), torque_load(np.array([-4.0]))) == 7.0

@@ -19,7 +19,6 @@ from planners.manipulation.dense_contacts import (
     DenseContactStateGraph,
     RestingPlate,
     rest_pose,
-    resting_contact_points,
 )
 
 SUPPORT = 1.094
@@ -295,22 +294,3 @@ def test_a_plate_that_is_not_flat_is_refused_and_settled_by_its_rest_pose():
     assert settled.support_height == pytest.approx(SUPPORT, abs=1e-12)
     assert rotation_angle(settled.T_world_plate[:3, :3], tilted[:3, :3]) < 0.0011
     assert settled.T_world_plate[:2, 3] == pytest.approx([0.3, 0.1])
-
-
-def test_a_plate_wholly_on_its_support_touches_with_its_bottom_corners():
-    shape, yaw = PLATES["random 1"]
-    T = rest_pose(transform(rotation_z(yaw), [0.3, 0.1, 0.0]), shape, SUPPORT)
-    wide = np.array([[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]])
-    assert resting_contact_points(shape, T) == pytest.approx(shape.bottom_vertices)
-    points = resting_contact_points(shape, T, wide)
-    assert sorted(map(tuple, np.round(points, 9))) == sorted(map(tuple, np.round(shape.bottom_vertices, 9)))
-
-
-def test_a_plate_that_overhangs_touches_with_the_corners_of_the_overlap():
-    shape = PLATES["acrylic"][0]
-    T = rest_pose(transform(rotation_z(math.pi / 2), [0.3, 0.1, 0.0]), shape, SUPPORT)
-    support = np.array([[0.3, -1.0], [1.0, -1.0], [1.0, 0.05], [0.3, 0.05]])
-    points = resting_contact_points(shape, T, support)
-    world = points @ T[:3, :3].T + T[:3, 3]
-    expected = {(0.3, -0.05, SUPPORT), (0.45, -0.05, SUPPORT), (0.45, 0.05, SUPPORT), (0.3, 0.05, SUPPORT)}
-    assert {tuple(np.round(p, 9)) for p in world} == expected

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import sys
 import tempfile
 from pathlib import Path
 
-from PIL import Image
-from playwright.sync_api import Page, ViewportSize
+from playwright.sync_api import ViewportSize
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
@@ -19,15 +17,14 @@ from support.service import finished, running_service, task  # noqa: E402
 DOCS = TESTS.parent / "docs"
 WINDOW: ViewportSize = {"width": 1366, "height": 768}
 """A laptop's."""
-DRAWING_MILLISECONDS = 15e3
-"""Until the scene is drawn at its full sharpness without a graphics card."""
+DRAWING_MILLISECONDS = 30e3
+"""Until the scene has faded in and is drawn at its full sharpness, without a graphics card."""
 SHOTS = {
     "viewer": ("ab1", "player.seek(0.87 * player.source.duration)"),
     "viewer-lift": (
         "ab1",
         "player.choose('simulation'), player.seek(0.9 * player.source.duration), player.panel.open('Lift')",
     ),
-    "viewer-infeasible": ("pb1_weak_cup", "null"),
 }
 """Name of the picture: task, and what is done in its page."""
 
@@ -51,17 +48,8 @@ def main() -> None:
                 page.wait_for_timeout(DRAWING_MILLISECONDS)
                 page.evaluate(deed)
                 page.wait_for_timeout(DRAWING_MILLISECONDS)
-                (DOCS / f"{name}.png").write_bytes(_small_png(page))
+                page.screenshot(path=DOCS / f"{name}.png")
                 page.close()
-
-
-def _small_png(page: Page) -> bytes:
-    """Return a picture of the page in the 256 colours that cover it best."""
-    whole = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
-    picture = whole.quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    file = io.BytesIO()
-    picture.save(file, "PNG", optimize=True)
-    return file.getvalue()
 
 
 if __name__ == "__main__":

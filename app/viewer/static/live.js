@@ -1,7 +1,6 @@
 /* The live viewer: plans from the service, the scene from a room of one's own. */
 "use strict";
 
-const VIEWS = ["overview", "front", "side", "top", "close"];
 const POLL_MILLISECONDS = 3000;
 
 /** A room on the service: one connection for what we ask, one (viser's own) for the scene. */
@@ -108,9 +107,9 @@ room.onstory = (story) => {
 room.onrefused = ({ plan, detail }) => plan === wanted && say(...whyNot(plans.find(({ id }) => id === plan), detail));
 room.onlost = (words) => say("No connection", words);
 
-for (const view of VIEWS)
+VIEWS.forEach((view, index) =>
   document.getElementById("views").append(
-    element("button", { textContent: view[0].toUpperCase() + view.slice(1), onclick: () => room.look(view) }));
+    element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => room.look(view) })));
 
 function choose(plan) {
   wanted = plan;
@@ -198,7 +197,13 @@ function listItem(plan) {
   item.setAttribute("role", "option");
   item.setAttribute("aria-selected", String(plan.id === wanted));
   item.onclick = () => choose(plan.id);
-  item.onkeydown = (event) => event.key === "Enter" && choose(plan.id);
+  item.onkeydown = (event) => {
+    const neighbour = { ArrowUp: item.previousElementSibling, ArrowDown: item.nextElementSibling }[event.key];
+    if (event.key === "Enter") choose(plan.id);
+    else if (neighbour) neighbour.focus();
+    else return;
+    event.preventDefault();
+  };
   return item;
 }
 

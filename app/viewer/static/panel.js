@@ -12,6 +12,7 @@ const KEYS = [
   ["play, pause", "Space"], ["0.2 s back, on", "← →"], ["2 s back, on", "Shift ← →"],
   ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation", "P"], ["slower, faster", "- +"],
 ];
+const CAMERA_KEYS = ["camera", "1 to 5"];
 
 class Panel {
   /** @param setLayer called with a layer's name and whether it is visible; null if layers are fixed */
@@ -48,7 +49,7 @@ class Panel {
   }
 
   view(story) {
-    const meanings = element("ul", { className: "legend" });
+    const meanings = element("ul", { className: "legend pairs" });
     for (const { colour, words } of Object.values(story.legend.meanings)) {
       const mark = element("i");
       mark.style.borderColor = colour;
@@ -63,7 +64,7 @@ class Panel {
       kinds.append(element("li", {}, mark, words));
     }
     const keys = element("div", { className: "keys" });
-    for (const [words, key] of KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
+    for (const [words, key] of this.setLayer ? [...KEYS, CAMERA_KEYS] : KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
     return [
       ...(this.setLayer ? [heading("Show"), this.layers()] : []),
       heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), heading("Keys"), keys,
@@ -75,6 +76,8 @@ class Panel {
     for (const [name, words, key] of LAYERS) {
       const box = element("input", { type: "checkbox", id: `layer-${name}`, checked: this.visible[name] });
       box.onchange = () => this.toggle(name);
+      // Of a pointer, not of a key: the next press of Space is to play.
+      box.onclick = (event) => event.detail && box.blur();
       list.append(element("label", {}, box, words, element("kbd", { textContent: key })));
     }
     return list;
@@ -103,7 +106,7 @@ class Panel {
       list.append(element("li", {},
         element("b", { textContent: count.toLocaleString("en") }),
         element("small", { textContent: split > 0 ? reason.slice(0, split) : "" }),
-        reason.slice(split > 0 ? split + 2 : 0), bar));
+        capitalised(reason.slice(split > 0 ? split + 2 : 0)), bar));
     }
     return [heading("Why candidates fell out"), list];
   }
@@ -113,8 +116,7 @@ class Panel {
     const list = element("ul", { className: "checks" });
     for (const { name, passed, margin, unit } of story.certificate.checks) {
       const verdict = element("span", { className: passed ? "yes" : "no", textContent: passed ? "✓" : "✗" });
-      const room = margin === null || unit === "1" ? "" : `${Number(margin.toPrecision(3))} ${unit ?? ""}`;
-      list.append(element("li", {}, verdict, name.replaceAll("_", " "), element("small", { textContent: room })));
+      list.append(element("li", {}, verdict, name.replaceAll("_", " "), element("small", { textContent: marginWords(margin, unit) })));
     }
     return [heading(story.certificate.passed ? "Certificate: passed, margins" : "Certificate: FAILED"), list];
   }
@@ -136,6 +138,19 @@ function comparison(nodes) {
   const rows = nodes.flatMap(({ time, forces }) =>
     forces.map(([by, planned, simulated], index) => [index ? "" : `${time.toFixed(1)} s`, by, planned, simulated]));
   return [heading("Forces, N"), table([["", "", "plan", "sim."], ...rows])];
+}
+
+/** A margin with its unit; nothing where a check has none, or compares quantities of several units at once. */
+function marginWords(margin, unit) {
+  if (margin === null || !unit || unit === "1" || unit.includes(",")) return "";
+  const small = ["m", "s"].includes(unit) && Math.abs(margin) < 0.1;
+  const value = small ? 1000 * margin : margin;
+  const tiny = value !== 0 && Math.abs(value) < 1e-3;
+  return `${tiny ? value.toExponential(0) : Number(value.toPrecision(3))} ${small ? "m" : ""}${unit.replace("^2", "²")}`;
+}
+
+function capitalised(words) {
+  return words.charAt(0).toUpperCase() + words.slice(1);
 }
 
 function heading(words) {

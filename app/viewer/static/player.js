@@ -5,9 +5,10 @@
 const AROUND_THE_SCENE = ".mantine-Paper-root, [data-floating-window], .mantine-Notifications-root { display: none !important; }";
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const SOURCES = ["plan", "simulation"];
+const VIEWS = ["overview", "front", "side", "top", "close"];
 
 class Player {
-  /** @param scene what draws: show(source, time), and for a live scene layer(name, visible) */
+  /** @param scene what draws: show(source, time), and for a live scene layer(name, visible) and look(view) */
   constructor(scene) {
     this.scene = scene;
     this.time = 0;
@@ -65,7 +66,7 @@ class Player {
   headline() {
     const { story } = this;
     document.title = `${story.title} · Liftwright`;
-    document.getElementById("title").textContent = story.title;
+    Object.assign(document.getElementById("title"), { textContent: story.title, title: story.title });
     document.getElementById("subtitle").textContent = story.subtitle;
     const badge = document.getElementById("outcome");
     Object.assign(badge, { hidden: false, className: `badge ${story.outcome}`, textContent: story.outcome_words });
@@ -162,7 +163,7 @@ class Player {
     if (!ended) return;
     const { words, lifted, sentence } = this.story.simulation;
     ending.className = lifted ? "good" : "bad";
-    ending.replaceChildren(element("b", { textContent: words[0].toUpperCase() + words.slice(1) }), sentence);
+    ending.replaceChildren(element("b", { textContent: capitalised(words) }), sentence);
   }
 
   /** Keys of the player; those it takes do not reach the scene's camera. */
@@ -184,10 +185,12 @@ class Player {
       "-": () => faster(-1),
       p: () => this.choose(this.sourceName === "plan" ? "simulation" : "plan"),
     };
+    if (this.scene.look) VIEWS.forEach((view, index) => (actions[index + 1] = () => this.scene.look(view)));
     if (this.panel.setLayer)
       for (const [name, , key] of LAYERS) actions[key.toLowerCase()] = () => this.panel.toggle(name);
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-    if (!action || (event.target.role === "tab" && event.key === " ")) return;
+    const spaceIsTheirs = event.target.role === "tab" || event.target.type === "checkbox";
+    if (!action || (spaceIsTheirs && event.key === " ")) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     action();
@@ -210,6 +213,6 @@ class Player {
 function explanation(story) {
   const causes = story.causes.map(({ reason, numbers }) =>
     element("li", {}, reason, ...(numbers ? [element("em", { textContent: numbers })] : [])));
-  return [element("h3", { textContent: `${story.outcome_words[0].toUpperCase()}${story.outcome_words.slice(1)}` }),
+  return [element("h3", { textContent: capitalised(story.outcome_words) }),
     element("p", { textContent: story.summary }), element("ul", {}, ...causes)];
 }

@@ -33,17 +33,6 @@ class Plot {
     this.draw();
   }
 
-  /** Show another stretch of the x axis. */
-  setRange(low, high) {
-    if (this.x[0] === low && this.x[1] === high) return;
-    this.x = [low, high];
-    this.draw();
-  }
-
-  destroy() {
-    this.frame.remove();
-  }
-
   setSize({ width, height }) {
     const { left, right, top, bottom } = this.edges;
     Object.assign(this, { width: Math.max(1, width - left - right), height: Math.max(1, height - top - bottom) });

@@ -7,6 +7,8 @@ class Score {
     this.slider = document.getElementById("time");
     this.slider.oninput = () => seek(Number(this.slider.value));
     this.slider.onkeydown = (event) => event.preventDefault();
+    this.states = document.getElementById("states");
+    new ResizeObserver(() => this.name()).observe(this.states);
   }
 
   /** Show the timeline of what is played: { duration, segments, marked }. */
@@ -26,13 +28,14 @@ class Score {
       return button;
     });
     document.getElementById("segments").replaceChildren(...this.buttons);
-    document.getElementById("states").replaceChildren(
+    this.states.replaceChildren(
       ...contactStretches(source.segments).map((stretch) => {
-        const words = element("div", { textContent: stretch.state, title: stretch.state });
+        const words = element("div", { title: stretch.state });
         words.style.width = share(stretch.start, stretch.end);
         return words;
       }),
     );
+    this.name();
     document.getElementById("marks").replaceChildren(
       ...source.marked.map(([begin, end]) => {
         const mark = element("i");
@@ -40,6 +43,15 @@ class Score {
         return mark;
       }),
     );
+  }
+
+  /** Write each contact state in the longest words there is room for. */
+  name() {
+    for (const place of this.states.children)
+      for (const words of shorterAndShorter(place.title)) {
+        place.textContent = words;
+        if (place.scrollWidth <= place.clientWidth) break;
+      }
   }
 
   now(time, segment) {
@@ -53,6 +65,12 @@ class Score {
     const after = this.source.segments.findIndex((segment) => segment.start > time + 1e-9);
     return (after < 0 ? this.source.segments.length : after) - 1;
   }
+}
+
+/** Words for a contact state: "edge 3 on table", "edge 3", "e3", nothing. */
+function shorterAndShorter(state) {
+  const touched = state.split(" on ")[0];
+  return [state, touched, state === "no contact" ? "free" : touched.replace(/^(\w)\w* (\d+)$/, "$1$2"), ""];
 }
 
 /** Neighbouring segments of one contact state become one stretch; the lift is one of its own. */
