@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from app.example_tasks import example_tasks
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 
@@ -18,7 +19,8 @@ FAILED = 1
 BAD_INPUT = 3
 EXAMPLES = """\
 examples:
-  liftwright plan assets/tasks/ab1.json --out plan.json     one task, no server
+  liftwright plan assets/tasks/ab1.json --out plan.json     one task, no server: both arms lift a plate
+  liftwright plan assets/tasks/domino_pile.json             a suction tool piles up three dominoes
   liftwright serve                                          the service on http://127.0.0.1:8040
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
 
@@ -50,7 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="liftwright",
-        description="Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter.",
+        description="Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter, and how it moves "
+        "objects with a suction tool that its hands take up and pass on.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -61,6 +64,8 @@ def _parser() -> argparse.ArgumentParser:
         "plan",
         help="plan one task without a server",
         description="Plan one task. Exit code 0: solved; 2: no plan, and why; 3: bad input, and where.",
+        epilog=_plan_epilog(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     plan.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
     plan.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes")
@@ -84,6 +89,11 @@ def _parser() -> argparse.ArgumentParser:
     warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
     warm.set_defaults(run=_warm_up)
     return parser
+
+
+def _plan_epilog() -> str:
+    examples = "\n".join(f"  {kind:<13} {', '.join(names)}" for kind, names in example_tasks().items())
+    return f"kinds of tasks, and examples of each, files assets/tasks/NAME.json:\n{examples}\n"
 
 
 def _add_listening(command: argparse.ArgumentParser) -> None:

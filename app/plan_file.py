@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from app.intake import accept_task
 from app.progress_bar import ProgressBar
+from app.settings import ServiceSettings
 from app.summary import summarise
 from planners.contract.problems import Problem, problems_of
 from planners.contract.strict_json import NotJson
@@ -33,7 +34,9 @@ def plan_file(path: Path, out: Path | None) -> int:
         OSError: A file cannot be read or written.
     """
     try:
-        pipeline = Pipeline.load()
+        settings = ServiceSettings()
+        # A command that only reads a file makes no data directory of its own.
+        pipeline = Pipeline.load(settings.handovers_dir if settings.data_dir.is_dir() else None)
         task = accept_task(path.read_bytes(), pipeline.cells)
     except NotJson as error:
         return _refuse([Problem(pointer="", detail=str(error))])
@@ -49,7 +52,7 @@ def plan_file(path: Path, out: Path | None) -> int:
 
 def _solve(pipeline: Pipeline, name: str, task: dict[str, Any]) -> dict[str, Any]:
     with ProgressBar() as bar:
-        scale = ProgressScale()
+        scale = ProgressScale.of(task)
 
         def show(stage: str, done: int, total: int) -> None:
             bar.show(stage, scale.advance(stage, done, total))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
 from workers.solver_process import COMPILE
+from workers.solver_protocol import HANDOVERS_VARIABLE
 from workers.worker import Worker
 
 LONGEST_GOODBYE_SECONDS = 3
@@ -81,15 +83,16 @@ def work(settings: WorkerSettings) -> None:
 
 
 def warm_up(settings: WorkerSettings) -> None:
-    """Compile what is not compiled yet, with a message, so that no job has to wait for it.
+    """Compile and compute what is not there yet, with a message, so that no job has to wait for it.
 
     Raises:
         WarmUpFailed: The solver does not work.
     """
-    sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, about a minute\n")
+    sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, which takes minutes\n")
     command = (*settings.solver_command, COMPILE)
     # It ends when its stdin does: with this process, however that ends.
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
+    environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}
+    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
         return_code = compiler.wait()
     if return_code != 0:
         raise WarmUpFailed(return_code)

@@ -10,23 +10,30 @@ import numpy as np
 
 
 def summarise(document: Mapping[str, Any]) -> str:
-    """Return a few lines: outcome, contact states, largest force, times, certificate; or why there is no plan."""
+    """Return a few lines: outcome, what happens, largest force, times, certificate; or why there is no plan."""
     if document["outcome"] != "solved":
         return _explain(document)
     checks = document["certificate"]["checks"]
     verdict = "passed" if document["certificate"]["passed"] else "FAILED"
     total = document["statistics"]["total_seconds"]
-    certifying = sum(stage["seconds"] for stage in document["statistics"]["stages"] if stage["name"] == "certify")
+    seconds = {stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]}
+    certifying, simulating = seconds.get("certify", 0.0), seconds.get("simulate", 0.0)
     force, where = largest_hand_force(document)
     lines = {
         "outcome": "solved",
-        "contact states": " > ".join(contact_states(document)),
+        **_happening(document),
         "segments": f"{len(document['segments'])}, {document['segments'][-1]['time'][-1]:.1f} s of motion",
         "largest force": f"{force:.1f} N on one contact normal ({where})",
-        "planning time": f"{total - certifying:.2f} s",
+        "planning time": f"{total - certifying - simulating:.2f} s",
         "certificate": f"{verdict}, {len(checks)} checks in {certifying:.2f} s",
     }
     return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
+
+
+def _happening(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return what the plan does: the contact states of a plate, or which objects are moved how."""
+    states = contact_states(document)
+    return {"contact states": " > ".join(states)} if states else {"moved": str(document["explanation"]["summary"])}
 
 
 def contact_states(document: Mapping[str, Any]) -> list[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 from planners.contract.lift_document import lift_document
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
@@ -17,12 +17,24 @@ from planners.manipulation.dense_contacts import ContactSampling
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.progress import Progress
-from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.scene.cell import Cell
 from planners.scene.scene import PlateLiftScene
+from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
+
+
+class HandoverSource(Protocol):
+    """Where the handovers of a cell and a tool come from: computed, or kept from earlier."""
+
+    def __call__(
+        self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
+    ) -> HandoverDatabase:
+        """Return what `find_handovers` returns for the same arguments."""
+        ...
 
 
 def plan(
@@ -30,7 +42,7 @@ def plan(
     scene: PlateLiftScene | SuctionToolScene,
     progress: Progress,
     clock: Callable[[], float],
-    handovers: HandoverDatabase | None = None,
+    handovers: HandoverSource = find_handovers,
 ) -> dict[str, Any]:
     """Plan a task; that there is no plan is an answer, with its reasons.
 
@@ -39,7 +51,7 @@ def plan(
         scene: built from it.
         progress: told what is being done; may raise `PlanningCancelled`.
         clock: seconds, for the statistics only; no decision depends on it.
-        handovers: of the scene's cell and suction tool; None: computed if the task asks for any.
+        handovers: asked once by a suction-tool task; computing them takes some seconds.
 
     Returns:
         The plan document, without certificate.
@@ -54,7 +66,9 @@ def plan(
         stopwatch.stop()
         return lift_document(task, scene, lift, stopwatch.seconds)
     if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
-        moved = SuctionToolPlanner(scene, ToolPlannerSettings(), handovers, stopwatch).plan()
+        settings = ToolPlannerSettings()
+        database = handovers(scene.cell, scene.tool, settings.handovers, stopwatch)
+        moved = SuctionToolPlanner(scene, settings, database, stopwatch).plan()
         stopwatch("forces", 0, 1)
         moved = replace(moved, segments=HoldStatics(scene).balanced(moved.segments))
         stopwatch("forces", 1, 1)

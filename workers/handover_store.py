@@ -48,6 +48,7 @@ class HandoverStore:
         key = handover_key(cell, tool, settings)
         database = self.load(key)
         if database is None:
+            progress("handovers", 0, 1)
             database = find_handovers(cell, tool, settings, progress)
             self.save(database)
         return database

@@ -18,18 +18,23 @@ from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.errors import LiftwrightError
 from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
-from planners.plan import plan
+from planners.plan import HandoverSource, plan
 from planners.progress import Progress, silent
+from planners.regrasp.handovers import find_handovers
+from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
-from planners.scene.suction_tool import tool_descriptions
+from planners.scene.suction_tool import known_tools, load_tool, tool_descriptions
+from workers.handover_store import HandoverStore
 from workers.simulation.simulate import simulate
 from workers.software import describe_software
 from workers.solver_protocol import REJECTED_VARIABLE, Request
 
 REFERENCE_TASK = "ab1.json"
-"""Planning it once compiles every kernel a job needs."""
+"""Planning it once compiles every kernel that a plate lift needs."""
+REFERENCE_TOOL_TASK = "domino_pile.json"
+"""Planning its first object compiles what a suction-tool task needs beyond that."""
 FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
 """With so few holds the reference task is answered soon, and nearly all kernels are loaded."""
 
@@ -54,11 +59,17 @@ class Pipeline:
     simulate: Callable[..., dict[str, Any]] = simulate
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
+    handovers: HandoverSource = find_handovers
 
     @classmethod
-    def load(cls) -> Self:
-        """Load the cells and meshes that are shipped."""
-        return cls({name: load_cell(name) for name in known_cells()}, load_surfaces())
+    def load(cls, handovers_dir: Path | None = None) -> Self:
+        """Load the cells and meshes that are shipped.
+
+        Args:
+            handovers_dir: where handover databases are kept; None: each is computed for its one task.
+        """
+        handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
+        return cls({name: load_cell(name) for name in known_cells()}, load_surfaces(), handovers=handovers)
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
@@ -66,8 +77,15 @@ class Pipeline:
         return self
 
     def compile(self) -> None:
-        """Compile every kernel that is not compiled yet. Takes minutes the first time, seconds after that."""
+        """Compile every kernel that is not compiled yet, and compute the handovers of every shipped tool.
+
+        Takes minutes the first time, seconds after that.
+        """
         self.solve({"id": "compile", "task": reference_task()}, silent)
+        task = reference_tool_task()
+        self.solve({"id": "compile", "task": task}, silent)
+        for tool in known_tools():
+            self.handovers(self.cells[task["cell"]], load_tool(tool), ToolPlannerSettings().handovers, silent)
 
     def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
         """Return the certified and simulated plan document of a task, or the document that says why there is no plan.
@@ -82,7 +100,7 @@ class Pipeline:
         scene = build_scene(task, self.cells, uploads=_uploads(request))
         progress("scene", 1, 1)
         built = self.clock()
-        document = self.plan(task, scene, progress, self.clock)
+        document = self.plan(task, scene, progress, self.clock, self.handovers)
         document |= {"id": request["id"], "software": describe_software()}
         planned = self.clock()
         progress("certify", 0, 1)
@@ -105,8 +123,18 @@ class Pipeline:
 
 
 def reference_task() -> dict[str, Any]:
-    """Return the body of the task that is used to warm up."""
-    return json.loads(resources.files("assets").joinpath("tasks", REFERENCE_TASK).read_text())
+    """Return the body of the plate lift that is used to warm up."""
+    return _shipped_task(REFERENCE_TASK)
+
+
+def reference_tool_task() -> dict[str, Any]:
+    """Return the body of a suction-tool task with one object."""
+    task = _shipped_task(REFERENCE_TOOL_TASK)
+    return {**task, "objects": task["objects"][:1]}
+
+
+def _shipped_task(name: str) -> dict[str, Any]:
+    return json.loads(resources.files("assets").joinpath("tasks", name).read_text())
 
 
 def _uploads(request: Request) -> Uploads:

@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, Self
 
-STAGE_SHARES: Mapping[str, float] = {
-    "scene": 0.03,
-    "sample": 0.03,
-    "reach": 0.09,
-    "merge": 0.03,
-    "examine": 0.06,
-    "search": 0.09,
-    "motion": 0.15,
-    "certify": 0.12,
-    "simulate": 0.40,
+STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
+    "plate_lift": {
+        "scene": 0.03,
+        "sample": 0.03,
+        "reach": 0.09,
+        "merge": 0.03,
+        "examine": 0.06,
+        "search": 0.09,
+        "motion": 0.15,
+        "certify": 0.12,
+        "simulate": 0.40,
+    },
+    "suction_tool": {
+        "scene": 0.03,
+        "handovers": 0.05,
+        "suction": 0.10,
+        "regrasp": 0.25,
+        "forces": 0.05,
+        "certify": 0.52,
+    },
 }
-"""About how much of a job's time each stage takes, in order [1]. They sum to one."""
+"""About how much of a job's time each stage takes, in order [1]. They sum to one.
+
+A stage of a single object names it last ("first regrasp box_1"); the word before the name says whose share it has.
+Motion of a suction tool is found in turns with its regrasps and is not counted apart.
+"""
 UNCOUNTED_HALF = 20.0
 """A stage that does not know its total is shown half done after so many parts [1]."""
 
@@ -23,16 +38,39 @@ UNCOUNTED_HALF = 20.0
 class ProgressScale:
     """Follows one job. Stages may repeat, or be unknown here: the fraction then waits."""
 
-    def __init__(self, shares: Mapping[str, float] = STAGE_SHARES, begun: float = 0.0) -> None:
-        """Start at the fraction `begun` that an earlier attempt had already shown."""
-        self._shares = shares
+    def __init__(self, shares: Mapping[str, float], objects: int = 1, begun: float = 0.0) -> None:
+        """Prepare.
+
+        Args:
+            shares: of each stage, in order.
+            objects: how many share the stages of single objects, one after the other.
+            begun: fraction that an earlier attempt had already shown.
+        """
+        self._shares, self._objects = shares, max(1, objects)
+        self._met: dict[str, list[str]] = {}
         self.fraction = begun
+
+    @classmethod
+    def of(cls, task: Mapping[str, Any], begun: float = 0.0) -> Self:
+        """Return the scale of a task as accepted."""
+        return cls(STAGE_SHARES[task["kind"]], len(task.get("objects", ())), begun)
 
     def advance(self, stage: str, done: int, total: int) -> float:
         """Take a report and return the fraction of the whole, 0 … 1."""
-        if stage in self._shares:
-            names = list(self._shares)
-            before = sum(self._shares[name] for name in names[: names.index(stage)])
+        what, _, name = stage.rpartition(" ")
+        kind = what.rpartition(" ")[2] if what else name
+        if kind in self._shares:
+            stages = list(self._shares)
+            before = sum(self._shares[earlier] for earlier in stages[: stages.index(kind)])
             within = min(1.0, done / total) if total > 0 else done / (done + UNCOUNTED_HALF)
-            self.fraction = max(self.fraction, min(1.0, before + self._shares[stage] * within))
+            if what:
+                within = self._part(kind, name, within)
+            self.fraction = max(self.fraction, min(1.0, before + self._shares[kind] * within))
         return self.fraction
+
+    def _part(self, kind: str, name: str, within: float) -> float:
+        """Return how much of a stage is done if an object's part is; objects that came before are done."""
+        met = self._met.setdefault(kind, [])
+        if name not in met:
+            met.append(name)
+        return min(1.0, (met.index(name) + within) / self._objects)

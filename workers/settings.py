@@ -12,6 +12,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 EMBEDDED_NAME = "embedded"
 """Of the one worker on SQLite: after a start it takes up its own jobs, whatever the host is called now."""
+HANDOVERS_FOLDER = "handovers"
+"""In the data directory."""
 SOLVER_COMMAND = (sys.executable, "-m", "workers.solver_process")
 
 
@@ -26,7 +28,8 @@ class WorkerSettings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="LIFTWRIGHT_", frozen=True, extra="ignore")
 
     data_dir: Path = Path("data")
-    """Database (unless `database_url` is given), locks, and documents that failed their certificate."""
+    """Database (unless `database_url` is given), locks, handovers of tools, and documents that failed their
+    certificate."""
     database_url: str | None = None
     """`postgresql://…`; None: SQLite in `data_dir`."""
     worker_name: str = Field(default_factory=socket.gethostname, pattern=r"^[A-Za-z0-9_.-]{1,128}$")
@@ -48,6 +51,11 @@ class WorkerSettings(BaseSettings):
     def embedded(self) -> bool:
         """Whether everything runs in one process on SQLite."""
         return self.database_url is None
+
+    @property
+    def handovers_dir(self) -> Path:
+        """Where handover databases are kept: on each worker's own disk, whatever the database is."""
+        return self.data_dir.resolve() / HANDOVERS_FOLDER
 
     @property
     def executor_name(self) -> str:

@@ -15,13 +15,14 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from planners.errors import LiftwrightError
 from planners.progress import Progress
-from workers.solver_protocol import Message, Request
+from workers.solver_protocol import HANDOVERS_VARIABLE, Message, Request
 
 if TYPE_CHECKING:
     from workers.pipeline import Pipeline
@@ -127,7 +128,8 @@ def _load_pipeline() -> Pipeline:
     # needs the rest of this file without the planners.
     from workers.pipeline import Pipeline
 
-    return Pipeline.load()
+    folder = os.environ.get(HANDOVERS_VARIABLE)
+    return Pipeline.load(Path(folder) if folder else None)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,8 @@ MAX_LINE = 2**24
 
 REJECTED_VARIABLE = "LIFTWRIGHT_REJECTED_DIR"
 """Names the directory for documents that failed their certificate, to find out why."""
+HANDOVERS_VARIABLE = "LIFTWRIGHT_HANDOVERS_DIR"
+"""Names the directory where handover databases are kept; without it each process computes its own."""
 
 
 class Request(TypedDict):

@@ -21,7 +21,7 @@ from workers.plan_store import PlanStore
 from workers.progress_scale import ProgressScale
 from workers.settings import WorkerSettings
 from workers.solver import PackedDocument, SolverCommand, SolverDied, SolverFault, SolverPool
-from workers.solver_protocol import REJECTED_VARIABLE, Report, Request
+from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE, Report, Request
 
 REJECTED_FOLDER = "rejected"
 SHUTDOWN_SECONDS = 5
@@ -40,7 +40,8 @@ class Worker:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
         self._meshes = MeshStore(database)
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
-        command = SolverCommand(settings.solver_command, {REJECTED_VARIABLE: str(rejected)})
+        folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
+        command = SolverCommand(settings.solver_command, folders)
         self._pool = SolverPool(command, settings.worker_slots)
         self._slots = asyncio.Semaphore(settings.worker_slots)
         self._running: dict[str, asyncio.Task[PackedDocument]] = {}
@@ -128,7 +129,7 @@ class Worker:
             record = await asyncio.to_thread(self._store.begin_attempt, plan_id)
             if record is None:
                 raise JobFailed("the plan was deleted before it was solved")
-            scale = ProgressScale(begun=record.fraction)
+            scale = ProgressScale.of(request["task"], record.fraction)
             try:
                 return await self._attempt(plan_id, request, record.attempts, scale)
             except SolverFault as fault:

@@ -6,10 +6,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
 
+from app.example_tasks import example_tasks
 from app.resources import Resource
 from app.settings import ServiceSettings
+from planners.scene.asset_files import known_meshes
 from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
 from planners.scene.shape_source import PLANNED_SHAPES
+from planners.scene.suction_tool import known_tools
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
@@ -39,8 +42,15 @@ class Capabilities(Resource):
     kinds: list[str]
     cells: list[str]
     lifter_models: list[str]
+    """Of plate lifts."""
+    tools: list[str]
+    """Suction tools by name; a task may also describe one of its own."""
     shapes: list[str]
     """Of objects, tools and obstacles; a plate and its support are no mesh."""
+    meshes: list[str]
+    """Shipped ones by name; others are uploaded to /v1/meshes."""
+    example_tasks: dict[str, list[str]]
+    """Names of shipped tasks, by kind: files assets/tasks/NAME.json."""
     limits: Limits
     schema_versions: list[str]
     """Of plan documents."""
@@ -56,12 +66,15 @@ def _settings(request: Request) -> ServiceSettings:
 
 @router.get("/capabilities", summary="What this service can plan")
 def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
-    """Return kinds of tasks, cells, lifter models, limits and versions."""
+    """Return kinds of tasks, cells, tools, lifter models, shapes, examples, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
         cells=sorted(request.app.state.cells),
         lifter_models=list(PLANNED_LIFTERS),
+        tools=known_tools(),
         shapes=list(PLANNED_SHAPES),
+        meshes=known_meshes(),
+        example_tasks=example_tasks(),
         limits=Limits(
             max_body_bytes=settings.max_body_bytes,
             max_mesh_bytes=settings.max_mesh_bytes,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from planners.certify.triangle_surface import TriangleSurface
 from planners.geometry.pose import Array
 
 _CYLINDER_SIDES = 64
@@ -54,14 +55,14 @@ class BodyShape:
     vertices: Array
     """(n, 3), all corners [m]."""
     parts: tuple[ConvexPart, ...]
-    surface: Array | None = None
-    """(m, 3, 3) corners of outward triangles [m]; None where the parts' faces are the surface."""
+    surface: TriangleSurface | None = None
+    """Closed; None where the parts' faces are the surface."""
 
     @property
     def triangles(self) -> Array:
         """(m, 3, 3) corners of outward triangles, closed [m]."""
         if self.surface is not None:
-            return self.surface
+            return self.surface.triangles
         return np.concatenate([part.vertices[part.triangles] for part in self.parts])
 
     def inertia(self, mass: float, point: Array) -> Array:
@@ -82,10 +83,7 @@ class BodyShape:
         mesh it is the distance from the nearest triangle.
         """
         if self.surface is not None:
-            distances, normals = triangle_distances(self.surface, point)
-            nearest = int(np.argmin(distances))
-            below = float((point - self.surface[nearest, 0]) @ normals[nearest]) < 0.0
-            return (-1.0 if below else 1.0) * float(distances[nearest]), normals[nearest]
+            return self.surface.signed_distance(point)
         best, normal = math.inf, np.zeros(3)
         for part in self.parts:
             heights = part.planes[:, :3] @ point + part.planes[:, 3]
@@ -98,8 +96,7 @@ class BodyShape:
         """Return the outward normals of the faces that a point is no farther than `distance` from."""
         normals = []
         if self.surface is not None:
-            distances, of_triangles = triangle_distances(self.surface, point)
-            return list(of_triangles[distances <= distance])
+            return list(self.surface.normals_near(point, distance))
         for part in self.parts:
             heights = part.planes[:, :3] @ point + part.planes[:, 3]
             if heights.max() <= distance:
@@ -167,19 +164,4 @@ def mesh(vertices: Array, faces: NDArray[np.intp], parts: Sequence[Array]) -> Bo
     if float(np.einsum("ij,ij->", a, np.cross(b, c))) <= 0.0:
         raise ValueError("the surface is not closed and outward")
     flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0
-    return BodyShape(vertices, tuple(convex_part(part) for part in parts), surface[~flat])
-
-
-def triangle_distances(triangles: Array, point: Array) -> tuple[Array, Array]:
-    """Return the distances of a point from triangles (m, 3, 3), and their unit normals (m, 3)."""
-    a, b, c = np.swapaxes(triangles, 0, 1)
-    normals = np.cross(b - a, c - a)
-    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    inside, nearest = np.ones(len(triangles), dtype=bool), np.full(len(triangles), np.inf)
-    for start, end in ((a, b), (b, c), (c, a)):
-        side, to_point = end - start, point - start
-        inside &= np.einsum("ij,ij->i", np.cross(side, to_point), normals) >= 0.0
-        share = np.clip(np.einsum("ij,ij->i", to_point, side) / np.einsum("ij,ij->i", side, side), 0.0, 1.0)
-        nearest = np.minimum(nearest, np.linalg.norm(to_point - share[:, None] * side, axis=1))
-    heights = np.abs(np.einsum("ij,ij->i", point - a, normals))
-    return np.where(inside, heights, nearest), normals
+    return BodyShape(vertices, tuple(convex_part(part) for part in parts), TriangleSurface(surface[~flat]))

@@ -164,4 +164,5 @@ def x_axis_error(contact: ContactView, T_world_body: Array) -> float:
 
 def angle(a: Array, b: Array) -> float:
     """Return the angle between two vectors [rad]."""
-    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return math.atan2(math.hypot(x, y, z), float(a @ b))

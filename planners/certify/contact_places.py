@@ -20,6 +20,9 @@ from planners.geometry.pose import Array, Transform, inverse
 Maker = Callable[[SegmentMotion, ContactSet, ContactView, str], None]
 """Checks a contact from the side of who makes it; the text names the contact."""
 
+_SAME_PLACE = 1e-7
+"""Points that round to the same multiple of this are one place [m]; tolerances are thousands of it."""
+
 
 class ContactPlaceChecks(ABC):
     """Looks at each contact from both sides: the body that it acts on, and who makes it."""
@@ -28,6 +31,7 @@ class ContactPlaceChecks(ABC):
         self._plan, self._settings = plan, settings
         self._points = Finding("contact_points", "m")
         self._normals = Finding("contact_normals", "rad")
+        self._known: dict[tuple[int, bytes], tuple[float, list[Array]]] = {}
 
     def run(self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[ContactSet]]) -> list[Check]:
         """Check all contact sets of each segment."""
@@ -72,13 +76,23 @@ class ContactPlaceChecks(ABC):
     ) -> None:
         T_body_world = inverse(T_world_body)
         local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
-        height, _ = shape.surface_distance(local)
+        height, normals = self._surface_at(shape, local)
         self._points.note(self._settings.contact_distance - abs(height), where)
         if outward is not None and height <= self._settings.contact_distance:
-            normals = shape.normals_near(local, self._settings.contact_distance)
             direction = T_body_world[:3, :3] @ outward
             error = min((angle(direction, normal) for normal in normals), default=math.pi)
             self._normals.note((self._settings.contact_angle if slant is None else slant) - error, where)
+
+    def _surface_at(self, shape: BodyShape, point: Array) -> tuple[float, list[Array]]:
+        """Return the distance of a point of the body frame from the surface, and the normals near it.
+
+        A held body is touched at one place through all of a motion, which is looked at once.
+        """
+        key = id(shape), np.round(point / _SAME_PLACE).tobytes()
+        if key not in self._known:
+            height, _ = shape.surface_distance(point)
+            self._known[key] = height, shape.normals_near(point, self._settings.contact_distance)
+        return self._known[key]
 
     def _meets(self, contact: ContactView, point: Array, normal: Array, where: str) -> None:
         distance = float(np.linalg.norm(contact.point - point))

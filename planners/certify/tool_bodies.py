@@ -56,7 +56,7 @@ def _covered(body: BodyView, finding: Finding, settings: CertifySettings) -> Non
     """The convex parts of a mesh, by which collisions are judged, contain its surface."""
     if body.shape.surface is None:
         return
-    points = np.concatenate([body.shape.vertices, body.shape.surface.mean(axis=1)])
+    points = np.concatenate([body.shape.vertices, body.shape.triangles.mean(axis=1)])
     heights = np.min(
         [np.max(points @ part.planes[:, :3].T + part.planes[:, 3], axis=1) for part in body.shape.parts], axis=0
     )

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from planners.collision.distance import Indices
 from planners.collision.kernel import (
@@ -358,7 +357,7 @@ def _bare_kernel(
     shapes = [shape for body in bodies for shape in body.shapes]
     ends = np.cumsum([len(shape.vertices) for shape in shapes])
     counts = [len(shape.vertices) for shape in shapes]
-    normals = [_face_normals(shape.vertices) for shape in shapes]
+    normals = [shape.face_normals for shape in shapes]
     normal_ends = np.cumsum([len(rows) for rows in normals])
     normal_counts = [len(rows) for rows in normals]
     shape_frame = [frames.index(body.frame) for body in bodies for _ in body.shapes]
@@ -382,17 +381,6 @@ def _bare_kernel(
         reach=np.empty(0),
         margin=np.empty((0, 2)),
     )
-
-
-def _face_normals(vertices: Array) -> Array:
-    """Return the outward normals (n, 3) of a hull's faces; none for a flat or thin one."""
-    try:
-        planes = ConvexHull(vertices).equations[:, :3]
-    except (QhullError, ValueError):
-        return np.empty((0, 3))
-    # Triangles of one face share a normal.
-    _, first = np.unique(planes.round(6), axis=0, return_index=True)
-    return planes[first]
 
 
 def _bounding_box(shape: ConvexShape) -> Array:

@@ -20,6 +20,10 @@ from planners.segment import SegmentKind
 
 _DIGITS = 12
 """Decimals of everything sampled: 1e-12 rad, m or N."""
+_VELOCITY_DIGITS, _ACCELERATION_DIGITS = 10, 9
+"""Decimals of what readers compare with differences of positions only."""
+_SIGNIFICANT = 9
+"""Digits of what contacts state: as many as the contract asks for."""
 
 
 class PlanOutcome(Protocol):
@@ -138,8 +142,8 @@ def motion_members(segment: TimedSegment, begun: float) -> dict[str, Any]:
         "movers": list(segment.movers),
         "time": rounded(trajectory.time + begun),
         "positions": rounded(trajectory.positions),
-        "velocities": rounded(trajectory.velocities),
-        "accelerations": rounded(trajectory.accelerations),
+        "velocities": rounded(trajectory.velocities, _VELOCITY_DIGITS),
+        "accelerations": rounded(trajectory.accelerations, _ACCELERATION_DIGITS),
         "gripper_width": {arm: rounded(width) for arm, width in segment.widths.items()},
     }
 
@@ -149,7 +153,14 @@ def pose_row(T: Transform) -> list[float]:
     return rounded(np.array(to_pose7(T)))
 
 
-def rounded(values: Array) -> list[Any]:
+def rounded(values: Array, digits: int = _DIGITS) -> list[Any]:
     """Return sampled numbers as JSON data, without digits that mean nothing."""
     # Adding zero turns -0.0 into 0.0.
-    return (np.round(values, _DIGITS) + 0.0).tolist()
+    return (np.round(values, digits) + 0.0).tolist()
+
+
+def significant(values: Array) -> list[Any]:
+    """Return numbers as JSON data with nine significant digits, and no more decimals than samples have."""
+    exponents = np.floor(np.log10(np.maximum(np.abs(values), 10.0**-_DIGITS)))
+    scales = 10.0 ** np.minimum(_SIGNIFICANT - 1 - exponents, _DIGITS)
+    return (np.round(values * scales) / scales + 0.0).tolist()

@@ -10,9 +10,20 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, JsonValue, SkipValidation, model_validator
+from pydantic import Field, JsonValue, model_validator
 from pydantic_core import PydanticCustomError
 
+from planners.contract.considered import Considered
+from planners.contract.document_numbers import (
+    ArmName,
+    Numbers,
+    PoseArray,
+    Real,
+    Rows,
+    SixJoints,
+    Vector,
+    WrenchArray,
+)
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import TaskSpec
@@ -26,18 +37,6 @@ JOINTS = (
 JOINT_NAMES = tuple(f"{arm}_{joint}" for arm in ("left", "right") for joint in JOINTS)
 """The order of joints in every array of twelve."""
 
-Real = Annotated[float, Field(allow_inf_nan=False)]
-Vector = tuple[Real, Real, Real]
-PoseArray = tuple[Real, Real, Real, Real, Real, Real, Real]
-"""[x, y, z, w, x, y, z]"""
-SixJoints = tuple[Real, Real, Real, Real, Real, Real]
-WrenchArray = tuple[Real, Real, Real, Real, Real, Real]
-"""[fx, fy, fz, tx, ty, tz] in world axes, the torque about the stated point."""
-Numbers = Annotated[list[float], SkipValidation]
-"""One number a sample."""
-Rows = Annotated[list[list[float]], SkipValidation]
-"""One row a sample."""
-ArmName = Literal["left", "right"]
 Outcome = Literal["solved", "infeasible", "not_found"]
 SegmentKind = Literal[
     "transit", "transfer", "handover", "approach", "retreat", "grip", "release", "attach", "detach"
@@ -403,8 +402,8 @@ class Statistics(StrictModel):
     graph: dict[str, JsonValue]
     search: dict[str, JsonValue]
     rejections: dict[str, int]
-    considered: dict[str, JsonValue] = Field(default_factory=dict)
-    """What a suction-tool planner looked at: suction poses and grasps, and why they fell."""
+    considered: Considered | None = None
+    """What a suction-tool planner looked at."""
 
 
 class PlanDocument(StrictModel):

@@ -68,7 +68,7 @@ def _problem(fault: Mapping[str, Any]) -> Problem:
         return Problem(pointer=json_pointer(path[:-1]), detail=detail)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         path = [*path, _quoted(context["discriminator"])[0]]
-    problem = Problem(pointer=json_pointer(path), detail=_detail(kind, context, fault["msg"]))
+    problem = Problem(pointer=json_pointer(path), detail=_detail(kind, context, fault["msg"], path))
     if path == ["kind"]:
         problem["allowed"] = list(KINDS)
     choices = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
@@ -102,11 +102,17 @@ _SENTENCES = {
 }
 
 
-def _detail(kind: str, context: Mapping[str, Any], message: str) -> str:
+_IN_METRES = frozenset({"size", "radius", "height", "outline", "position", "com"})
+"""Members whose numbers are lengths: drawings are in millimetres."""
+
+
+def _detail(kind: str, context: Mapping[str, Any], message: str, path: Sequence[str | int]) -> str:
     if kind in _SENTENCES:
         return _SENTENCES[kind]
     if kind in ("union_tag_invalid", "literal_error"):
         return "is none of the valid choices"
+    if kind in ("less_than_equal", "greater_than_equal") and _IN_METRES.intersection(map(str, path)):
+        message = f"{message} (metres)"
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from planners.contract.document_members import document_of, motion_members, pose_row, rounded
+from planners.contract.considered_members import considered_members
+from planners.contract.document_members import document_of, motion_members, pose_row, significant
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, to_pose7
-from planners.graph.rejections import Rejection
 from planners.regrasp.hold_statics import EPS, pad_axes
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
@@ -31,49 +31,8 @@ def tool_document(
         stages: seconds by stage, in order.
     """
     document = document_of(task, scene, plan, tool_segments(plan.segments, scene), stages)
-    document["statistics"]["considered"] = _considered(plan)
+    document["statistics"]["considered"] = considered_members(plan)
     return document
-
-
-def _considered(plan: ToolPlan) -> dict[str, Any]:
-    """Return what was looked at, for drawing; a reason of null is none: it is good, or it is used."""
-    considered = plan.considered
-    return {
-        "order": list(plan.order),
-        "steps": [
-            {"object": step.object, "round": step.round, "arm": step.arm, "grasp": step.grasp, "by": step.by}
-            for step in plan.steps
-        ],
-        "places": {
-            name: [
-                {
-                    "point": rounded(place.point),
-                    "normal": rounded(place.normal),
-                    "reason": None if place.reason is None else place.reason.value,
-                }
-                for place in places
-            ]
-            for name, places in considered.places.items()
-        },
-        "suction_poses": [
-            {"object": tried.object, "pose": pose_row(tried.T_object_tool), "reason": _reason(tried.rejection)}
-            for tried in considered.suctions
-        ],
-        "grasps": [
-            {
-                "object": asked.object,
-                "arm": asked.held.arm,
-                "grasp": asked.held.grasp,
-                "tool_pose": pose_row(asked.T_world_tool),
-                "reason": _reason(asked.rejection),
-            }
-            for asked in considered.grasps
-        ],
-    }
-
-
-def _reason(rejection: Rejection | None) -> str | None:
-    return None if rejection is None else rejection.reason
 
 
 def tool_segments(segments: Sequence[ToolSegment], scene: SuctionToolScene) -> Iterator[dict[str, Any]]:
@@ -132,9 +91,9 @@ def _contacts(
             "by": None if inertia else force.by,
             "finger": force.finger,
             "kind": force.kind,
-            "point": rounded(force.point),
-            "normal": None if inertia else rounded(force.normal),
-            "wrench": rounded(force.wrench),
+            "point": significant(force.point),
+            "normal": None if inertia else significant(force.normal),
+            "wrench": significant(force.wrench),
             **_parameters(force, T_world_body, scene),
         }
 
@@ -151,6 +110,6 @@ def _parameters(force: ContactForce, T_world_body: Array, scene: SuctionToolScen
     pull = -float(force.wrench[:3] @ force.normal)
     return {
         "mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force,
-        "suction_force": rounded(np.array([pull]))[0],
-        "x_axis": rounded(pad_axes(T_world_body[None], force.normal[None])[0]),
+        "suction_force": significant(np.array([pull]))[0],
+        "x_axis": significant(pad_axes(T_world_body[None], force.normal[None])[0]),
     }  # fmt: skip

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from planners.geometry.pose import Array
 
@@ -15,6 +19,17 @@ class ConvexShape:
     """(n, 3), in the frame of the body [m]."""
     radius: float = 0.0
     """[m]"""
+
+    @cached_property
+    def face_normals(self) -> Array:
+        """(n, 3) outward normals of the faces of the hull; none for a flat or thin one."""
+        try:
+            planes = ConvexHull(self.vertices).equations[:, :3]
+        except (QhullError, ValueError):
+            return np.empty((0, 3))
+        # Triangles of one face share a normal.
+        _, first = np.unique(planes.round(6), axis=0, return_index=True)
+        return planes[first]
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,11 @@ class Rejections:
         if key not in self._nearest or rejection.missing < self._nearest[key].missing:
             self._nearest[key] = rejection
 
+    def include(self, other: Rejections) -> None:
+        """Add all that another tally counted."""
+        for key, count in other._counts.items():
+            self.add(other._nearest[key], count)
+
     def counts(self) -> dict[str, int]:
         """Return `{"stage: reason": count}`, most frequent first."""
         return {f"{stage}: {reason}": count for (stage, reason), count in self._counts.most_common()}

@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform
-from planners.regrasp.grasp_reach import Branches, GraspReach
+from planners.regrasp.bearing import Bearing, CarriedLoad
+from planners.regrasp.grasp_reach import REACH_FAULTS, Branches, GraspReach
+from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.travel import least_travel, solutions
 
 NodeMask = NDArray[np.bool_]
+TOO_WEAK = "The tool needs a harder squeeze than fingers may exert."
+
+
+@dataclass(frozen=True, eq=False)
+class LayerLoad:
+    """What hangs on the tool in a layer."""
+
+    bearing: Bearing
+    carried: CarriedLoad
+    riding: Mapping[str, Transform]
+    """`T_tool_object` of the object on the cup, by name; empty without one."""
+
+    @classmethod
+    def of(cls, bearing: Bearing, sucked: SuckedObject | None) -> LayerLoad:
+        """Return the load of the tool with an object, or alone."""
+        riding = {} if sucked is None else {sucked.name: sucked.T_tool_object}
+        return cls(bearing, bearing.load(sucked), riding)
 
 
 class GraspLayer:
@@ -21,21 +41,22 @@ class GraspLayer:
     Nodes are numbered as in the regrasp graph: the grasps of the left arm, then those of the right.
     """
 
-    def __init__(
-        self, T_world_tool: Transform, ways: tuple[tuple[Mapping[str, GraspReach], Array | None], ...]
-    ) -> None:
+    def __init__(self, T_world_tool: Transform, reach: Mapping[str, GraspReach], way: Array, load: LayerLoad) -> None:
         """Ask nothing yet.
 
         Args:
             T_world_tool: where the tool is.
-            ways: all of which a branch has to pass: each arm's reach, and the straight way of the tool (3,) [m].
+            reach: of each arm.
+            way: (3,) the straight way of the tool from there [m].
+            load: what hangs on the tool.
         """
-        self.T_world_tool, self._ways = T_world_tool, ways
-        self._reach = ways[0][0]
-        first = next(iter(self._reach.values()))
+        self.T_world_tool, self._reach, self._way, self._load = T_world_tool, reach, way, load
+        first = next(iter(reach.values()))
         self.count = len(first.grasps)
-        self.branches: Branches = np.zeros(self.count * len(self._reach), np.uint8)
-        self._known = np.zeros(len(self.branches), dtype=bool)
+        nodes = self.count * len(reach)
+        self.branches: Branches = np.zeros(nodes, np.uint8)
+        self._faults = np.zeros(nodes, np.uint8)
+        self._known = np.zeros(nodes, dtype=bool)
 
     @property
     def reached(self) -> NodeMask:
@@ -49,22 +70,30 @@ class GraspLayer:
 
     def ask(self, nodes: NodeMask) -> NodeMask:
         """Find out about nodes (2 n,), as far as that is not known; return those of them that are possible."""
-        for number, arm in enumerate(self._reach):
+        for number, reach in enumerate(self._reach.values()):
             part = slice(number * self.count, (number + 1) * self.count)
-            chosen = np.flatnonzero(nodes[part] & ~self._known[part])
+            chosen = np.flatnonzero(nodes[part] & ~self._known[part] & self._borne[part])
             if len(chosen):
-                self.branches[part] |= self._asked(arm, chosen)
-                self._known[part][chosen] = True
+                found = reach.reached(self.T_world_tool, self._way, chosen, self._load.riding)
+                self.branches[part][chosen] = found.branches[chosen]
+                self._faults[part][chosen] = found.faults[chosen]
                 self.__dict__.pop("solutions", None)
+        self._known |= nodes
         return nodes & self.reached
 
-    def _asked(self, arm: str, chosen: NDArray[np.int64]) -> Branches:
-        found = np.zeros(self.count, np.uint8)
-        found[chosen] = 0xFF
-        for reach, way in self._ways:
-            found &= reach[arm].branches(self.T_world_tool, way, chosen)
-            chosen = np.flatnonzero(found)
-        return found
+    def rejected(self) -> dict[str, NodeMask]:
+        """Return why nodes that were asked are not possible: (2 n,) by reason."""
+        masks: dict[str, NodeMask] = {TOO_WEAK: self._known & ~self._borne}
+        for number, fault in enumerate(REACH_FAULTS, start=1):
+            masks[fault.value] = self._faults == number
+        return {reason: mask for reason, mask in masks.items() if mask.any()}
+
+    @cached_property
+    def _borne(self) -> NodeMask:
+        """(2 n,) whether the fingers bear tool and object at rest there."""
+        grasps = next(iter(self._reach.values())).grasps
+        borne = self._load.bearing.borne(self._load.carried, grasps, self.T_world_tool[None])[0]
+        return np.tile(borne, len(self._reach))
 
     @cached_property
     def solutions(self) -> Array:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +34,30 @@ Branches = NDArray[np.uint8]
 CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a straight way that still counts as continuous [rad]."""
 _TURN = 2.0 * math.pi
+
+
+class ReachFault(StrEnum):
+    """Why an arm cannot take a grasp; the value is the sentence for a person."""
+
+    CARRIED = "The tool or what hangs on it would touch something."
+    AWAY = "The arm does not reach all of the straight way on one branch."
+    HAND = "The hand would touch something."
+    LINKS = "The arm would touch something."
+
+
+REACH_FAULTS = tuple(ReachFault)
+_NO_FAULT, _CARRIED, _AWAY, _HAND, _LINKS = range(5)
+"""A fault as a number: 0, or 1 + its place in `REACH_FAULTS`."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachedGrasps:
+    """What was found out about all grasps of one arm; of those not asked, nothing."""
+
+    branches: Branches
+    """(n,) the set of branches on which each is reached."""
+    faults: NDArray[np.uint8]
+    """(n,) 1 + the number in `REACH_FAULTS` of what keeps the last branch away; 0 for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,29 +93,43 @@ class GraspReach:
     def branches(
         self, T_world_tool: Transform, lift: Array | None = None, chosen: NDArray[np.integer] | None = None
     ) -> Branches:
-        """Return the set of branches on which each grasp is reached: (n,).
+        """Return the set of branches on which each grasp is reached: (n,). See `reached`."""
+        return self.reached(T_world_tool, lift, chosen).branches
+
+    def reached(
+        self,
+        T_world_tool: Transform,
+        lift: Array | None = None,
+        chosen: NDArray[np.integer] | None = None,
+        riding: Mapping[str, Transform] | None = None,
+    ) -> ReachedGrasps:
+        """Find out on which branches each grasp is reached, and why the others are not.
 
         Args:
             T_world_tool: where the tool is.
             lift: (3,) straight way that the tool goes from there, with what rides on it [m, world]; None: none. Margins
                 count from the first step on, so that it may start from what it rests on.
             chosen: numbers of the grasps to look at; all others are not reached. None: all.
+            riding: `T_tool_object` of objects that ride on the tool elsewhere than `surroundings` says, by name.
         """
-        result = np.zeros(len(self.grasps), np.uint8)
+        result, faults = np.zeros((2, len(self.grasps)), np.uint8)
         wanted = np.arange(len(self.grasps)) if chosen is None else np.asarray(chosen, dtype=np.int64)
         T_world_tools = self._lifted(T_world_tool, lift)
-        if not len(wanted) or not self._carried_free(T_world_tools[1:]):
-            return result
+        ridden = {} if riding is None else riding
+        if not len(wanted) or not self._carried_free(T_world_tools[1:], ridden):
+            faults[wanted] = _CARRIED
+            return ReachedGrasps(result, faults)
         arm, first_joint = self.workcell.arm(self.arm), self.workcell.joints(self.arm).start
         for width, group in self._groups.items():
             these = wanted[self._group_of[wanted] == width]
             if len(these):
                 _reach(
                     arm.dh, self._T_base_world, arm.position_min, arm.position_max, T_world_tools, self.T_tool_flange,
-                    these, self.settings.way(), self._positions.copy(), first_joint, group.held.kernel_copy(),
-                    group.opened.kernel_copy(), group.links.kernel_copy(), group.links.frame_index(TOOL_FRAME), result,
+                    these, self.settings.way(), self._positions.copy(), first_joint, _ridden(group.held, ridden),
+                    _ridden(group.opened, ridden), _ridden(group.links, ridden), group.links.frame_index(TOOL_FRAME),
+                    result, faults,
                 )  # fmt: skip
-        return result
+        return ReachedGrasps(result, faults)
 
     def joint_solution(self, T_world_tool: Transform, grasp: int, branch: int) -> Array:
         """Return the arm's joint positions (6,) in a grasp, in (-pi, pi]; NaN where the branch does not reach [rad]."""
@@ -107,12 +146,15 @@ class GraspReach:
         T_world_tools[:, :3, 3] += np.linspace(0.0, 1.0, steps + 1)[:, None] * way
         return T_world_tools
 
-    def _carried_free(self, T_world_tools: Array) -> bool:
+    def _carried_free(self, T_world_tools: Array, riding: Mapping[str, Transform]) -> bool:
         """Tell whether tool and object, without a hand, keep their margins at all poses (m, 4, 4)."""
         query = self._carried
         return not len(query.kernel.pairs) or bool(
             _all_free(
-                query.kernel_copy(), query.frame_index(TOOL_FRAME), np.ascontiguousarray(T_world_tools), self._positions
+                _ridden(query, riding),
+                query.frame_index(TOOL_FRAME),
+                np.ascontiguousarray(T_world_tools),
+                self._positions,
             )
         )
 
@@ -142,24 +184,26 @@ class GraspReach:
     def _queries(self, grasp: int) -> _GroupQueries:
         held, opened = float(self.grasps.widths[grasp]), float(self.grasps.open_widths[grasp])
         return _GroupQueries(
-            held=self._query(held, self._hand_pairs),
-            opened=self._query(opened, self._hand_pairs),
-            links=self._query(opened, self._link_pairs),
+            held=self._query(held, "hand", self._hand_pairs),
+            opened=self._query(opened, "hand", self._hand_pairs),
+            links=self._query(opened, "links", self._link_pairs),
         )
 
     @cached_property
     def _carried(self) -> CollisionQuery:
-        return self._query(float(self.grasps.widths[0]), self._carried_pairs)
+        return self._query(float(self.grasps.widths[0]), "carried", self._carried_pairs)
 
-    def _query(self, width: float, only: PairChoice) -> CollisionQuery:
+    def _query(self, width: float, kind: str, choice: PairChoice) -> CollisionQuery:
         around, other = self.surroundings, self.workcell.other(self.arm)
-        objects = [name for name, placement in around.objects.items() if isinstance(placement, Riding)]
+        riding = [name for name, placement in around.objects.items() if isinstance(placement, Riding)]
+        widths = {self.arm: width, other: around.idle_width}
+        key = (kind, self.arm, around.idle_positions is None, *sorted(riding))
         return self.workcell.query(
-            {self.arm: width, other: around.idle_width},
+            widths,
             {TOOL_FRAME: Fixed(np.eye(4)), **around.objects},
-            touching=[(TOOL_FRAME, name) for name in objects],
+            touching=[(TOOL_FRAME, name) for name in riding],
             margins=around.margins,
-            only=only,
+            only=self.workcell.pairs(key, choice),
         )
 
     def _hand_pairs(self, a: CollisionBody, b: CollisionBody) -> bool:
@@ -191,6 +235,14 @@ class GraspReach:
         return self.surroundings.idle_positions is not None or body.group != self.workcell.other(self.arm)
 
 
+def _ridden(query: CollisionQuery, riding: Mapping[str, Transform]) -> CollisionKernel:
+    """Return a kernel of one's own, in which objects ride at `T_tool_object`."""
+    kernel = query.kernel_copy()
+    for name, T_tool_object in riding.items():
+        set_frame(kernel, query.frame_index(name), T_tool_object)
+    return kernel
+
+
 @dataclass(frozen=True, eq=False)
 class _GroupQueries:
     """What is asked of grasps with the same openings."""
@@ -215,8 +267,9 @@ def _all_free(kernel: CollisionKernel, frame: int, T_world_tools: Array, q: Arra
 
 @njit(cache=True, nogil=True)
 def _reach(
-    dh, T_base_world, lo, hi, T_world_tools, T_tool_flange, chosen, way, q, first_joint, held, opened, links, frame, out
-):
+    dh, T_base_world, lo, hi, T_world_tools, T_tool_flange, chosen, way, q, first_joint, held, opened, links, frame,
+    out, faults,
+):  # fmt: skip
     held_scratch, opened_scratch, links_scratch = make_scratch(held), make_scratch(opened), make_scratch(links)
     # The contact comes first, then the way back from it, then the lift.
     back, count = way.shape[0], way.shape[0] + T_world_tools.shape[0] - 1
@@ -224,6 +277,7 @@ def _reach(
     for grasp in chosen:
         _place_flanges(T_base_world, T_world_tools, T_tool_flange[grasp], way, T_base_flanges)
         left = _passes(dh, lo, hi, T_base_flanges, back, solutions)
+        faults[grasp] = _AWAY if left == 0 else _HAND
         if (
             left
             and _hand_free(opened, opened_scratch, solutions[:back], left, T_world_tools[:1], frame, q, first_joint)
@@ -233,6 +287,7 @@ def _reach(
             left = _links_free(links, links_scratch, solutions[:back], left, T_world_tools[:1], frame, q, first_joint)
             left = _links_free(links, links_scratch, solutions[back:], left, T_world_tools[1:], frame, q, first_joint)
             out[grasp] = left
+            faults[grasp] = _LINKS if left == 0 else _NO_FAULT
 
 
 @njit(cache=True, nogil=True)

@@ -2,35 +2,42 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
-from planners.regrasp.grasps import tool_grasps
-from planners.regrasp.handovers import HandoverDatabase, build_handovers
+from planners.regrasp.handovers import HandoverDatabase, find_handovers
 from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.hose import hose_turns
 from planners.regrasp.object_order import ObjectOrder
-from planners.regrasp.object_planner import ObjectPlanner, ObjectReport
+from planners.regrasp.object_planner import ObjectPlanner
+from planners.regrasp.object_report import ObjectReport
 from planners.regrasp.park_pose import park_poses, start_clash
-from planners.regrasp.suction_poses import SuctionLoad, SuctionPoses, suction_poses
+from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
+from planners.regrasp.route_maker import RouteMaker
+from planners.regrasp.set_aside import SetAside
+from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.tool_capacity import impossibilities
 from planners.regrasp.tool_choreography import ToolChoreographer
 from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import ToolStage
 from planners.regrasp.tool_traffic import ToolTraffic
 from planners.regrasp.tool_workcell import ToolWorkcell
-from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
+from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
 
 _SAME_PLACE = 5e-4
 """An object nearer to its goal than this is there already [m]: half of what the contract allows."""
 _SAME_TURN = 4e-3
 """The same for its orientation [rad]."""
+_MOST_CAUSES = 5
+"""Reasons that are told where there is no plan; all of them are counted."""
+
+_MOST_PLACES = 900
+"""Sampled places of the cup that are told for drawing, on all objects together [1]."""
 
 
 class SuctionToolPlanner:
@@ -51,48 +58,38 @@ class SuctionToolPlanner:
             handovers: of the scene's cell and tool; None: it is computed.
             progress: told of what is being done; may raise to stop.
         """
-        self.scene, self.settings, self.progress = scene, settings, progress
-        self.rejections, self.counts = Rejections(), Counter[str]()
-        self.handovers = self._built_handovers() if handovers is None else handovers
+        self.scene, self.settings = scene, settings
+        self.rejections = Rejections()
+        if handovers is None:
+            handovers = find_handovers(scene.cell, scene.tool, settings.handovers, progress)
+        self.handovers = handovers
         self.workcell = ToolWorkcell.of(scene, settings.handovers.clearance)
-        self.order = ObjectOrder.of(scene.objects)
-        self.park = park_poses(scene, self.workcell)
-        self.choreographer = ToolChoreographer(
-            ToolTraffic(self.workcell, self.handovers.grasps),
-            HoldStatics(scene),
-            self.park,
-            settings,
-            np.random.default_rng(scene.seed),
+        park = park_poses(scene, self.workcell)
+        traffic = ToolTraffic(self.workcell, handovers.grasps)
+        rng = np.random.default_rng(scene.seed)
+        self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
+        routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
+        self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
+        self.pile = PilePlanner(
+            ObjectPlanner(self.choreographer, routes, settings, progress),
+            self.suctions,
+            SetAside(StillBodies.of(scene.cell, scene.obstacles), settings.set_aside),
+            len(scene.objects) + settings.orders,
         )
-        self.objects = ObjectPlanner(self.choreographer, self.handovers, self.park, settings, progress)
         self._targets = {each.name: each for each in scene.objects}
-        self._suctions: dict[str, SuctionPoses] = {}
-        self._failed: list[ObjectReport] = []
-        self._planned = 0
 
     def plan(self) -> ToolPlan:
         """Plan the task; that there is no plan is an answer, with its reasons."""
-        clash = start_clash(self.scene, self.workcell)
-        if clash is not None:
-            reason = Rejection("start", f"{clash[0]} and {clash[1]} touch at the start")
-            return self._unsolved(
-                ToolOutcome.INFEASIBLE, f"The start is not free: {clash[0]} touches {clash[1]}.", reason
-            )
-        if not len(self.handovers.grasps):
-            reason = Rejection("grasp", "the gripper cannot take the tool anywhere")
-            return self._unsolved(ToolOutcome.INFEASIBLE, "The gripper cannot take the tool anywhere.", reason)
-        for target in self.scene.objects:
-            suctions = self._suctions_of(target)
-            if not suctions.poses:
-                return self._no_suction(target, suctions)
-        there = frozenset(name for name, target in self._targets.items() if self._is_there(target))
-        found = self._next(self._start(), there, ())
-        if found is None:
-            return self._not_found()
-        stage, reports = found
-        return self._solved(stage, reports)
-
-    # Object after object.
+        to_move = [target for target in self.scene.objects if not _is_there(target)]
+        proofs = tuple(impossibilities(self.scene, to_move))
+        if proofs:
+            return self._unsolved(ToolOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs)
+        obstacle = self._obstacle(to_move)
+        if obstacle is not None:
+            return self._unsolved(ToolOutcome.NOT_FOUND, *obstacle)
+        there = frozenset(self._targets) - {target.name for target in to_move}
+        course = self.pile.plan(Course(self._start(), self._targets, there))
+        return self._not_found(there) if course is None else self._solved(course)
 
     def _start(self) -> ToolStage:
         scene = self.scene
@@ -106,145 +103,134 @@ class SuctionToolPlanner:
             segments=(),
         )
 
-    def _next(
-        self, stage: ToolStage, moved: frozenset[str], reports: tuple[ObjectReport, ...]
-    ) -> tuple[ToolStage, tuple[ObjectReport, ...]] | None:
-        """Plan the objects that are left, the one nearest to its goal first; if that fails, another one first."""
-        if len(moved) == len(self._targets):
-            return stage, reports
-        for name in self.order.next(moved):
-            if self._planned >= len(self._targets) + self.settings.orders:
-                return None
-            self._planned += 1
-            last = len(moved) + 1 == len(self._targets)
-            after, report = self.objects.plan(stage, self._targets[name], self._suctions[name], last)
-            self.counts.update(report.counts)
-            if after is None:
-                self._failed.append(report)
-                continue
-            found = self._next(after, moved | {name}, (*reports, report))
-            if found is not None:
-                return found
+    def _obstacle(self, to_move: list[MovedObject]) -> tuple[str, tuple[Rejection, ...]] | None:
+        """Say what stands against any plan before a motion is tried, in a sentence and with its causes."""
+        clash = start_clash(self.scene, self.workcell)
+        if clash is not None:
+            reason = Rejection("start", f"{clash[0]} and {clash[1]} touch at the start")
+            return f"The start is not free: {clash[0]} touches {clash[1]}.", (reason,)
+        if to_move and not len(self.handovers.grasps):
+            reason = Rejection("grasp", "no grasp of the tool was found that is free of collision")
+            return "No grasp of the tool was found.", (reason,)
+        for target in to_move:
+            found = self.suctions.to_goal(target)
+            if not found.poses:
+                causes = tuple(rejection for rejection, _ in found.rejections.most_common(_MOST_CAUSES))
+                return f"No place was found where the cup can sit on {target.name}.", causes
         return None
-
-    def _suctions_of(self, target: MovedObject) -> SuctionPoses:
-        body = target.body
-        assert body.mass is not None
-        self.progress(f"suction {target.name}", 0, 1)
-        load = SuctionLoad(body.mass, body.com, body.T_world_body, target.goals)
-        self._suctions[target.name] = suction_poses(
-            body.solid.surface(), load, self.scene.tool.cup, self.settings.suction
-        )
-        return self._suctions[target.name]
-
-    def _is_there(self, target: MovedObject) -> bool:
-        return any(_same(target.body.T_world_body, T) for T in target.goals)
-
-    def _built_handovers(self) -> HandoverDatabase:
-        settings, arms = self.settings.handovers, self.scene.cell.arms
-        gripper = next(iter(arms.values())).hand
-        assert isinstance(gripper, Gripper)
-        grasps = tool_grasps(self.scene.tool, gripper, settings.grasps)
-        return build_handovers(self.scene.cell, self.scene.tool, grasps, settings, self.progress)
 
     # What came out.
 
-    def _solved(self, stage: ToolStage, reports: tuple[ObjectReport, ...]) -> ToolPlan:
+    def _solved(self, course: Course) -> ToolPlan:
+        reports = course.reports
         order = tuple(report.name for report in reports)
-        handovers = sum(report.counts["handovers"] for report in reports)
-        nearest = self._nearest_order()
-        how = "nearest to its goal first" if order == nearest else "in another order than nearest first"
-        what = f"{len(order)} object{'s' if len(order) != 1 else ''}"
-        changes = "no handover" if not handovers else f"{handovers} handover{'s' if handovers > 1 else ''}"
-        summary = f"{what} moved, {how} ({', '.join(order)}), with {changes}."
         if not order:
-            summary = "Every object is at its goal already."
-        return self._plan(ToolOutcome.SOLVED, stage, summary, (), reports)
+            return self._plan(ToolOutcome.SOLVED, "Every object is at its goal already.", (), course)
+        aside = [report.name for report in reports if report.aside]
+        how = "nearest to its goal first" if order == self._nearest_order() else "in another order than nearest first"
+        handovers = sum(report.counts["handovers"] for report in reports)
+        summary = (
+            f"{_counted(len(order) - len(aside), 'object')} moved, {how} ({', '.join(order)}), "
+            f"with {_counted(handovers, 'handover') if handovers else 'no handover'}"
+        )
+        if aside:
+            summary += f"; {' and '.join(aside)} put aside first, out of the way of others"
+        return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
 
     def _nearest_order(self) -> tuple[str, ...]:
         """Return the objects that have to be moved in the order that is tried first."""
-        moved = frozenset(name for name, target in self._targets.items() if self._is_there(target))
-        order: list[str] = []
-        while following := self.order.next(moved | set(order)):
-            order.append(following[0])
-        return tuple(order)
+        order = ObjectOrder.of(self.scene.objects)
+        moved = {name for name, target in self._targets.items() if _is_there(target)}
+        following: list[str] = []
+        while possible := order.next(moved | set(following)):
+            following.append(possible[0])
+        return tuple(following)
 
-    def _not_found(self) -> ToolPlan:
-        for report in self._failed:
-            for rejection, count in report.rejections.most_common(1000):
-                self.rejections.add(rejection, count)
-        if not self._failed:
-            waiting = [name for name in self._targets if not self.order.next(frozenset()) or name]
-            reason = Rejection("order", f"each of {', '.join(waiting)} would have to be moved before another of them")
-            return self._unsolved(ToolOutcome.NOT_FOUND, "No object can be moved first.", reason)
-        worst = self._failed[0]
-        causes = [rejection for rejection, _ in worst.rejections.most_common(5)]
-        names = sorted({report.name for report in self._failed})
+    def _not_found(self, there: frozenset[str]) -> ToolPlan:
+        failed = self.pile.failed
+        if not failed:
+            causes = ObjectOrder.of(self.scene.objects).deadlock(there)
+            return self._unsolved(ToolOutcome.NOT_FOUND, "No object can be moved first.", causes)
+        causes = tuple(rejection for rejection, _ in failed[0].rejections.most_common(_MOST_CAUSES))
+        names = sorted({report.name for report in failed})
         summary = (
-            f"No way was found to move {' or '.join(names)}: {self.counts['suction poses']} suction poses and "
-            f"{self.counts['tries']} grasp sequences were tried."
+            f"No way was found to move {' or '.join(names)}: {self.pile.counts['suction poses']} suction poses and "
+            f"{self.pile.counts['tries']} grasp sequences were tried."
         )
-        return self._plan(ToolOutcome.NOT_FOUND, None, summary, tuple(causes), ())
+        return self._plan(ToolOutcome.NOT_FOUND, summary, causes, None)
 
-    def _no_suction(self, target: MovedObject, suctions: SuctionPoses) -> ToolPlan:
-        causes = [rejection for rejection, _ in suctions.rejections.most_common(5)]
-        for rejection, count in suctions.rejections.most_common(1000):
-            self.rejections.add(rejection, count)
-        summary = f"The cup cannot sit anywhere on {target.name}."
-        return self._plan(ToolOutcome.INFEASIBLE, None, summary, tuple(causes), ())
-
-    def _unsolved(self, outcome: ToolOutcome, summary: str, reason: Rejection) -> ToolPlan:
-        self.rejections.add(reason)
-        return self._plan(outcome, None, summary, (reason,), ())
+    def _unsolved(self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
+        for cause in causes:
+            self.rejections.add(cause)
+        return self._plan(outcome, summary, causes, None)
 
     def _plan(
-        self,
-        outcome: ToolOutcome,
-        stage: ToolStage | None,
-        summary: str,
-        causes: tuple[Rejection, ...],
-        reports: tuple[ObjectReport, ...],
+        self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...], course: Course | None
     ) -> ToolPlan:
-        for report in reports:
-            for rejection, count in report.rejections.most_common(1000):
-                self.rejections.add(rejection, count)
-        segments = () if stage is None else stage.segments
+        reports = () if course is None else course.reports
+        everyone = (*self.pile.failed, *reports)
+        for report in everyone:
+            self.rejections.include(report.rejections)
+        for found in self.suctions.found.values():
+            self.rejections.include(found.rejections)
+        segments = () if course is None else course.stage.segments
         turns = hose_turns(segments)
-        everyone = (*reports, *self._failed)
-        base = self.handovers
+        most_places = max(1, _MOST_PLACES // max(1, len(self.suctions.found)))
         return ToolPlan(
             outcome=outcome,
             segments=segments,
             summary=summary,
             causes=causes,
             rejections=self.rejections,
-            graph={
-                "grasps": len(base.grasps),
-                "handover_pairs": int(base.partners.sum()),
-                "handover_orientations": len(base.T_world_tool),
-                "nodes": self.counts["nodes"],
-                "edges": self.counts["edges"],
-            },
-            search={
-                "objects_planned": self._planned,
-                "suction_poses": self.counts["suction poses"],
-                "sequences": self.counts["tries"],
-                "edges_deleted": self.counts["edges deleted"],
-                "motion_queries": self.choreographer.motion_queries,
-                "handovers": sum(report.counts["handovers"] for report in reports),
-                "hose_turns": turns.end,
-                "most_hose_turns": turns.most,
-            },
+            graph=self._graph_figures(),
+            search=self._search_figures(reports) | {"hose_turns": turns.end, "most_hose_turns": turns.most},
             order=tuple(report.name for report in reports),
             steps=tuple(step for report in reports for step in report.steps),
             considered=Considered(
-                places={name: suctions.candidates for name, suctions in self._suctions.items()},
+                places={name: _thinned(found.candidates, most_places) for name, found in self.suctions.found.items()},
                 suctions=tuple(each for report in everyone for each in report.suctions),
-                grasps=tuple(each for report in everyone for each in report.grasps),
             ),
+            grasps=self.handovers.grasps,
+            regrasp=tuple(report.figures for report in everyone if report.figures is not None),
             hose_turns=turns.end,
             most_hose_turns=turns.most,
         )
+
+    def _graph_figures(self) -> dict[str, int]:
+        base = self.handovers
+        return {
+            "grasps": len(base.grasps),
+            "handover_pairs": int(base.partners.sum()),
+            "handover_orientations": len(base.T_world_tool),
+            "nodes": self.pile.counts["nodes"],
+            "edges": self.pile.counts["edges"],
+        }
+
+    def _search_figures(self, reports: tuple[ObjectReport, ...]) -> dict[str, int | float | str | None]:
+        counts = self.pile.counts
+        return {
+            "objects_planned": self.pile.planned,
+            "put_aside": sum(report.aside for report in reports),
+            "suction_poses": counts["suction poses"],
+            "sequences": counts["tries"],
+            "edges_deleted": counts["edges deleted"],
+            "motion_queries": self.choreographer.motion.queries,
+            "handovers": sum(report.counts["handovers"] for report in reports),
+        }
+
+
+def _thinned(candidates: tuple[SuctionCandidate, ...], most: int) -> tuple[SuctionCandidate, ...]:
+    """Return an even choice of candidates, in order."""
+    chosen = np.unique(np.linspace(0, len(candidates) - 1, min(most, len(candidates))).astype(int))
+    return tuple(candidates[number] for number in chosen)
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def _is_there(target: MovedObject) -> bool:
+    return any(_same(target.body.T_world_body, T) for T in target.goals)
 
 
 def _same(one: Transform, other: Transform) -> bool:

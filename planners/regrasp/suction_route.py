@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.geometry.pose import Array, Transform, rotation_angle
+from planners.geometry.pose import Array, rotation_angle
+from planners.graph.rejections import Rejection
 from planners.regrasp.grasp_layer import GraspLayer, NodeMask
 from planners.regrasp.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
 from planners.regrasp.suction_poses import SuctionPose
 
-LayerMaker = Callable[[SuctionPose, Transform], GraspLayer]
-"""Layer of a suction pose with the object at a pose in the world."""
 HandoverMasks = tuple[NDArray[np.bool_], NDArray[np.bool_]]
 """(n, n) left to right, and right to left."""
 
@@ -27,6 +25,8 @@ class RouteStart:
     """(2 n,)"""
     positions: Array
     """(2 n, k, 6) joint positions of each node there, NaN where there are none [rad]."""
+    layer: GraspLayer | None
+    """What was found out where the tool rests; None where a hand holds it already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,10 @@ class SuctionRoute:
         self.pose, self.start, self.costs = pose, start, costs
         self.suction, self.goals = layers
         self._handovers, self._most = handovers, most_handovers
-        self._deleted: list[Edge] = []
+        self.tried: dict[Edge, Rejection | None] = {}
+        """Edges whose motion was tried; those that failed are deleted, the reason says why."""
+        self.sequences = 0
+        """How many sequences were tried."""
         self._graphs: dict[tuple[int, int], RegraspGraph] = {}
         self.goal_order = sorted(range(len(self.goals)), key=self._turn_to)
 
@@ -72,21 +75,36 @@ class SuctionRoute:
         if key not in self._graphs:
             self._ask(*key)
             graph = RegraspGraph(self.start.nodes, self._rounds(key[1]), self._most)
-            for edge in self._deleted:
-                graph.delete(edge)
+            for edge, rejection in self.tried.items():
+                if rejection is not None:
+                    graph.delete(edge)
             self._graphs[key] = graph
         return self._graphs[key].best(handovers)
 
-    def delete(self, edge: Edge) -> None:
+    def passed(self, edge: Edge) -> None:
+        """Note that the motion of an edge was found."""
+        self.tried.setdefault(edge, None)
+
+    def delete(self, edge: Edge, rejection: Rejection) -> None:
         """Take an edge out of the graph for good."""
-        self._deleted.append(edge)
+        self.tried[edge] = rejection
         for graph in self._graphs.values():
             graph.delete(edge)
 
+    def emptiness(self) -> Rejection:
+        """Say why there was no sequence, of layers that were asked as far as sequences could use them."""
+        if not self.suction.reached.any():
+            return _empty("No grasp has the tool on the object at its start", self.suction)
+        if not any(goal.reached.any() for goal in self.goals):
+            return _empty("No grasp has the tool on the object at its goal", self.goals[self.goal_order[0]])
+        reason = f"No grasps lead from start to goal with at most {self._most} handovers a round."
+        return Rejection("grasp", reason)
+
     @property
-    def deleted(self) -> int:
-        """How many edges were taken out."""
-        return len(self._deleted)
+    def handover_pairs(self) -> tuple[int, int]:
+        """Pairs of grasps that pass the tool on, alone and with the object."""
+        first, second = (int(masks[0].sum()) for masks in self._handovers)
+        return first, second
 
     @property
     def edge_count(self) -> int:
@@ -134,6 +152,14 @@ class SuctionRoute:
         """How far the tool turns from the object's start to a goal [rad]: goals that turn it little come first."""
         there = self.goals[goal].T_world_tool
         return round(rotation_angle(self.suction.T_world_tool[:3, :3], there[:3, :3]), 6)
+
+
+def _empty(what: str, layer: GraspLayer) -> Rejection:
+    """Return that a layer has no node, with what keeps most of them away."""
+    counts = {reason: int(mask.sum()) for reason, mask in layer.rejected().items()}
+    if not counts:
+        return Rejection("grasp", f"{what} that any hand could get hold of it in.")
+    return Rejection("grasp", f"{what}: {max(counts, key=counts.__getitem__)}")
 
 
 def _handed(nodes: NodeMask, handovers: HandoverMasks) -> NodeMask:

@@ -7,9 +7,10 @@ from enum import Enum
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
+from planners.regrasp.grasps import ToolGrasps
+from planners.regrasp.regrasp_figures import RegraspFigures
 from planners.regrasp.suction_poses import SuctionCandidate
 from planners.regrasp.tool_segment import ToolSegment
-from planners.regrasp.tool_stage import HeldGrasp
 
 
 class ToolOutcome(Enum):
@@ -17,7 +18,7 @@ class ToolOutcome(Enum):
 
     SOLVED = "solved"
     INFEASIBLE = "infeasible"
-    """A layer of the regrasp graph is empty, whatever comes before and after."""
+    """A weight or a width proves that no plan exists, see `tool_capacity`."""
     NOT_FOUND = "not_found"
     """No plan among the suction poses, grasps and motions that were tried."""
 
@@ -33,24 +34,12 @@ class ConsideredSuction:
 
 
 @dataclass(frozen=True, eq=False)
-class ConsideredGrasp:
-    """A grasp of the tool that was asked at the suction pose of an object that was moved."""
-
-    object: str
-    held: HeldGrasp
-    T_world_tool: Transform
-    rejection: Rejection | None
-    """None where the arm can hold the tool so, at the object's start."""
-
-
-@dataclass(frozen=True, eq=False)
 class Considered:
-    """What was looked at, for drawing: places on objects, suction poses, grasps."""
+    """Where the cup was looked at, for drawing. Which grasps were, is in `ToolPlan.regrasp`."""
 
     places: dict[str, tuple[SuctionCandidate, ...]]
-    """By object, all sampled places of the cup."""
+    """By object, an even choice of the sampled places of the cup."""
     suctions: tuple[ConsideredSuction, ...]
-    grasps: tuple[ConsideredGrasp, ...]
 
 
 @dataclass(frozen=True)
@@ -78,10 +67,14 @@ class ToolPlan:
     graph: dict[str, int]
     search: dict[str, int | float | str | None]
     order: tuple[str, ...]
-    """Objects as they are moved."""
+    """Objects as they are moved; one that is put aside first comes twice."""
     steps: tuple[RegraspStep, ...]
     """The grasps of the tool, one after the other."""
     considered: Considered
+    grasps: ToolGrasps
+    """All grasps of the tool that are free of collision."""
+    regrasp: tuple[RegraspFigures, ...]
+    """The regrasp graph of every move that was planned, those first that were not found."""
     hose_turns: float
     """Turns of the tool about its own axis from start to end, signed [1]: so often its vacuum hose winds about it."""
     most_hose_turns: float

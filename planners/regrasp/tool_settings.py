@@ -9,6 +9,7 @@ from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.handovers import HandoverSettings
+from planners.regrasp.set_aside import SetAsideSettings
 from planners.regrasp.suction_poses import SuctionSettings
 
 
@@ -65,6 +66,7 @@ class ToolPlannerSettings:
     carried: CarriedPace = field(default_factory=CarriedPace)
     motion: MotionSettings = field(default_factory=lambda: MotionSettings(max_iterations=500))
     timing: TimingSettings = field(default_factory=TimingSettings)
+    set_aside: SetAsideSettings = field(default_factory=SetAsideSettings)
     most_handovers: int = 2
     """In each of the two rounds."""
     suction_group: int = 8
@@ -75,14 +77,18 @@ class ToolPlannerSettings:
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
     """Sequences of one suction pose whose motion is tried before the next suction pose."""
-    tries: int = 60
+    tries: int = 40
     """Sequences of one object whose motion is tried, over all suction poses."""
     orientations: int = 6
     """Handover orientations of one pair of grasps whose motion is tried."""
-    orders: int = 12
-    """Objects that are planned again because another order was tried, beyond one plan for each."""
+    orders: int = 8
+    """Moves that are planned because another order is tried or an object is put aside, beyond one for each object."""
     carried_tilt: float = math.radians(40.0)
     """Most tilt of the tool while an object hangs on it, unless an end of the motion is tilted more [rad]."""
+    handover_tilt: float = math.radians(75.0)
+    """Most tilt of the tool at a handover while an object hangs on it [rad]: a level cup bears no push at all."""
+    finger_reserve: float = 0.1
+    """Part of the fingers' largest force that is left at rest, for what inertia adds; motion is slowed for the rest."""
     hold_reserve: float = 0.0
     """What must be left of every limit of cup and fingers [N]."""
     partner_weight: float = 0.5

@@ -33,6 +33,17 @@ class ToolStage:
     segments: tuple[ToolSegment, ...]
 
     @property
+    def held(self) -> HeldGrasp:
+        """The grasp of the hand that holds the tool, in steps in which one does."""
+        assert self.holder is not None, "the tool is held in this step"
+        return self.holder
+
+    @property
+    def carried(self) -> frozenset[str]:
+        """Frames of the tool and of what hangs on it."""
+        return frozenset({"tool"} if self.sucked is None else {"tool", self.sucked.name})
+
+    @property
     def places(self) -> dict[str, Transform]:
         """Where the tool and all objects are, by name."""
         return {"tool": self.T_world_tool, **self.T_world_objects}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
-from planners.collision.model import CollisionModel, CollisionQuery, NamePair, PairMask
+from planners.collision.model import CollisionQuery, NamePair, PairMask
 from planners.collision.placement import Attached, Fixed, Placement, Riding
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, inverse
@@ -18,8 +18,6 @@ class ToolTraffic:
 
     def __init__(self, workcell: ToolWorkcell, grasps: ToolGrasps) -> None:
         self.workcell, self.grasps = workcell, grasps
-        # Which pairs a query looks at follows from what moves; asking every pair again would take longer than the rest.
-        self._masks: dict[tuple[int, str, frozenset[str]], PairMask] = {}
         self._T_tool_flange = {arm: grasps.T_tool_flange(workcell.gripper(arm)) for arm in workcell.cell.arms}
 
     def T_tool_flange(self, held: HeldGrasp) -> Transform:
@@ -41,7 +39,7 @@ class ToolTraffic:
             placements,
             around=[arm] if around else [],
             share=share,
-            only=self._moving(self.workcell.model(stage.widths), arm, frozenset()),
+            only=self._moving(arm, frozenset()),
         )
 
     def carrying(
@@ -56,7 +54,6 @@ class ToolTraffic:
         """
         held = stage.holder
         assert held is not None
-        carried = frozenset({TOOL_FRAME} if stage.sucked is None else {TOOL_FRAME, stage.sucked.name})
         placements = {TOOL_FRAME: Attached(held.arm, inverse(self.T_tool_flange(held))), **self._objects(stage)}
         return self.workcell.query(
             stage.widths,
@@ -64,14 +61,12 @@ class ToolTraffic:
             holding=[held.arm],
             margins=margins,
             share=share,
-            only=self._moving(self.workcell.model(stage.widths), held.arm, carried),
+            only=self._moving(held.arm, stage.carried),
         )
 
     def everything(self, stage: ToolStage, holding: Iterable[str]) -> CollisionQuery:
         """Query both arms, the tool and the object on the cup among all else; the tool stays where it is."""
-        names = {TOOL_FRAME} if stage.sucked is None else {TOOL_FRAME, stage.sucked.name}
-        model = self.workcell.model(stage.widths)
-        either = [self._moving(model, arm, frozenset(names)) for arm in self.workcell.cell.arms]
+        either = [self._moving(arm, stage.carried) for arm in self.workcell.cell.arms]
         placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
         return self.workcell.query(stage.widths, placements, holding=holding, only=either[0] | either[1])
 
@@ -89,7 +84,7 @@ class ToolTraffic:
         def chosen(a: CollisionBody, b: CollisionBody) -> bool:
             return (a.frame in carried) != (b.frame in carried) and not {a.group, b.group} & arms.keys()
 
-        mask = self._mask((id(model), "", carried), lambda: model.pair_mask(chosen))
+        mask = self.workcell.pairs(("close", carried), chosen)
         placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
         for _ in range(2 * len(model.pair_names)):
             query = self.workcell.query(stage.widths, placements, margins=margins, only=mask)
@@ -108,7 +103,7 @@ class ToolTraffic:
             placements[stage.sucked.name] = Riding(TOOL_FRAME, stage.sucked.T_tool_object)
         return placements
 
-    def _moving(self, model: CollisionModel, arm: str, carried: frozenset[str]) -> PairMask:
+    def _moving(self, arm: str, carried: frozenset[str]) -> PairMask:
         """Choose the pairs of an arm and of what it carries with all else."""
 
         def moves(body: CollisionBody) -> bool:
@@ -117,9 +112,4 @@ class ToolTraffic:
         def chosen(a: CollisionBody, b: CollisionBody) -> bool:
             return (moves(a) or moves(b)) and not (a.frame in carried and b.frame in carried)
 
-        return self._mask((id(model), arm, carried), lambda: model.pair_mask(chosen))
-
-    def _mask(self, key: tuple[int, str, frozenset[str]], make: Callable[[], PairMask]) -> PairMask:
-        if key not in self._masks:
-            self._masks[key] = make()
-        return self._masks[key]
+        return self.workcell.pairs(("moving", arm, carried), chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from planners.collision.model import CollisionModel, CollisionQuery, NamePair, PairChoice, PairMask
@@ -49,6 +49,7 @@ class ToolWorkcell:
     obstacles: tuple[Body, ...] = ()
     settings: ToolClearance = field(default_factory=ToolClearance)
     _models: dict[tuple[float, ...], CollisionModel] = field(default_factory=dict, init=False, repr=False)
+    _masks: dict[Hashable, PairMask] = field(default_factory=dict, init=False, repr=False)
 
     @staticmethod
     def of(scene: SuctionToolScene, settings: ToolClearance | None = None) -> ToolWorkcell:
@@ -83,6 +84,17 @@ class ToolWorkcell:
         if key not in self._models:
             self._models[key] = self._build(drawn)
         return self._models[key]
+
+    def pairs(self, key: Hashable, choice: PairChoice) -> PairMask:
+        """Return which pairs a choice takes; asked once for each key, which says all of the choice.
+
+        Asking every pair takes longer than everything else about a query. Models differ in where fingers are, and have
+        the same bodies in the same order.
+        """
+        if key not in self._masks:
+            model = self.model({arm: self.gripper(arm).width_max for arm in self.cell.arms})
+            self._masks[key] = model.pair_mask(choice)
+        return self._masks[key]
 
     def query(  # noqa: PLR0913 - openings, places, and what may be how close
         self,

@@ -1,21 +1,30 @@
-"""The experiments of the paper, posted as a factory would: real service, real solver, certified plans."""
+"""The experiments of the papers, posted as a factory would: real service, real solver, certified plans."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 from support.service import ServiceProcess, finished, running_service, task
 
+from workers.settings import HANDOVERS_FOLDER
+
 GRAVITY = 9.81
 LONGEST_JOB_SECONDS = 120.0
+LARGEST_PILE_BYTES = 3_000_000
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path_factory.mktemp("data"), None) as service:
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("data")
+
+
+@pytest.fixture(scope="module")
+def service(data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, None) as service:
         yield service
 
 
@@ -75,3 +84,25 @@ def test_the_same_task_gives_the_same_plan(client: httpx.Client) -> None:
         for changing in ("id", "statistics"):
             del document[changing]
     assert documents[0] == documents[1]
+
+
+@pytest.mark.parametrize("name", ["domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool"])
+def test_a_pile_is_built_and_certified_and_its_document_stays_small(client: httpx.Client, name: str) -> None:
+    plan, document = solve(client, task(f"{name}.json"))
+    assert plan["outcome"] == document["outcome"] == "solved"
+    assert document["certificate"]["passed"] is True
+    assert document["simulation"] is None
+    wanted = {each["name"] for each in document["task"]["objects"]}
+    assert set(document["statistics"]["considered"]["order"]) == wanted
+    assert len(client.get(plan["links"]["document"]).content) <= LARGEST_PILE_BYTES
+
+
+def test_handovers_of_the_shipped_tools_are_there_before_the_first_job_and_are_not_computed_again(
+    client: httpx.Client, data_dir: Path
+) -> None:
+    kept = {path.name: path.stat().st_ino for path in (data_dir / HANDOVERS_FOLDER).iterdir()}
+    assert len(kept) == 2
+    plan, _ = solve(client, task("can_stack.json"))
+    events = client.get(plan["links"]["events"]).text
+    assert '"stage":"handovers"' not in events.replace(" ", "")
+    assert {path.name: path.stat().st_ino for path in (data_dir / HANDOVERS_FOLDER).iterdir()} == kept

@@ -26,6 +26,16 @@ def test_a_solved_task_is_0_and_its_document_is_written(tmp_path: Path, capsys: 
         assert word in told
 
 
+def test_help_names_both_kinds_of_tasks_and_examples_that_are_there(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["plan", "--help"])
+    told = capsys.readouterr().out
+    for name in ("plate_lift", "ab1", "suction_tool", "domino_pile", "tissue_pile_short_tool"):
+        assert name in told
+    for path in TASKS.glob("*.json"):
+        assert path.stem in told
+
+
 def test_a_task_without_a_plan_is_2_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plan", str(TASKS / "pb1_weak_cup.json")]) == 2
     told = capsys.readouterr().out
@@ -102,6 +112,19 @@ def test_contact_states_are_told_once_in_a_row() -> None:
     none = {"element": "none", "index": 0, "with": None}
     document = {"segments": [_segment(state, []) for state in (edge, edge, None, none, edge)]}
     assert contact_states(document) == ["edge 1 on table", "no contact", "edge 1 on table"]
+
+
+def test_a_plan_without_contact_states_tells_what_is_moved() -> None:
+    document = {
+        "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, [])],
+        "explanation": {"summary": "3 objects moved, nearest to its goal first (a, b, c), with 1 handover."},
+        "certificate": {"passed": True, "checks": []},
+        "statistics": {"total_seconds": 3.0, "stages": [{"name": "certify", "seconds": 1.0}]},
+    }  # fmt: skip
+    told = summarise(document)
+    assert "3 objects moved" in told
+    assert "contact states" not in told
+    assert "2.00 s" in told
 
 
 def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:

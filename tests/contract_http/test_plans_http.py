@@ -199,6 +199,10 @@ def test_capabilities_name_what_can_be_planned(client: httpx.Client) -> None:
     assert told["shapes"] == ["box", "cylinder", "prism", "mesh"]
     assert "dual_ur3e_lift" in told["cells"]
     assert told["lifter_models"] == ["paper", "cable"]
+    assert told["tools"] == ["long_symmetric", "short_asymmetric"]
+    assert "can" in told["meshes"]
+    assert {"ab1", "pb1"} < set(told["example_tasks"]["plate_lift"])
+    assert {"domino_pile", "can_stack"} < set(told["example_tasks"]["suction_tool"])
     assert told["limits"]["max_body_bytes"] == 2_000_000
     assert told["software"]["name"] == "liftwright"
 

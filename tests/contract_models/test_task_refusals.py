@@ -98,6 +98,13 @@ def test_strings_and_booleans_and_infinities_are_numbers_nowhere(pointer):
         assert [problem["pointer"] for problem in problems(body)] == [pointer]
 
 
+def test_a_length_out_of_range_is_told_its_unit():
+    (problem,) = problems(changed({"/plate/shape": {"type": "box", "size": [300, 0.15, 0.02]}}))
+    assert problem == {
+        "pointer": "/plate/shape/size/0", "detail": "must be less than or equal to 10 (metres)"
+    }  # fmt: skip
+
+
 def test_the_names_of_union_branches_are_members_of_nothing():
     """Else leaving them out of a pointer would lose a step of the body's own path."""
     schema = task_schema()

@@ -102,3 +102,17 @@ def test_a_task_may_leave_the_simulation_out() -> None:
     document = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
     assert "simulation" not in document
     assert [stage["name"] for stage in document["statistics"]["stages"]] == ["scene", "search", "certify"]
+
+
+def test_the_planner_is_given_where_handovers_are_kept() -> None:
+    given: list[Any] = []
+
+    def plan(*arguments: Any) -> dict[str, Any]:
+        given.append(arguments[-1])
+        return a_plan()
+
+    def kept(*_: Any) -> Any:
+        return pytest.fail("a plate lift has no handovers")
+
+    dataclasses.replace(pipeline(passed=True), plan=plan, handovers=kept).solve(REQUEST, silent)
+    assert given == [kept]

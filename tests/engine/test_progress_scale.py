@@ -6,27 +6,46 @@ from hypothesis import strategies as st
 
 from workers.progress_scale import STAGE_SHARES, ProgressScale
 
+TASKS = [{"kind": "plate_lift"}, {"kind": "suction_tool", "objects": [{}, {}, {}]}]
+STAGES = sorted({stage for shares in STAGE_SHARES.values() for stage in shares})
+NAMED = [f"{stage} {name}" for stage in ("suction", "first regrasp", "second regrasp", "motion") for name in ("a", "b", "c", "d")]
 REPORTS = st.lists(
-    st.tuples(st.sampled_from([*STAGE_SHARES, "unheard of"]), st.integers(0, 10**6), st.integers(0, 10**6))
+    st.tuples(st.sampled_from([*STAGES, *NAMED, "unheard of"]), st.integers(0, 10**6), st.integers(0, 10**6))
 )
 
 
-@given(REPORTS, st.floats(0.0, 1.0))
-def test_the_fraction_never_falls_and_stays_within_the_whole(reports: list[tuple[str, int, int]], begun: float) -> None:
-    scale = ProgressScale(begun=begun)
+@given(REPORTS, st.floats(0.0, 1.0), st.sampled_from(TASKS))
+def test_the_fraction_never_falls_and_stays_within_the_whole(
+    reports: list[tuple[str, int, int]], begun: float, task: dict[str, object]
+) -> None:
+    scale = ProgressScale.of(task, begun)
     shown = [begun] + [scale.advance(*report) for report in reports]
     assert shown == sorted(shown)
     assert 0.0 <= shown[-1] <= 1.0 + 1e-12
 
 
-def test_all_stages_together_are_the_whole() -> None:
-    scale = ProgressScale()
-    for stage in STAGE_SHARES:
+@pytest.mark.parametrize("task", TASKS)
+def test_all_stages_together_are_the_whole(task: dict[str, object]) -> None:
+    scale = ProgressScale.of(task)
+    for stage in STAGE_SHARES[str(task["kind"])]:
         scale.advance(stage, 7, 7)
     assert scale.fraction == pytest.approx(1.0)
 
 
 def test_a_stage_of_unknown_length_moves_but_does_not_end_by_itself() -> None:
-    shares = {"first": 0.5, "second": 0.5}
-    scale = ProgressScale(shares)
+    scale = ProgressScale({"first": 0.5, "second": 0.5})
     assert 0.0 < scale.advance("first", 10, 0) < scale.advance("first", 10_000, 0) < 0.5
+
+
+def test_objects_share_a_stage_in_whatever_order_they_come() -> None:
+    scale = ProgressScale({"scene": 0.2, "regrasp": 0.6, "certify": 0.2}, objects=3)
+    assert scale.advance("regrasp second", 5, 10) == pytest.approx(0.2 + 0.2 * 0.5)
+    assert scale.advance("regrasp first", 0, 10) == pytest.approx(0.2 + 0.2)
+    assert scale.advance("second regrasp first", 5, 10) == pytest.approx(0.2 + 0.3)
+    assert scale.advance("regrasp third", 10, 10) == pytest.approx(0.8)
+
+
+def test_an_object_that_is_planned_again_takes_no_other_objects_share() -> None:
+    scale = ProgressScale({"regrasp": 1.0}, objects=2)
+    scale.advance("regrasp first", 10, 10)
+    assert scale.advance("regrasp first", 10, 10) == pytest.approx(0.5)

@@ -279,3 +279,21 @@ def test_two_threads_may_ask_the_same_reach(reach):
     with ThreadPoolExecutor(2) as pool:
         together = list(pool.map(lambda place: reach.branches(*place), list(PLACES.values()) * 2))
     assert all(np.array_equal(a, b) for a, b in zip(alone * 2, together, strict=True))
+
+
+def test_an_object_put_elsewhere_on_the_tool_is_reached_as_if_it_had_ridden_there_at_first(
+    cell, long_tool, long_grasps
+) -> None:
+    solid = solid_of(Box(type="box", size=(0.2, 0.1, 0.06)))
+    body = Body("block", "object", Box(type="box", size=(0.2, 0.1, 0.06)), solid, 0.3, np.zeros(3), np.eye(4), False)
+    workcell = ToolWorkcell(cell, long_tool, (body,))
+    T_world_tool = standing(0.3, 0.1, 0.12, yaw=0.3)
+    places = [transform(rotation_z(yaw), [0.02, 0.01, -0.0301]) for yaw in (0.0, 0.8, 2.1)]
+    elsewhere = reach_of(workcell, "left", long_grasps, {"block": Riding("tool", places[0])})
+    for T in places:
+        there = reach_of(workcell, "left", long_grasps, {"block": Riding("tool", T)})
+        expected = there.reached(T_world_tool, UP)
+        found = elsewhere.reached(T_world_tool, UP, None, {"block": T})
+        np.testing.assert_array_equal(found.branches, expected.branches)
+        np.testing.assert_array_equal(found.faults, expected.faults)
+        np.testing.assert_array_equal(found.faults == 0, found.branches > 0)

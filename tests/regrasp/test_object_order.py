@@ -57,3 +57,15 @@ def test_objects_that_wait_for_one_another_cannot_be_moved() -> None:
         other=([0.4, -0.2, LOW], [0.4, 0.3, LOW]),
     )
     assert order.next(frozenset()) == ()
+    assert set(order.next_aside(frozenset())) == {"one", "other"}
+    assert {cause.where for cause in order.deadlock(frozenset())} == {"one", "other"}
+
+
+def test_what_holds_another_up_is_put_aside_before_what_does_not() -> None:
+    order = order_of(
+        base=([0.3, 0.3, LOW], [0.4, 0.0, LOW]),
+        top=([0.4, 0.05, LOW], [0.4, 0.0, HIGH]),
+        near=([0.3, -0.35, LOW], [0.3, -0.3, LOW]),
+    )
+    assert order.next(frozenset({"near"})) == ()
+    assert order.next_aside(frozenset())[0] == "top"

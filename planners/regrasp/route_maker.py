@@ -1,0 +1,179 @@
+"""Layers and handovers of an object's regrasp graph, for one suction pose after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.model import NamePair
+from planners.collision.placement import Fixed, Placement, Riding
+from planners.geometry.pose import Array, Transform, inverse
+from planners.regrasp.bearing import Bearing
+from planners.regrasp.grasp_layer import GraspLayer, LayerLoad
+from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
+from planners.regrasp.grasps import TOOL_FRAME, ToolGraspSettings
+from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.suction_poses import SuctionPose
+from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
+from planners.regrasp.tool_exchange import HandoverPlace
+from planners.regrasp.tool_motion import moved_by
+from planners.regrasp.tool_segment import SuckedObject
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.tool_stage import HeldGrasp, ToolStage
+from planners.regrasp.tool_traffic import ToolTraffic
+from planners.regrasp.travel import least_travel, solutions
+from planners.scene.moved_object import MovedObject
+
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+class RouteMaker:
+    """Knows which grasps the tool can be held and passed on in. Nodes are numbered as in the regrasp graph."""
+
+    def __init__(
+        self,
+        traffic: ToolTraffic,
+        handovers: HandoverDatabase,
+        bearing: Bearing,
+        park: Mapping[str, Array],
+        settings: ToolPlannerSettings,
+    ) -> None:
+        """Take what all objects share.
+
+        Args:
+            traffic: who may come how close to whom.
+            handovers: of the cell and the tool.
+            bearing: what cup and fingers hold.
+            park: (6,) where each arm stands while the other moves [rad].
+            settings: budgets and distances.
+        """
+        self.traffic, self.handovers, self.bearing, self.settings = traffic, handovers, bearing, settings
+        self.workcell = workcell = traffic.workcell
+        self.grasps, self.arms = handovers.grasps, tuple(workcell.cell.arms)
+        self._park = park
+        self._tool_flange = {arm: self.grasps.T_tool_flange(workcell.gripper(arm)) for arm in self.arms}
+        self._grasp_settings = settings.handovers.grasps
+        self._layer_settings = replace(self._grasp_settings, approach=0.0, step=settings.carry.layer_step)
+        self._masks: dict[bytes, HandoverMasks] = {}
+        partners = handovers.partners
+        counts = np.concatenate([partners.sum(axis=1), partners.sum(axis=0)])
+        self.partnerless = 1.0 - counts / max(1, counts.max(initial=0))
+        """(2 n,) 0 for the grasp with the most partners to pass the tool on to, 1 for one with none."""
+
+    def held(self, node: int) -> HeldGrasp:
+        """Return the arm and the grasp of a node."""
+        arm, grasp = divmod(node, len(self.grasps))
+        return HeldGrasp(self.arms[arm], grasp)
+
+    def start(self, stage: ToolStage) -> RouteStart:
+        """Return the grasps the tool can be held in: the one it is held in, or all with which it can be picked up."""
+        count = len(self.grasps)
+        if stage.holder is not None:
+            node = self.arms.index(stage.holder.arm) * count + stage.holder.grasp
+            nodes = np.zeros(2 * count, dtype=bool)
+            nodes[node] = True
+            positions = np.full((2 * count, 1, 6), np.nan)
+            positions[node, 0] = stage.q[self.workcell.joints(stage.holder.arm)]
+            return RouteStart(nodes, positions, None)
+        reach = self._reach(stage, {}, {}, self._grasp_settings)
+        load = LayerLoad.of(self.bearing, None)
+        rest = GraspLayer(stage.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
+        nodes = rest.ask(np.ones(2 * count, dtype=bool))
+        return RouteStart(nodes, rest.solutions, rest)
+
+    def routes(
+        self, stage: ToolStage, target: MovedObject, poses: Sequence[SuctionPose], start: RouteStart, costs: RouteCosts
+    ) -> Iterator[SuctionRoute]:
+        """Yield all ways to move an object, one suction pose after the other; nothing of them is asked yet."""
+        lift = self.settings.carry.lift * _UP
+        T_world_object = stage.T_world_objects[target.name]
+        riding: dict[str, Placement | None] = {target.name: Riding("tool", np.eye(4))}
+        beside = [self._beside(stage, target.name, T) for T in (T_world_object, target.T_world_goal)]
+        here = there = self._reach(stage, riding, beside[0], self._layer_settings)
+        if beside[0] != beside[1]:
+            there = self._reach(stage, riding, beside[1], self._layer_settings)
+        for pose in poses:
+            sucked = SuckedObject(target.name, inverse(pose.T_object_tool))
+            load = LayerLoad.of(self.bearing, sucked)
+            suction = GraspLayer(T_world_object @ pose.T_object_tool, here, lift, load)
+            goals = tuple(GraspLayer(T @ pose.T_object_tool, there, lift, load) for T in target.goals)
+            masks = (self._handover_masks(None), self._handover_masks(sucked))
+            yield SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers)
+
+    def places(self, stage: ToolStage, receiver: HeldGrasp) -> list[HandoverPlace]:
+        """Return where the holder can hand the tool to a receiver, those with the shortest way for both first."""
+        giver, base = stage.holder, self.handovers
+        assert giver is not None
+        numbers = base.orientations(giver.arm, giver.grasp, receiver.arm, receiver.grasp)
+        borne = self._borne_at_handovers(stage.sucked)
+        numbers = numbers[borne[numbers, giver.grasp] & borne[numbers, receiver.grasp]]
+        places = [
+            (
+                self._way(giver, stage.q, T := base.T_world_tool[o], base.reached(giver.arm)[o])
+                + self._way(receiver, stage.q, T, base.reached(receiver.arm)[o]),
+                int(o),
+            )
+            for o in numbers
+        ]
+        return [
+            HandoverPlace(
+                base.T_world_tool[o],
+                int(base.reached(giver.arm)[o, giver.grasp]),
+                int(base.reached(receiver.arm)[o, receiver.grasp]),
+            )
+            for _, o in sorted(places)
+        ]
+
+    def _handover_masks(self, sucked: SuckedObject | None) -> HandoverMasks:
+        """Return which grasps pass the tool on in any orientation in which cup and both hands bear it."""
+        borne = self._borne_at_handovers(sucked)
+        key = np.packbits(borne).tobytes()
+        if key not in self._masks:
+            some = borne.any(axis=1)
+            base, held = self.handovers.compatible[some], borne[some]
+            there = np.asarray((base & held[:, :, None] & held[:, None, :]).any(axis=0))
+            self._masks[key] = (there, np.ascontiguousarray(there.T))
+        return self._masks[key]
+
+    def _borne_at_handovers(self, sucked: SuckedObject | None) -> NDArray[np.bool_]:
+        """Return (o, n) in which orientations cup and fingers bear the load in which grasp."""
+        load, poses = self.bearing.load(sucked), self.handovers.T_world_tool
+        borne = self.bearing.borne(load, self.grasps, poses)
+        if sucked is None:
+            return borne
+        level = poses[:, 2, 2] >= np.cos(self.settings.handover_tilt)
+        return borne & (level & self.bearing.hanging(load, poses))[:, None]
+
+    def _way(self, held: HeldGrasp, q: Array, T_world_tool: Transform, branches: Branches) -> float:
+        """Return the least seconds that an arm needs from where it is to a grasp of the tool at a pose."""
+        arm = self.workcell.arm(held.arm)
+        one = slice(held.grasp, held.grasp + 1)
+        there = solutions(arm, T_world_tool, self._tool_flange[held.arm][one], branches[one])
+        return float(least_travel(arm, q[self.workcell.joints(held.arm)][None, None], there)[0])
+
+    def _beside(self, stage: ToolStage, name: str, T_world_object: Transform) -> dict[NamePair, float]:
+        """Return margins of the pairs that an object is closer in than usual where it stands, but for what is below."""
+        raised = moved_by(T_world_object, self.settings.carry.layer_step * _UP)
+        standing = replace(stage, sucked=None, T_world_objects={**stage.T_world_objects, name: raised})
+        close = self.traffic.close_pairs(standing, frozenset({name}))
+        return {pair: margin for pair, margin in close.items() if TOOL_FRAME not in pair}
+
+    def _reach(
+        self,
+        stage: ToolStage,
+        riding: Mapping[str, Placement | None],
+        margins: Mapping[NamePair, float],
+        settings: ToolGraspSettings,
+    ) -> dict[str, GraspReach]:
+        """Return each arm's reach among the objects where they stand, or ride; the other arm is parked."""
+        objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
+        objects |= riding
+        reach = {}
+        for arm in self.arms:
+            other = self.workcell.other(arm)
+            around = Surroundings(objects, self._park[other], stage.widths[other], margins)
+            reach[arm] = GraspReach(self.workcell, arm, self.grasps, around, settings)
+        return reach

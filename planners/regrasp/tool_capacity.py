@@ -1,0 +1,90 @@
+"""What proves that no plan of a suction-tool task exists: weights and widths, in closed form and sound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planners.geometry.convex import ConvexShape
+from planners.geometry.pose import Array
+from planners.graph.rejections import Rejection
+from planners.regrasp.suction_hold import Cup
+from planners.scene.hand import Gripper
+from planners.scene.moved_object import MovedObject
+from planners.scene.tool_scene import SuctionToolScene
+
+_PARALLEL = 1e-6
+"""Edges whose unit vectors have a shorter product span no plane [1]."""
+
+
+def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> Iterator[Rejection]:
+    """Yield the proofs that a task has no plan, each with what is needed and what there is.
+
+    Args:
+        scene: the task.
+        to_move: its objects that are not at their goals yet.
+    """
+    if not to_move:
+        return
+    heaviest = max(to_move, key=lambda each: each.body.mass or 0.0)
+    gravity = float(np.linalg.norm(scene.cell.gravity))
+    weight = gravity * (heaviest.body.mass or 0.0)
+    lift = largest_lift(scene.tool.cup)
+    if weight > lift:
+        yield Rejection("capacity", "The object is heavier than the cup bears.", heaviest.name, weight, lift, "N")
+    weight += gravity * scene.tool.mass
+    grip = largest_grip(scene.grip_force_limit, scene.friction.grip)
+    if weight > grip:
+        reason = "Tool and object are heavier than the fingers of two hands bear."
+        yield Rejection("capacity", reason, heaviest.name, weight, grip, "N")
+    width = min(least_width(part) for part in scene.tool.body.solid.convex_parts)
+    opening = max(arm.hand.width_max for arm in scene.cell.arms.values() if isinstance(arm.hand, Gripper))
+    if width > opening:
+        yield Rejection("capacity", "The tool is thicker all over than a gripper opens.", "tool", width, opening, "m")
+
+
+def largest_lift(cup: Cup) -> float:
+    """Return the greatest weight that a cup bears at any tilt [N].
+
+    Tilted by t, a pull p and a shear s along the pad bear p cos t + s sin t, at most hypot(p, s); x and y each have
+    sqrt(3) s <= mu (V - p), so that this is convex in p and greatest where p is V or 0.
+    """
+    return cup.max_force * max(1.0, math.sqrt(2.0 / 3.0) * cup.mu)
+
+
+def largest_grip(normal: float, mu: float) -> float:
+    """Return a bound of the net force of two hands whose fingers squeeze with at most `normal` [N].
+
+    A hand bears friction of two fingers across the closing axis, and one normal force along it.
+    """
+    return 2.0 * normal * math.hypot(1.0, 2.0 * mu)
+
+
+def least_width(part: ConvexShape) -> float:
+    """Return the least distance of two parallel planes with a convex shape between them [m].
+
+    One of the planes lies on a face, or either on an edge.
+    """
+    hull = ConvexHull(part.vertices)
+    directions = np.vstack([hull.equations[:, :3], _crosses(_edges(part.vertices, hull))])
+    return float(np.ptp(part.vertices @ directions.T, axis=0).min()) + 2.0 * part.radius
+
+
+def _edges(vertices: Array, hull: ConvexHull) -> Array:
+    """Return the different directions of a hull's edges, unit: (k, 3)."""
+    ends = vertices[hull.simplices]
+    edges = (np.roll(ends, -1, axis=1) - ends).reshape(-1, 3)
+    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
+    edges *= np.where(edges[:, 0] < 0.0, -1.0, 1.0)[:, None]
+    return np.unique(edges.round(6), axis=0)
+
+
+def _crosses(edges: Array) -> Array:
+    first, second = np.triu_indices(len(edges), 1)
+    crosses = np.cross(edges[first], edges[second])
+    lengths = np.linalg.norm(crosses, axis=1)
+    good = lengths > _PARALLEL
+    return crosses[good] / lengths[good, None]

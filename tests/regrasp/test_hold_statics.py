@@ -1,0 +1,216 @@
+"""Forces of cup and fingers along made-up motions keep Newton's laws and tell what gives way."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from support.tool_plans import block
+
+from planners.contract.task_spec import read_task
+from planners.geometry.pose import Array, inverse, rotation_from_vector, transform
+from planners.motion.trajectory import Trajectory
+from planners.regrasp.hold_statics import HoldStatics, UnheldError
+from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
+from planners.scene.scene import build_scene
+from planners.segment import SegmentKind
+
+GRAVITY = 9.81
+CUP_FORCE = 20.0
+"""Of the shipped long tool [N]."""
+ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""A hand beside the shaft: it approaches along the tool's y and closes along its x."""
+
+
+def hold(arm: str, height: float) -> ToolHold:
+    return ToolHold(arm, transform(ACROSS, [0.0, 0.0, height]), 0.018, np.eye(4))
+
+
+def statics(**members: Any) -> HoldStatics:
+    task = read_task({"kind": "suction_tool", "objects": [block(**members)]})
+    return HoldStatics(build_scene(task))
+
+
+def on_top(held: HoldStatics) -> Array:
+    """`T_world_tool` with the cup on the middle of the block."""
+    return held.start()["block"] @ transform(None, [0.0, 0.0, 0.01])
+
+
+def segment(
+    held: HoldStatics,
+    offsets: Array,
+    turns: Array,
+    step: float,
+    kind: SegmentKind = SegmentKind.TRANSFER,
+    **members: Any,
+) -> tuple[ToolSegment, dict[str, Array]]:
+    """A motion of the tool with the block on its cup: (n, 3) ways and turns from where it is on the block."""
+    n = len(offsets)
+    ways = [transform(rotation_from_vector(turn), offset) for turn, offset in zip(turns, offsets, strict=True)]
+    T_tool = np.array([transform(None, way[:3, 3]) @ on_top(held) @ transform(way[:3, :3]) for way in ways])
+    T_tool_block = inverse(on_top(held)) @ held.start()["block"]
+    zeros = np.zeros((n, 12))
+    time = step * np.arange(n)
+    made = ToolSegment(
+        kind=kind,
+        movers=("left",),
+        trajectory=Trajectory(time, zeros, zeros, zeros, time),
+        widths={arm: np.full(n, 0.018) for arm in ("left", "right")},
+        holds=members.get("holds", (hold("left", 0.12),)),
+        sucked=SuckedObject("block", T_tool_block),
+        body_poses={} if kind is not SegmentKind.TRANSFER else {"tool": T_tool, "block": T_tool @ T_tool_block},
+    )
+    return made, {**held.start(), "tool": T_tool[0]}
+
+
+def smooth(n: int) -> Array:
+    """(n,) from 0 to 1, at rest at both ends."""
+    u = np.linspace(0.0, 1.0, n)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+
+def swing(
+    held: HoldStatics, step: float = 0.02, way: float = 0.1, turn: float = 0.5
+) -> tuple[ToolSegment, dict[str, Array]]:
+    """Up, aside and tilted."""
+    s = smooth(60)[:, None]
+    return segment(held, s * [way, -way, way], s * [turn, 0.0, turn], step)
+
+
+def still(held: HoldStatics, **members: Any) -> tuple[ToolSegment, dict[str, Array]]:
+    n = members.pop("samples", 3)
+    return segment(held, np.zeros((n, 3)), np.zeros((n, 3)), 0.02, **members)
+
+
+def test_every_contact_set_balances_weight_and_inertia() -> None:
+    held = statics(com=[0.01, -0.005, 0.002])
+    swung, places = swing(held)
+    masses = {"block": (0.1, [0.01, -0.005, 0.002]), "tool": (held.scene.tool.mass, held.scene.tool.com)}
+    found = held.sets(swung, places)
+    assert {one.body for one in found} == {"block", "tool"}
+    for one in found:
+        mass, com = masses[one.body]
+        T = swung.body_poses[one.body][one.sample]
+        centre = T[:3, :3] @ com + T[:3, 3]
+        force = sum(each.wrench[:3] for each in one.forces)
+        moment = sum(each.wrench[3:] + np.cross(each.point - centre, each.wrench[:3]) for each in one.forces)
+        assert force == pytest.approx([0.0, 0.0, mass * GRAVITY], abs=1e-9)
+        assert moment == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_what_the_tool_exerts_on_the_object_comes_back_to_it() -> None:
+    held = statics()
+    found = held.sets(*swing(held))
+    suction = {(one.sample, one.body): each for one in found for each in one.forces if each.kind == "suction"}
+    samples = {sample for sample, _ in suction}
+    assert samples
+    for sample in samples:
+        assert suction[sample, "block"].wrench == pytest.approx(-suction[sample, "tool"].wrench)
+
+
+def test_sets_are_as_close_as_the_document_demands() -> None:
+    held = statics()
+    swung, places = swing(held, way=0.15, turn=1.0)
+    samples = sorted({one.sample for one in held.sets(swung, places) if one.body == "block"})
+    poses = swung.body_poses["block"]
+    assert (samples[0], samples[-1]) == (0, len(poses) - 1)
+    for one, other in pairwise(samples):
+        if other - one == 1:
+            continue
+        cosine = 0.5 * (np.trace(poses[one, :3, :3].T @ poses[other, :3, :3]) - 1.0)
+        assert np.arccos(np.clip(cosine, -1.0, 1.0)) <= np.radians(2.0)
+        assert np.linalg.norm(poses[other, :3, 3] - poses[one, :3, 3]) <= 0.010
+        assert swung.trajectory.time[other] - swung.trajectory.time[one] <= 0.25
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.5, 1.9])
+def test_an_object_that_hangs_still_leaves_the_cup_what_it_does_not_weigh(mass: float) -> None:
+    held = statics(mass=mass)
+    worst = held.worst(*still(held))
+    assert worst.margin == pytest.approx(worst.at_rest)
+    assert worst.margin <= 1.0 - mass * GRAVITY / CUP_FORCE + 1e-9
+
+
+def test_a_cup_holds_up_to_its_force_and_no_more() -> None:
+    limit = CUP_FORCE / GRAVITY
+    assert statics(mass=0.99 * limit).worst(*still(statics(mass=0.99 * limit))).rejection is None
+    rejection = statics(mass=1.01 * limit).worst(*still(statics(mass=1.01 * limit))).rejection
+    assert rejection is not None
+    assert (rejection.stage, "block" in str(rejection.where)) == ("suction", True)
+
+
+def test_sets_of_what_does_not_hold_are_an_error_that_says_so() -> None:
+    held = statics(mass=3.0)
+    with pytest.raises(UnheldError, match="block"):
+        held.sets(*still(held))
+
+
+def test_a_stretched_motion_holds_and_a_little_less_does_not() -> None:
+    held = statics(mass=1.2)
+    fast, places = swing(held, step=0.004, way=0.15, turn=0.1)
+    assert held.worst(fast, places).margin < 0.0 <= held.worst(fast, places).at_rest
+    slowness = held.stretch(fast, places)
+    assert slowness is not None
+    assert slowness > 1.0
+    assert held.worst(*swing(held, step=0.004 * slowness, way=0.15, turn=0.1)).margin >= 0.0
+    assert held.worst(*swing(held, step=0.004 * 0.97 * slowness, way=0.15, turn=0.1)).margin < 0.0
+
+
+def test_a_motion_that_holds_is_not_stretched_and_one_that_never_holds_is_given_up() -> None:
+    light, heavy = statics(), statics(mass=3.0)
+    assert light.stretch(*swing(light)) == 1.0
+    assert heavy.stretch(*swing(heavy)) is None
+
+
+def test_a_reserve_is_kept() -> None:
+    held = statics(mass=1.0)
+    fast, places = swing(held, step=0.004, turn=0.0)
+    assert held.worst(fast, places).margin < 0.3
+    slowness = held.stretch(fast, places, reserve=0.3)
+    assert slowness is not None
+    assert held.worst(*swing(held, step=0.004 * slowness, turn=0.0)).margin >= 0.3
+
+
+def test_two_hands_squeeze_alike_and_less_than_one() -> None:
+    held = statics(mass=1.0)
+    one, places = still(held)
+    both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
+
+    def squeezes(made: ToolSegment) -> list[float]:
+        forces = [f for s in held.sets(made, places) if s.body == "tool" and s.sample == 0 for f in s.forces]
+        arms = sorted({f.by for f in forces if f.kind == "soft_finger"})
+        return [max(f.wrench[:3] @ f.normal for f in forces if f.by == arm) for arm in arms]
+
+    (alone,), (left, right) = squeezes(one), squeezes(both)
+    assert left == pytest.approx(right, rel=1e-6)
+    assert left < alone
+
+
+@pytest.mark.parametrize("kind", [SegmentKind.ATTACH, SegmentKind.DETACH])
+def test_while_the_vacuum_goes_on_or_off_the_table_carries_the_object(kind: SegmentKind) -> None:
+    held = statics()
+    made, places = still(held, kind=kind)
+    for one in held.sets(made, places):
+        if one.body == "block":
+            carried = [each for each in one.forces if each.kind == "environment"]
+            assert {each.by for each in carried} == {"table"}
+            assert sum(each.wrench[2] for each in carried) == pytest.approx(0.1 * GRAVITY)
+            assert [each.wrench.any() for each in one.forces if each.kind == "suction"] == [False]
+
+
+def test_an_object_is_not_let_go_of_in_the_air() -> None:
+    held = statics()
+    made, places = still(held, kind=SegmentKind.DETACH)
+    places["block"] = transform(None, [0.0, 0.0, 0.05]) @ places["block"]
+    rejection = held.worst(made, places).rejection
+    assert rejection is not None
+    assert rejection.where == "block"
+
+
+def test_where_no_hand_bears_the_tool_nothing_is_asked() -> None:
+    held = statics()
+    made, places = still(held, holds=())
+    assert held.sets(made, places) == ()
+    assert held.worst(made, places).margin == np.inf

@@ -1,0 +1,59 @@
+"""Small suction-tool plans for the certificate to look at."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import Any
+
+from planners.certify import CellReference
+from planners.contract.task_spec import read_task
+from planners.geometry.pose import to_pose7
+from planners.geometry.solid_mesh import SolidMesh
+from planners.plan import plan
+from planners.progress import Progress, silent
+from planners.regrasp.grasps import ToolGraspSettings
+from planners.regrasp.handover_place import HandoverPlaceSettings
+from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.scene.cell import Cell, load_cell
+from planners.scene.scene import build_scene
+from planners.scene.suction_tool import SuctionTool, tool_descriptions
+
+Document = dict[str, Any]
+QUARTER = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]
+"""Quaternion of a quarter turn about z."""
+FEW = HandoverSettings(
+    ToolGraspSettings(rolls=8), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1
+)
+"""Fewer grasps and handovers than a job has: soon found."""
+
+
+def few_handovers(
+    cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress = silent
+) -> HandoverDatabase:
+    return find_handovers(cell, tool, FEW, progress)
+
+
+def block(**members: Any) -> dict[str, Any]:
+    """An object of a task: a flat block on the left of the table, and its goal nearer to the middle."""
+    return {
+        "name": "block", "shape": {"type": "box", "size": [0.13, 0.07, 0.02]}, "mass": 0.1,
+        "pose": [0.3, 0.3, 1.104, *QUARTER], "goal_pose": [0.4, 0.15, 1.104, *QUARTER],
+    } | members  # fmt: skip
+
+
+def planned(body: dict[str, Any], uploads: dict[str, SolidMesh] | None = None) -> Document:
+    """Return the document of a task, without its certificate; its clock counts calls."""
+    task = read_task({"kind": "suction_tool", **body})
+    scene = build_scene(task, uploads=(uploads or {}).get)
+    ticks = count()
+    document = plan(task, scene, silent, lambda: float(next(ticks)), few_handovers)
+    assert document["outcome"] == "solved", document["explanation"]
+    return document | {"id": "probe", "software": {"name": "liftwright", "version": "0", "commit": None}}
+
+
+def reference_of_the_tool_cell() -> CellReference:
+    """What the certificate may take for known."""
+    cell = load_cell("dual_ur3e_tool")
+    assert cell.tool_rest is not None
+    rest = to_pose7(cell.tool_rest.T_world_tool)
+    return CellReference(cell.document(), cell.body_documents(), cell.home, rest, tool_descriptions())
