@@ -22,7 +22,7 @@ from planners.perception.perceived_object import TABLE
 from planners.scene.cell import Cell
 
 CERTAINTY = 2.0
-"""Sides are moved out by so many standard deviations: nineteen of twenty are inside [1]."""
+"""Sides are moved out by so many of the standard deviations that are told; benchmarks tell how many are inside [1]."""
 SHARE_OF_GAP = 0.45
 """... but by no more than this share of the gap to a neighbour [1]."""
 LEAST_GAP = 1e-3
