@@ -6,7 +6,7 @@ ONCE ?=
 PART ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format bench clean
+.PHONY: help setup demo test check format openapi bench clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -34,6 +34,9 @@ check: setup ## format, lint, types
 format: setup ## put code into its format
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
+
+openapi: setup ## write docs/openapi.json anew, after a change of the HTTP interface
+	@$(BIN)/python -m app.openapi
 
 bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md; PART="lifts kernels" measures these only
 	@$(BIN)/python -m tests.benchmarks $(PART)

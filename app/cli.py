@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -14,14 +15,17 @@ from pydantic import ValidationError
 from app.example_tasks import example_tasks
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
+from workers.settings import WorkerSettings
 
 FAILED = 1
 BAD_INPUT = 3
+SCOPES = ("read", "write", "admin")
 EXAMPLES = """\
 examples:
   liftwright plan assets/tasks/ab1.json --out plan.json     one task, no server: both arms lift a plate
   liftwright plan assets/tasks/domino_pile.json             a suction tool piles up three dominoes
   liftwright serve                                          the service on http://127.0.0.1:8040
+  liftwright keys issue --owner mes --scope write           a key, once others are to reach it
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
 
 Every option of serve, api and worker can also be given as an environment variable, LIFTWRIGHT_PORT=8041.
@@ -86,6 +90,17 @@ def _parser() -> argparse.ArgumentParser:
     _add_storage(worker)
     worker.set_defaults(run=_work)
 
+    _add_keys(commands.add_parser("keys", help="issue, list and revoke the keys that the service asks for"))
+
+    check = commands.add_parser(
+        "check-worker",
+        help="exit code 0 if a worker of this name is alive and can prove it",
+        description="For a container's health check: asks the database, not the process.",
+    )
+    check.add_argument("--worker-name", metavar="NAME", help="default: the host's name")
+    _add_storage(check)
+    check.set_defaults(run=_check_worker)
+
     warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
     warm.set_defaults(run=_warm_up)
     return parser
@@ -96,8 +111,31 @@ def _plan_epilog() -> str:
     return f"kinds of tasks, and examples of each, files assets/tasks/NAME.json:\n{examples}\n"
 
 
+def _add_keys(command: argparse.ArgumentParser) -> None:
+    actions = command.add_subparsers(dest="action", required=True, metavar="action")
+    issue = actions.add_parser("issue", help="make a key; it is printed once and stored nowhere")
+    issue.add_argument("--owner", required=True, type=_owner, metavar="NAME", help="to whom belongs what it makes")
+    issue.add_argument("--scope", choices=SCOPES, default="write", help="each allows all before it; default write")
+    issue.add_argument("--days", type=float, metavar="N", help="how long it is good; default: until it is revoked")
+    _add_storage(issue)
+    issue.set_defaults(run=_issue_key)
+    listing = actions.add_parser("list", help="show all keys, without their secrets")
+    _add_storage(listing)
+    listing.set_defaults(run=_list_keys)
+    revoke = actions.add_parser("revoke", help="make a key worthless")
+    revoke.add_argument("key_id", metavar="ID", help="as `list` shows it")
+    _add_storage(revoke)
+    revoke.set_defaults(run=_revoke_key)
+
+
+def _owner(text: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", text):
+        raise argparse.ArgumentTypeError("1 to 64 letters, digits, dots, dashes or underscores")
+    return text
+
+
 def _add_listening(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--host", help="address to listen on; default 127.0.0.1. There is no authentication")
+    command.add_argument("--host", help="address to listen on; default 127.0.0.1; another needs keys")
     command.add_argument("--port", type=int, help="default 8040; 0: any free one")
 
 
@@ -132,6 +170,35 @@ def _work(given: argparse.Namespace) -> int:
 
     work(ServiceSettings(**_options(given)))
     return 0
+
+
+def _issue_key(given: argparse.Namespace) -> int:
+    from app.access.scope import Scope
+    from app.keys_command import issue_key
+
+    print(issue_key(WorkerSettings(**_options(given)), given.owner, Scope(given.scope), given.days))
+    print("liftwright: keep it, it cannot be shown again; a service that runs without keys: restart", file=sys.stderr)
+    return 0
+
+
+def _list_keys(given: argparse.Namespace) -> int:
+    from app.keys_command import list_keys
+
+    print(list_keys(WorkerSettings(**_options(given))))
+    return 0
+
+
+def _revoke_key(given: argparse.Namespace) -> int:
+    from app.keys_command import revoke_key
+
+    revoke_key(WorkerSettings(**_options(given)), given.key_id)
+    return 0
+
+
+def _check_worker(given: argparse.Namespace) -> int:
+    from workers.worker_check import worker_lives
+
+    return 0 if worker_lives(ServiceSettings(**_options(given))) else FAILED
 
 
 def _warm_up(_: argparse.Namespace) -> int:

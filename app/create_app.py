@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib import resources
 from importlib.metadata import version
 
@@ -11,22 +13,36 @@ from anyio import CapacityLimiter
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
+from app.access.audit_log import AuditLog
+from app.access.door import Door, OpenDoor
+from app.access.gate import Gate
+from app.access.key_store import KeyStore
+from app.access.rate_limiter import RateLimiter
+from app.access.session_store import SessionStore
 from app.errors import install_error_handlers
+from app.head import HeadAsGet
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
-from app.routes import capabilities, meshes, plans, probes, scenes, viewer
+from app.plan_feed import PlanFeed
+from app.request_log import RequestLog
+from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
+from app.webhook_desk import WebhookDesk
 from planners.scene.cell import Cell, known_cells, load_cell
-from workers.database import open_database
+from workers.database import Database, open_database
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
 from workers.scene_store import SceneStore
+from workers.webhook_store import WebhookStore
+from workers.webhook_target import TargetRules
 from workers.worker import Worker
 
 REFERENCE_TASK = "ab1.json"
+PARTS = (plans, scenes, meshes, webhooks, login, viewer, audit, capabilities, probes)
+"""In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
     "fetch a certified plan document. SI units; world frame on the floor under the robot."
@@ -46,13 +62,19 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         app.state.scenes = SceneStore(database)
         app.state.perceivers = CapacityLimiter(settings.max_perceived)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
-        app.state.theatre = Theatre(app.state.desk, app.state.cells, settings.data_dir / "drawings")
+        rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
+        app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)
+        app.state.feed = PlanFeed(store, queue)
+        feeding = asyncio.create_task(app.state.feed.run())
+        app.state.door = await run_in_threadpool(_door, settings, database)
+        app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")
         worker = Worker(settings, database, queue, store) if with_worker else None
         try:
             if worker is not None:
                 await worker.start()
             yield
         finally:
+            feeding.cancel()
             await app.state.theatre.close()
             if worker is not None:
                 await worker.stop()
@@ -67,13 +89,26 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
     install_error_handlers(app)
-    for router in (plans.router, scenes.router, meshes.router, viewer.router, capabilities.router, probes.router):
-        app.include_router(router)
+    app.add_middleware(Gate)
+    app.add_middleware(HeadAsGet)
+    app.add_middleware(RequestLog)
+    for part in PARTS:
+        app.include_router(part.router)
     install_openapi(app)
     return app
+
+
+def _door(settings: ServiceSettings, database: Database) -> Door:
+    """Return the door, which is open only where nobody but this machine's own users can come to it."""
+    keys = KeyStore(database)
+    needs_keys = settings.authentication == "required" or not settings.is_loopback or keys.any_valid()
+    kind = Door if needs_keys else OpenDoor
+    limiter = RateLimiter(settings.requests_per_second, settings.request_burst)
+    return kind(keys, SessionStore(database), AuditLog(database), limiter)
 
 
 def _warm_cells() -> dict[str, Cell]:

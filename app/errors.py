@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -21,6 +22,8 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.refusal import ScanRefused
+from workers.database_loss import DATABASE_GONE
+from workers.webhook_target import TargetRefused
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
@@ -32,11 +35,71 @@ class ServiceError(LiftwrightError):
     headers: Mapping[str, str] = {}
 
 
+class KeyNeeded(ServiceError):
+    """A request shows no key, or one that opens nothing."""
+
+    def __init__(self, *, shown: bool) -> None:
+        super().__init__("this key opens nothing" if shown else "show a key: Authorization: Bearer …")
+        error = ', error="invalid_token"' if shown else ""
+        self.headers = {"WWW-Authenticate": f'Bearer realm="liftwright"{error}'}
+
+
+class ScopeNeeded(ServiceError):
+    """A key is good, but not for this."""
+
+    def __init__(self, scope: str) -> None:
+        super().__init__(f"this needs a key with the scope {scope!r}")
+
+
+class ForeignPage(ServiceError):
+    """A page of somebody else asks for something."""
+
+    def __init__(self) -> None:
+        super().__init__("only pages of this service may ask for that")
+
+
+class WrongHost(ServiceError):
+    """A service that asks for no keys is called by a name that is not its machine's own."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
+
+
+class TooManyRequests(ServiceError):
+    """A key is used too often."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__("too many requests in too short a time")
+        self.headers = {"Retry-After": str(math.ceil(seconds))}
+
+
+class BodyStalled(ServiceError):
+    """A body does not come."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"nothing of the body came for {seconds:g} s, or all of it took too long")
+        self.headers = {"Connection": "close"}
+
+
 class PlanNotFound(ServiceError):
     """No plan has that id."""
 
     def __init__(self, plan_id: str) -> None:
         super().__init__(f"there is no plan {plan_id[:100]!r}")
+
+
+class WebhookNotFound(ServiceError):
+    """No webhook has that id."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"there is no webhook {webhook_id[:100]!r}")
+
+
+class WebhookUnusable(ServiceError):
+    """A plan names a webhook that is not there, or that nothing is sent to."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"webhook={webhook_id[:100]}: there is no such webhook, or it is disabled")
 
 
 class DocumentNotReady(ServiceError):
@@ -177,9 +240,18 @@ class Answer:
 
 
 TABLE: Mapping[type[Exception], Answer] = {
+    KeyNeeded: Answer(HTTPStatus.UNAUTHORIZED, "No valid key"),
+    ScopeNeeded: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
+    ForeignPage: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
+    WrongHost: Answer(HTTPStatus.MISDIRECTED_REQUEST, "Not this service"),
+    TooManyRequests: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many requests"),
+    BodyStalled: Answer(HTTPStatus.REQUEST_TIMEOUT, "The body does not come"),
     NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
     BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
     PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
+    WebhookNotFound: Answer(HTTPStatus.NOT_FOUND, "No such webhook"),
+    TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
+    WebhookUnusable: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook cannot be used"),
     MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
     SceneNotFound: Answer(HTTPStatus.NOT_FOUND, "No such scene"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
@@ -200,9 +272,11 @@ TABLE: Mapping[type[Exception], Answer] = {
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
+    **dict.fromkeys(DATABASE_GONE, Answer(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
     TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
 }
+ANSWERED = tuple(TABLE)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -230,7 +304,17 @@ def problem_response(
 
 
 def _answer_known(_: Request, error: Exception) -> Response:
+    return error_response(error)
+
+
+def error_response(error: Exception) -> Response:
+    """Return the answer to an error of `TABLE`."""
     answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
+    if isinstance(error, DATABASE_GONE):
+        # What the database says is for the log: it holds statements and addresses.
+        log.error("database cannot be used", error=str(error.args[0] if error.args else error))
+        detail = "the database is away, or its disk is full; what was accepted is kept, so ask again"
+        return problem_response(answer, detail, headers={"Retry-After": "5"})
     errors = _problems(error)
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
@@ -244,6 +328,10 @@ def _problems(error: Exception) -> list[Problem]:
         return problems_of(error)
     if isinstance(error, RequestValidationError):
         return [Problem(pointer=json_pointer(fault["loc"]), detail=fault["msg"]) for fault in error.errors()]
+    if isinstance(error, TargetRefused):
+        return [Problem(pointer="/url", detail=str(error))]
+    if isinstance(error, WebhookUnusable):
+        return [Problem(pointer="/query/webhook", detail=str(error))]
     if isinstance(error, MeshRefused | BadUpload):
         return [Problem(pointer="", detail=str(error))]
     return []
@@ -263,7 +351,8 @@ def _methods(request: Request) -> list[str]:
     described: Mapping[str, Mapping[str, object]] = request.app.openapi()["paths"]
     path = request.url.path
     fitting = (methods for template, methods in described.items() if compile_path(template)[0].match(path))
-    return sorted(method.upper() for method in chain.from_iterable(fitting))
+    allowed = {method.upper() for method in chain.from_iterable(fitting)}
+    return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
 
 
 def _answer_unknown(request: Request, error: Exception) -> Response:

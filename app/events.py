@@ -2,43 +2,55 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-import time
 from collections.abc import AsyncIterator
 
-import anyio
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import PlanNotFound
 from app.plan_desk import PlanDesk
+from app.plan_feed import PlanFeed
+from workers.database_loss import DATABASE_GONE
 
-POLL_SECONDS = 0.1
-"""How often a stream looks for new events [s]."""
 PING_SECONDS = 15.0
 """A stream that has nothing to say says so this often, so that nothing in between cuts it [s]."""
 
 
-async def stream_events(desk: PlanDesk, plan_id: str, received: int) -> AsyncIterator[bytes]:
+async def stream_events(desk: PlanDesk, feed: PlanFeed, plan_id: str, received: int) -> AsyncIterator[bytes]:
     """Yield `progress` events from behind number `received`, then one `finished` event with the plan, and end.
 
     The number of the `finished` event follows that of the last `progress` event, so a client that resumes with it
-    has everything. A plan that is deleted meanwhile ends the stream.
+    has everything. A plan that is deleted meanwhile ends the stream, and so does a database that is gone at the end:
+    the client comes again, and resumes.
     """
-    quiet_since = time.monotonic()
-    while True:
-        try:
-            # The state before the events: whatever is added in between comes with the next look.
-            plan = await run_in_threadpool(desk.plan, plan_id)
-        except PlanNotFound:
-            return
-        for sequence, event in await run_in_threadpool(desk.store.events_after, plan_id, received):
-            yield format_sse_event(data_str=json.dumps(event), event="progress", id=str(sequence))
-            received, quiet_since = sequence, time.monotonic()
-        if plan.done:
-            yield format_sse_event(data_str=plan.model_dump_json(), event="finished", id=str(received + 1))
-            return
-        if time.monotonic() - quiet_since > PING_SECONDS:
-            yield KEEPALIVE_COMMENT
-            quiet_since = time.monotonic()
-        await anyio.sleep(POLL_SECONDS)
+    async with feed.follow(plan_id) as followed:
+        while True:
+            changed = followed.changed
+            done = followed.done
+            for sequence, event in followed.behind(received):
+                yield format_sse_event(data_str=json.dumps(event), event="progress", id=str(sequence))
+                received = sequence
+            if done:
+                break
+            try:
+                async with asyncio.timeout(PING_SECONDS):
+                    await changed.wait()
+            except TimeoutError:
+                yield KEEPALIVE_COMMENT
+    try:
+        plan = await run_in_threadpool(desk.plan, plan_id)
+    except (PlanNotFound, *DATABASE_GONE):
+        return
+    yield format_sse_event(data_str=plan.model_dump_json(), event="finished", id=str(received + 1))
+
+
+async def wait_for_end(feed: PlanFeed, plan_id: str, seconds: float) -> None:
+    """Return when a plan's job has ended, or after some time [s]."""
+    try:
+        async with asyncio.timeout(seconds), feed.follow(plan_id) as followed:
+            while not followed.done:
+                await followed.changed.wait()
+    except TimeoutError:
+        return

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import AsyncIterator, Callable, Mapping
+from typing import Any, Protocol
 
+import anyio
 from starlette.requests import ClientDisconnect, Request
 
-from app.errors import BodyTooLarge, EncodedBody, NotJsonMedia
+from app.errors import BodyStalled, BodyTooLarge, EncodedBody, NotJsonMedia
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import read_task, write_task
@@ -28,7 +29,21 @@ def no_scenes(scene_id: str) -> SceneDocument | None:
     return None
 
 
-async def read_body(request: Request, limit: int) -> bytes:
+class Patience(Protocol):
+    """How long the parts of a body are waited for."""
+
+    @property
+    def body_stall_seconds(self) -> float:
+        """For the next part [s]."""
+        ...
+
+    @property
+    def body_seconds(self) -> float:
+        """For all of it [s]."""
+        ...
+
+
+async def read_body(request: Request, limit: int, patience: Patience) -> bytes:
     """Return the body of a JSON request.
 
     Raises:
@@ -39,15 +54,16 @@ async def read_body(request: Request, limit: int) -> bytes:
     media_type = request.headers.get("content-type")
     if media_type is None or media_type.split(";")[0].strip().lower() != "application/json":
         raise NotJsonMedia(media_type)
-    return await read_limited(request, limit)
+    return await read_limited(request, limit, patience)
 
 
-async def read_limited(request: Request, limit: int) -> bytes:
+async def read_limited(request: Request, limit: int, patience: Patience) -> bytes:
     """Return the body of a request, whatever it is.
 
     Raises:
         EncodedBody: It is declared as compressed.
         BodyTooLarge: It has more than `limit` bytes; the rest is not kept.
+        BodyStalled: Its sender is slower than `patience` allows.
     """
     coding = request.headers.get("content-encoding", "identity")
     if coding.strip().lower() != "identity":
@@ -55,7 +71,7 @@ async def read_limited(request: Request, limit: int) -> bytes:
     if _not_worth_reading(request, limit):
         raise BodyTooLarge(limit)
     body = bytearray()
-    stream = request.stream()
+    stream = _patient(request, patience)
     async for chunk in stream:
         body += chunk
         if len(body) > limit:
@@ -72,6 +88,22 @@ async def read_limited(request: Request, limit: int) -> bytes:
     except ClientDisconnect:
         pass  # It did not want to know.
     raise BodyTooLarge(limit)
+
+
+async def _patient(request: Request, patience: Patience) -> AsyncIterator[bytes]:
+    """Yield a body as it comes, as long as it comes."""
+    stream = aiter(request.stream())
+    deadline = anyio.current_time() + patience.body_seconds
+    while True:
+        rest = deadline - anyio.current_time()
+        try:
+            with anyio.fail_after(min(patience.body_stall_seconds, rest)):
+                chunk = await anext(stream)
+        except StopAsyncIteration:
+            return
+        except TimeoutError:
+            raise BodyStalled(patience.body_stall_seconds) from None
+        yield chunk
 
 
 def _not_worth_reading(request: Request, limit: int) -> bool:

@@ -10,7 +10,7 @@ from starlette.requests import Request
 
 from app.errors import BadUpload, NotMeshMedia
 from app.form import FORM, FormPart, content_type, form_parts
-from app.intake import read_limited
+from app.intake import Patience, read_limited
 from planners.geometry.mesh_file import MeshFormat
 
 MEDIA_TYPES: Mapping[str, MeshFormat] = MappingProxyType(
@@ -20,7 +20,7 @@ SUFFIXES: Mapping[str, MeshFormat] = MappingProxyType({".stl": "stl", ".obj": "o
 FIELD = "file"
 
 
-async def read_mesh(request: Request, limit: int) -> tuple[bytes, MeshFormat]:
+async def read_mesh(request: Request, limit: int, patience: Patience) -> tuple[bytes, MeshFormat]:
     """Return a mesh file and its format.
 
     Raises:
@@ -34,7 +34,7 @@ async def read_mesh(request: Request, limit: int) -> tuple[bytes, MeshFormat]:
     media_type = header.get_content_type()
     if declared is None or media_type not in (FORM, *MEDIA_TYPES):
         raise NotMeshMedia(declared, (*MEDIA_TYPES, FORM))
-    content = await read_limited(request, limit)
+    content = await read_limited(request, limit, patience)
     if media_type == FORM:
         return _file_of_form(content, header)
     return content, MEDIA_TYPES[media_type]

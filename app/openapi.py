@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import json
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from app.access.door import COOKIE
+from app.access.gate import needed_scope
+from app.errors import MEDIA_TYPE as PROBLEM_MEDIA_TYPE
 from planners.contract.plan_document import document_schema
 from planners.contract.scan_spec import scan_schema
 from planners.contract.task_spec import task_schema
 
+CHECKED_IN = Path(__file__).resolve().parents[1] / "docs" / "openapi.json"
 COMPONENTS = "#/components/schemas/"
+EXAMPLE_TASK = "ab1.json"
+ALWAYS_ANSWERED = "/livez"
+SECURITY_SCHEMES = {
+    "key": {"type": "http", "scheme": "bearer", "description": "A key of `liftwright keys issue`"},
+    "session": {"type": "apiKey", "in": "cookie", "name": COOKIE, "description": "What a browser gets for a key"},
+}
 
 
 def install_openapi(app: FastAPI) -> None:
@@ -34,7 +47,43 @@ def _describe(app: FastAPI) -> dict[str, Any]:
         component = _into_components(schema)
         schemas.update(component.pop("$defs", {}))
         schemas[name] = component
+    description["components"]["securitySchemes"] = SECURITY_SCHEMES
+    for path, operations in description["paths"].items():
+        for method, operation in operations.items():
+            _complete(method.upper(), path, operation)
+    schemas.pop("HTTPValidationError", None)
+    schemas.pop("ValidationError", None)
     return description
+
+
+def _complete(method: str, path: str, operation: dict[str, Any]) -> None:
+    """Say what holds for all operations: who may call, and how errors are told."""
+    scope = needed_scope(method, path)
+    operation["security"] = [] if scope is None else [{name: []} for name in SECURITY_SCHEMES]
+    answers = operation["responses"]
+    if operation.get("parameters"):
+        answers.setdefault("422", {"description": "A parameter that is not valid"})
+    if "requestBody" in operation:
+        _show_example(path, operation["requestBody"]["content"])
+        answers.setdefault("408", {"description": "The body does not come"})
+    if scope is not None:
+        answers.setdefault("401", {"description": "No valid key"})
+        answers.setdefault("429", {"description": "Too many requests: `Retry-After`"})
+        answers.setdefault("403", {"description": f"The key has not the scope `{scope.value}`"})
+    if path != ALWAYS_ANSWERED:
+        answers.setdefault("503", {"description": "The service cannot work right now; `Retry-After`"})
+    for status, answer in answers.items():
+        if status >= "400":
+            answer["content"] = {PROBLEM_MEDIA_TYPE: {"schema": {"$ref": f"{COMPONENTS}ProblemDocument"}}}
+    operation["responses"] = dict(sorted(answers.items()))
+
+
+def _show_example(path: str, bodies: dict[str, Any]) -> None:
+    if path == "/v1/plans":
+        task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
+        bodies["application/json"]["example"] = json.loads(task)
+    elif path == "/v1/webhooks":
+        bodies["application/json"]["example"] = {"url": "https://mes.example.com/liftwright", "plans": "all"}
 
 
 def _into_components(schema: Any) -> Any:
@@ -49,3 +98,16 @@ def _into_components(schema: Any) -> Any:
 
 def _is_reference(value: Any) -> bool:
     return isinstance(value, str) and value.startswith("#/$defs/")
+
+
+def write_openapi(path: Path) -> None:
+    """Write the description as it is checked in."""
+    from app.create_app import create_app
+    from app.settings import ServiceSettings
+
+    app = create_app(ServiceSettings(), with_worker=False)
+    path.write_text(json.dumps(app.openapi(), indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    write_openapi(CHECKED_IN)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from app.access.caller import ANYBODY, Caller
+from app.access.scope import Scope
 from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
 from app.resources import PlanResource, plan_resource
 from workers.job_queue import JobQueue
@@ -13,23 +15,32 @@ from workers.plan_store import PlanRecord, PlanStore, StoredDocument, fingerprin
 
 
 class PlanDesk:
-    """All methods block on the database: call them from a thread."""
+    """What one caller sees of all plans: what belongs to somebody else does not exist.
 
-    def __init__(self, store: PlanStore, queue: JobQueue, max_queued: int) -> None:
-        self.store, self.queue, self._max_queued = store, queue, max_queued
+    All methods block on the database: call them from a thread.
+    """
 
-    def submit(self, task: Mapping[str, Any], idempotency_key: str | None) -> PlanResource:
-        """Accept a task, or find the plan that the same key made.
+    def __init__(self, store: PlanStore, queue: JobQueue, max_queued: int, caller: Caller = ANYBODY) -> None:
+        self.store, self.queue, self._max_queued, self._caller = store, queue, max_queued, caller
+
+    def seen_by(self, caller: Caller) -> PlanDesk:
+        """Return the desk as another caller sees it."""
+        return PlanDesk(self.store, self.queue, self._max_queued, caller)
+
+    def submit(
+        self, task: Mapping[str, Any], idempotency_key: str | None, webhook_id: str | None = None
+    ) -> PlanResource:
+        """Accept a task, or find the plan that the same key made; tell a webhook of the caller when its job ends.
 
         Raises:
             QueueFull: There are too many unfinished jobs.
             KeyUsedForAnotherTask: The key was used for another task.
         """
-        record = self.store.by_key(idempotency_key)
+        record = self.store.by_key(idempotency_key, self._caller.owner)
         if record is None:
-            if len(self.queue.unfinished(self._max_queued)) >= self._max_queued:
+            if self.queue.depth(self._max_queued).total >= self._max_queued:
                 raise QueueFull(self._max_queued)
-            record = self.store.accept(task, idempotency_key, self.queue)
+            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, webhook_id)
         if record.fingerprint != fingerprint(task):
             raise KeyUsedForAnotherTask
         return self._with_job(record)
@@ -41,13 +52,14 @@ class PlanDesk:
             PlanNotFound: There is none of that id.
         """
         record = self.store.get(plan_id)
-        if record is None:
+        if record is None or not self._caller.may_see(record.owner):
             raise PlanNotFound(plan_id)
         return self._with_job(record)
 
     def page(self, size: int, before: tuple[int, str] | None) -> tuple[list[PlanResource], tuple[int, str] | None]:
         """Return `size` plans, newest first, from behind `before`, and where the next page begins, if there is one."""
-        records = self.store.newest(size + 1, before)
+        owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
+        records = self.store.newest(size + 1, before, owner)
         shown = records[:size]
         jobs = self.queue.jobs([record.id for record in shown])
         plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]

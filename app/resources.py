@@ -11,6 +11,14 @@ from planners.contract.scene_document import SceneDocument
 from workers.job_state import Job, JobState
 from workers.plan_store import PlanRecord
 
+JOB_ORDER_STATES = {
+    JobState.QUEUED: "AllowedToStart",
+    JobState.RUNNING: "Running",
+    JobState.SUCCEEDED: "Ended",
+    JobState.FAILED: "Aborted",
+    JobState.CANCELLED: "Aborted",
+}
+
 
 class Resource(BaseModel):
     """Base of all answers."""
@@ -89,9 +97,12 @@ class PlanResource(Resource):
     id: str
     kind: str
     external_id: str | None
+    """The caller's own name for it; ISA-95's JobOrderID."""
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     done: bool
     """Whether it will never change again."""
+    job_order_state: Literal["AllowedToStart", "Running", "Ended", "Aborted"]
+    """The state as an MES names it (ISA-95, OPC 10031-4)."""
     outcome: Literal["solved", "infeasible", "not_found"] | None
     """Once succeeded."""
     progress: PlanProgress
@@ -142,6 +153,7 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             "kind": record.kind,
             "external_id": record.external_id,
             "state": job.state.value,
+            "job_order_state": JOB_ORDER_STATES[job.state],
             "done": job.state.done,
             "outcome": record.outcome if succeeded else None,
             "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},

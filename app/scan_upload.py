@@ -6,13 +6,13 @@ from starlette.requests import Request
 
 from app.errors import BadScan, NotScanMedia
 from app.form import FORM, content_type, form_parts
-from app.intake import read_limited
+from app.intake import Patience, read_limited
 from planners.perception.perceive import PARTS
 
 DESCRIPTION = "scan"
 
 
-async def read_scan_form(request: Request, limit: int) -> tuple[bytes, dict[str, bytes]]:
+async def read_scan_form(request: Request, limit: int, patience: Patience) -> tuple[bytes, dict[str, bytes]]:
     """Return the part `scan`, and the other parts by their names.
 
     Raises:
@@ -20,12 +20,13 @@ async def read_scan_form(request: Request, limit: int) -> tuple[bytes, dict[str,
         BadScan, BadUpload: The form does not hold one `scan` and each file once.
         EncodedBody: It is declared as compressed.
         BodyTooLarge: It has more than `limit` bytes.
+        BodyStalled: Its sender is slower than `patience` allows.
     """
     declared = request.headers.get("content-type")
     header = content_type(declared)
     if declared is None or header.get_content_type() != FORM:
         raise NotScanMedia(declared)
-    parts = form_parts(await read_limited(request, limit), header)
+    parts = form_parts(await read_limited(request, limit, patience), header)
     known = (DESCRIPTION, *PARTS)
     names = [part.name for part in parts]
     for name in names:

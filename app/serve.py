@@ -7,17 +7,17 @@ import os
 import signal
 import subprocess
 import sys
-from ipaddress import ip_address
 
 import structlog
 import uvicorn
 
+from app.access.key_store import KeyStore
 from app.create_app import create_app
 from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.database import open_database
-from workers.executor_lock import ExecutorLock
+from workers.executor_lock import FileLock
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
@@ -32,6 +32,16 @@ LARGEST_WATCHER_MESSAGE_BYTES = 1 << 20
 log = structlog.get_logger(__name__)
 
 
+class NoKeys(LiftwrightError):
+    """Others could reach the service, and nobody could be let in."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(
+            f"{host} can be reached from other machines, and no key was issued that would let anybody in: "
+            "`liftwright keys issue --owner NAME --scope admin` makes one"
+        )
+
+
 class WarmUpFailed(LiftwrightError):
     """The solver cannot solve its reference task, so it would solve nothing else."""
 
@@ -43,17 +53,21 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
     """Serve until SIGINT or SIGTERM.
 
     Raises:
+        NoKeys: The address is not this machine's own, and there is no key.
         WarmUpFailed: The solver does not work.
         WorkerRuns: Another worker has the data directory.
     """
     set_up_logs()
+    keys_needed = _keys_needed(settings)
+    if not keys_needed:
+        log.warning(
+            "NO AUTHENTICATION: every program and person on this machine can post, read and delete plans; "
+            "`liftwright keys issue` and a restart change that",
+            host=settings.host,
+        )
     if with_worker:
         _refuse_second_worker(settings)
         warm_up(settings)
-    if not _is_loopback(settings.host):
-        log.warning(
-            "NO AUTHENTICATION: whoever reaches this address can post, read and delete plans", host=settings.host
-        )
     config = uvicorn.Config(
         create_app(settings, with_worker=with_worker),
         host=settings.host,
@@ -66,7 +80,7 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         server_header=False,
         timeout_graceful_shutdown=LONGEST_GOODBYE_SECONDS,
     )
-    asyncio.run(_Server(config).serve())
+    asyncio.run(_Server(config, "keys" if keys_needed else "none").serve())
 
 
 def work(settings: WorkerSettings) -> None:
@@ -98,19 +112,40 @@ def warm_up(settings: WorkerSettings) -> None:
         raise WarmUpFailed(return_code)
 
 
+def _keys_needed(settings: ServiceSettings) -> bool:
+    """Tell whether keys are asked for.
+
+    Raises:
+        NoKeys: They are, because of the address, and there is none.
+    """
+    database = open_database(settings)
+    try:
+        issued = KeyStore(database).any_valid()
+    finally:
+        database.close()
+    if not settings.is_loopback and not issued:
+        raise NoKeys(settings.host)
+    return issued or settings.authentication == "required"
+
+
 def _refuse_second_worker(settings: WorkerSettings) -> None:
     """Say so at once, in one line; the worker itself takes the lock for good when it starts."""
-    ExecutorLock(settings.data_dir, settings.executor_name).release()
+    if settings.embedded:
+        FileLock(settings.data_dir, settings.executor_name).release()
 
 
 class _Server(uvicorn.Server):
     """Says where it listens once it does."""
 
+    def __init__(self, config: uvicorn.Config, authentication: str) -> None:
+        super().__init__(config)
+        self._authentication = authentication
+
     async def startup(self, sockets: list[object] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         await super().startup(sockets)  # pyright: ignore[reportArgumentType]
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
-            log.info("listening", address=f"http://{host}:{port}", authentication="none")
+            log.info("listening", address=f"http://{host}:{port}", authentication=self._authentication)
 
 
 async def _work(settings: WorkerSettings) -> None:
@@ -128,12 +163,6 @@ async def _work(settings: WorkerSettings) -> None:
         await worker.stop()
         queue.close()
         database.close()
-
-
-def _is_loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:
-        return False
+    log.info("worker has ended", worker=settings.worker_name)
+    # Everything is given back. Threads of the engine that wait for a database which is away would keep the process.
+    os._exit(0)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from ipaddress import ip_address
+from typing import Literal
+
 from pydantic import Field
 
 from workers.settings import WorkerSettings
@@ -11,7 +14,7 @@ class ServiceSettings(WorkerSettings):
     """Where the service listens and what it lets in."""
 
     host: str = "127.0.0.1"
-    """There is no authentication: whoever reaches this address can post and read everything."""
+    """Another than this machine's own needs keys (`liftwright keys issue`)."""
     port: int = Field(default=8040, ge=0, le=65535)
     """0: any free one."""
     max_body_bytes: int = Field(default=2_000_000, ge=1000)
@@ -24,5 +27,25 @@ class ServiceSettings(WorkerSettings):
     """So many scans are read and worked on at once; others wait [1]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished, a new one is refused [1]."""
+    authentication: Literal["auto", "required"] = "auto"
+    """Whether keys are asked for. auto: once there is one, or if `host` is not this machine's own."""
+    requests_per_second: float = Field(default=100.0, gt=0.0)
+    """So often a key may be used in the long run, at each API process [1/s]."""
+    request_burst: int = Field(default=200, ge=1)
+    """So often at once [1]."""
+    body_stall_seconds: float = Field(default=10.0, gt=0.0)
+    """A body of which nothing comes for so long is given up [s]."""
+    body_seconds: float = Field(default=60.0, gt=0.0)
+    """Longest time that a body may take in all [s]."""
     max_wait_seconds: float = Field(default=60.0, ge=0.0)
     """Longest time that `Prefer: wait` is followed [s]."""
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this machine can reach the service."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:
+            return False

@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from dataclasses import dataclass
 
 import sqlalchemy as sa
+import structlog
 from dbos import run_dbos_database_migrations
 from sqlalchemy import event
 
+from workers.database_loss import DATABASE_GONE
+from workers.migrations import migrate
 from workers.settings import WorkerSettings
-from workers.tables import METADATA
 
 SQLITE_FILE = "liftwright.sqlite"
 BUSY_MS = 30_000
 """How long a writer waits for another one [ms]; the engine's own connections wait as long."""
+START_SECONDS = 60.0
+"""How long a start waits for the server [s]."""
+SERVER_PATIENCE = {
+    "connect_timeout": "5",
+    "keepalives_idle": "5",
+    "keepalives_interval": "5",
+    "keepalives_count": "2",
+    "tcp_user_timeout": "15000",
+}
+"""When a connection counts as lost: libpq's own limits are hours."""
+POOL_SIZE = 20
+POOL_SECONDS = 5.0
+"""How long a request waits for a connection to be free [s]."""
+
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +49,11 @@ class Database:
 
 
 def open_database(settings: WorkerSettings) -> Database:
-    """Open the database, making what is missing."""
+    """Open the database and bring its tables to this version; wait for a server that has not started yet.
+
+    Raises:
+        DatabaseTooNew: A newer version of this software has used it.
+    """
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     if settings.database_url is None:
         path = settings.data_dir.resolve() / SQLITE_FILE
@@ -40,11 +62,36 @@ def open_database(settings: WorkerSettings) -> Database:
         engine = sa.create_engine(url)
         event.listen(engine, "connect", _set_up_sqlite)
     else:
-        url = settings.database_url
-        engine = sa.create_engine(sa.make_url(url).set(drivername="postgresql+psycopg"), pool_pre_ping=True)
+        url = _with_timeouts(settings.database_url)
+        engine = sa.create_engine(
+            sa.make_url(url).set(drivername="postgresql+psycopg"),
+            pool_pre_ping=True,
+            pool_size=POOL_SIZE,
+            pool_timeout=POOL_SECONDS,
+        )
+        _wait_for_server(engine)
     run_dbos_database_migrations(url)
-    METADATA.create_all(engine)
+    migrate(engine)
     return Database(engine, url)
+
+
+def _with_timeouts(url: str) -> str:
+    """Have a server that does not answer be an error soon, unless the operator has said otherwise."""
+    given = sa.make_url(url)
+    return given.update_query_dict({**SERVER_PATIENCE, **given.query}).render_as_string(hide_password=False)
+
+
+def _wait_for_server(engine: sa.Engine) -> None:
+    deadline = time.monotonic() + START_SECONDS
+    while True:
+        try:
+            with engine.connect():
+                return
+        except DATABASE_GONE as error:
+            if time.monotonic() > deadline:
+                raise
+            log.warning("waiting for the database", error=str(error.args[0] if error.args else error))
+        time.sleep(1.0)
 
 
 def _switch_to_wal(path: str) -> None:

@@ -2,27 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat, WorkflowStatus
 
 from workers.database import Database
+from workers.engine_table import QUEUED, RUNNING, workflow_table
 from workers.job_state import STATE_OF_STATUS, Job, JobState
+from workers.totals import TAKEOVER, add_to_total
 
 QUEUE = "plans"
 WORKFLOW = "plan"
+DELIVERY_QUEUE = "webhooks"
+DELIVERY_WORKFLOW = "deliver"
+DELIVERIES_AT_ONCE = 16
+DELIVERY_POLL_SECONDS = 0.5
 APPLICATION = "liftwright"
 APPLICATION_VERSION = "1"
 """Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
 
+@dataclass(frozen=True)
+class Depth:
+    """How many jobs have not ended."""
+
+    queued: int
+    running: int
+
+    @property
+    def total(self) -> int:
+        """Both together."""
+        return self.queued + self.running
+
+
 class JobQueue:
-    """Jobs are named by their plan's id."""
+    """Jobs are named by their plan's id. A database that is gone is an error at once, never a wait."""
 
     def __init__(self, database: Database) -> None:
-        self._client = DBOSClient(system_database_url=database.engine_url, application_name=APPLICATION)
+        self._client = DBOSClient(
+            system_database_url=database.engine_url, application_name=APPLICATION, retry_connection_errors=False
+        )
+        self._engine = database.engine
+        self._jobs = workflow_table(database.engine.dialect.name)
 
     def close(self) -> None:
         """Give all connections back."""
@@ -34,6 +59,12 @@ class JobQueue:
             QUEUE,
             worker_concurrency=worker_slots,
             polling_interval_sec=poll_seconds,
+            on_conflict="always_update",
+        )
+        self._client.register_queue(
+            DELIVERY_QUEUE,
+            worker_concurrency=DELIVERIES_AT_ONCE,
+            polling_interval_sec=DELIVERY_POLL_SECONDS,
             on_conflict="always_update",
         )
 
@@ -48,6 +79,21 @@ class JobQueue:
         }
         self._client.enqueue_in_transaction(transaction, options, plan_id)
 
+    def enqueue_delivery(
+        self, transaction: sa.Connection, plan_id: str, delivery_id: str, number: int, pause: float
+    ) -> None:
+        """Enqueue one try to deliver a message about a plan, to be made after a pause [s]."""
+        options: EnqueueOptions = {
+            "workflow_name": DELIVERY_WORKFLOW,
+            "queue_name": DELIVERY_QUEUE,
+            "workflow_id": delivery_workflow_id(plan_id, delivery_id, number),
+            "app_version": APPLICATION_VERSION,
+            "serialization_type": WorkflowSerializationFormat.PORTABLE,
+        }
+        if pause > 0.0:
+            options["delay_seconds"] = pause
+        self._client.enqueue_in_transaction(transaction, options, plan_id, delivery_id, number)
+
     def jobs(self, plan_ids: Sequence[str]) -> dict[str, Job]:
         """Return the jobs of `plan_ids`; one that does not exist is left out."""
         if not plan_ids:
@@ -55,23 +101,75 @@ class JobQueue:
         found = self._client.list_workflows(workflow_ids=list(plan_ids), load_input=False)
         return {status.workflow_id: _job(status) for status in found}
 
-    def cancelled(self, plan_ids: Sequence[str]) -> set[str]:
-        """Return those of `plan_ids` whose job was cancelled or no longer exists."""
-        found = self._client.list_workflows(workflow_ids=list(plan_ids), load_input=False, load_output=False)
-        return set(plan_ids) - {status.workflow_id for status in found if status.status != "CANCELLED"}
+    def not_with(self, worker: str, plan_ids: Collection[str]) -> set[str]:
+        """Return those of `plan_ids` that `worker` is not running: cancelled, deleted, or with somebody else."""
+        query = sa.select(self._jobs.c.workflow_uuid).where(
+            self._jobs.c.workflow_uuid.in_(sorted(plan_ids)),
+            self._jobs.c.status == RUNNING,
+            self._jobs.c.executor_id == worker,
+        )
+        with self._engine.connect() as connection:
+            return set(plan_ids) - set(connection.scalars(query))
 
     def cancel(self, plan_id: str) -> None:
         """Cancel a job; one that has ended stays as it is."""
         self._client.cancel_workflow(plan_id)
 
     def forget(self, plan_id: str) -> None:
-        """Remove all the engine knows of a job."""
-        self._client.delete_workflow(plan_id)
+        """Remove all the engine knows of a job, and of messages about it."""
+        found = self._client.list_workflows(workflow_id_prefix=plan_id, load_input=False, load_output=False)
+        for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
+            self._client.delete_workflow(workflow_id)
 
-    def unfinished(self, most: int) -> list[JobState]:
-        """Return the states of at most `most` jobs that have not ended."""
-        found = self._client.list_queued_workflows(queue_name=QUEUE, load_input=False, limit=most)
-        return [STATE_OF_STATUS[status.status] for status in found]
+    def depth(self, most: int) -> Depth:
+        """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
+        with self._engine.connect() as connection:
+            return Depth(
+                self._count(connection, self._jobs.c.status.in_(QUEUED), most),
+                self._count(connection, self._jobs.c.status == RUNNING, most),
+            )
+
+    def running(self) -> dict[str, set[str]]:
+        """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
+        query = sa.select(self._jobs.c.executor_id, self._jobs.c.workflow_uuid).where(
+            self._jobs.c.queue_name.in_((QUEUE, DELIVERY_QUEUE)), self._jobs.c.status == RUNNING
+        )
+        found: dict[str, set[str]] = {}
+        with self._engine.connect() as connection:
+            for row in connection.execute(query):
+                found.setdefault(row.executor_id, set()).add(row.workflow_uuid)
+        return found
+
+    def begin_anew(self, worker: str, plan_ids: Collection[str]) -> int:
+        """Put running jobs back into the queue if they still belong to `worker`, and return how many did.
+
+        Whoever runs one of them at that moment no longer owns it: the engine refuses its result.
+        """
+        if not plan_ids:
+            return 0
+        taken = (
+            sa.update(self._jobs)
+            .where(
+                self._jobs.c.workflow_uuid.in_(sorted(plan_ids)),
+                self._jobs.c.status == RUNNING,
+                self._jobs.c.executor_id == worker,
+            )
+            .values(status=QUEUED[0], owner_xid=None, started_at_epoch_ms=None, updated_at=time.time_ns() // 1_000_000)
+        )
+        with self._engine.begin() as transaction:
+            number = transaction.execute(taken).rowcount
+            if number:
+                add_to_total(transaction, TAKEOVER, count=number)
+        return number
+
+    def _count(self, connection: sa.Connection, state: sa.ColumnElement[bool], most: int) -> int:
+        found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
+        return connection.scalar(sa.select(sa.func.count()).select_from(found.limit(most).subquery())) or 0
+
+
+def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:
+    """Return the name of a try: it begins with the plan's, so that both are forgotten together."""
+    return f"{plan_id}-{delivery_id}-{number}"
 
 
 def _job(status: WorkflowStatus) -> Job:

@@ -12,8 +12,8 @@ from sqlalchemy.exc import IntegrityError
 
 from planners.geometry.solid_mesh import SolidMesh
 from workers.database import Database
-from workers.plan_store import now_us
 from workers.tables import MESHES
+from workers.time_stamp import now_us
 
 GZIP_LEVEL = 6
 

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
-from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.contract.task_spec import read_task
 from planners.errors import LiftwrightError
 from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
@@ -27,7 +27,7 @@ from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import known_tools, load_tool, tool_descriptions
 from workers.handover_store import HandoverStore
-from workers.simulation.simulate import simulate
+from workers.simulation.stage import simulate_plan
 from workers.software import describe_software
 from workers.solver_protocol import REJECTED_VARIABLE, Request
 
@@ -56,7 +56,7 @@ class Pipeline:
     """The robots' meshes, which the certificate checks against."""
     plan: Callable[..., dict[str, Any]] = plan
     certify: Callable[..., Certificate] = certify
-    simulate: Callable[..., dict[str, Any]] = simulate
+    simulate: Callable[..., dict[str, Any]] = simulate_plan
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
     handovers: HandoverSource = find_handovers
@@ -109,7 +109,7 @@ class Pipeline:
         progress("certify", 1, 1)
         _require_passed(document)
         certified = self.clock()
-        simulated = document["outcome"] == "solved" and isinstance(task, PlateLiftTask) and task.options.simulate
+        simulated = document["outcome"] == "solved" and task.options.simulate
         if simulated:
             document["simulation"] = self.simulate(document, scene, progress, task.seed)
         ended = self.clock()

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,11 @@ from sqlalchemy.exc import IntegrityError
 
 from workers.database import Database
 from workers.job_queue import JobQueue
+from workers.packed_document import PackedDocument
 from workers.tables import DOCUMENTS, EVENTS, PLANS
+from workers.time_stamp import now_us
+from workers.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
+from workers.webhook_store import expect_deliveries, forget_deliveries
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,8 @@ class PlanRecord:
 
     id: str
     kind: str
+    owner: str | None
+    """Whose key it was posted with; None where no keys were asked for."""
     external_id: str | None
     fingerprint: str
     """Hash of the task as accepted."""
@@ -52,6 +57,7 @@ class StoredDocument:
 _RECORD_COLUMNS = [
     PLANS.c.id,
     PLANS.c.kind,
+    PLANS.c.owner,
     PLANS.c.external_id,
     PLANS.c.fingerprint,
     PLANS.c.created_us,
@@ -71,12 +77,20 @@ class PlanStore:
     def __init__(self, database: Database) -> None:
         self._engine = database.engine
 
-    def accept(self, task: Mapping[str, Any], idempotency_key: str | None, queue: JobQueue) -> PlanRecord:
-        """Store a task and enqueue its job, both or neither. The same key again returns the plan it made.
+    def accept(
+        self,
+        task: Mapping[str, Any],
+        idempotency_key: str | None,
+        queue: JobQueue,
+        owner: str | None = None,
+        webhook_id: str | None = None,
+    ) -> PlanRecord:
+        """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
+        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named.
         The caller compares fingerprints to learn whether the key was used for another task.
         """
-        known = self.by_key(idempotency_key)
+        known = self.by_key(idempotency_key, owner)
         if known is not None:
             return known
         values = {
@@ -84,7 +98,8 @@ class PlanStore:
             "created_us": now_us(),
             "kind": task["kind"],
             "external_id": task.get("external_id"),
-            "idempotency_key": idempotency_key,
+            "owner": owner,
+            "idempotency_key": _stored_key(idempotency_key, owner),
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
         }
@@ -92,8 +107,9 @@ class PlanStore:
             with self._engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"])
+                expect_deliveries(transaction, values["id"], owner, webhook_id)
         except IntegrityError:
-            known = self.by_key(idempotency_key)
+            known = self.by_key(idempotency_key, owner)
             if known is None:
                 raise
             return known
@@ -105,15 +121,20 @@ class PlanStore:
         """Return one plan."""
         return self._one(_RECORDS.where(PLANS.c.id == plan_id))
 
-    def by_key(self, idempotency_key: str | None) -> PlanRecord | None:
-        """Return the plan that a key made; None without a key."""
+    def by_key(self, idempotency_key: str | None, owner: str | None = None) -> PlanRecord | None:
+        """Return the plan that a key of an owner made; None without a key."""
         if idempotency_key is None:
             return None
-        return self._one(_RECORDS.where(PLANS.c.idempotency_key == idempotency_key))
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(self, most: int, before: tuple[int, str] | None) -> list[PlanRecord]:
-        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`."""
+    def newest(self, most: int, before: tuple[int, str] | None, owner: str | None = None) -> list[PlanRecord]:
+        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`.
+
+        With an `owner`, only those that belong to it.
+        """
         query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
+        if owner is not None:
+            query = query.where(PLANS.c.owner == owner)
         if before is not None:
             query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
         with self._engine.connect() as connection:
@@ -126,29 +147,39 @@ class PlanStore:
         return None if text is None else json.loads(text)
 
     def begin_attempt(self, plan_id: str) -> PlanRecord | None:
-        """Count one more attempt; None if the plan was deleted."""
-        update = sa.update(PLANS).where(PLANS.c.id == plan_id)
-        with self._engine.begin() as transaction:
-            transaction.execute(
-                update.values(
-                    attempts=PLANS.c.attempts + 1,
-                    started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
-                )
+        """Count one more attempt; None if the plan was deleted.
+
+        Its number is the right to write: what an earlier attempt still says, on a worker that was given up for dead, is
+        dropped.
+        """
+        begun = (
+            sa.update(PLANS)
+            .where(PLANS.c.id == plan_id)
+            .values(
+                attempts=PLANS.c.attempts + 1,
+                started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
+                finished_us=None,
             )
-        return self.get(plan_id)
+        )
+        with self._engine.begin() as transaction:
+            transaction.execute(begun)
+            # Inside: another worker may begin the next attempt as soon as this is over.
+            row = transaction.execute(_RECORDS.where(PLANS.c.id == plan_id)).mappings().one_or_none()
+        return None if row is None else PlanRecord(**row)
 
     def count_crash(self, plan_id: str) -> int:
         """Count one more death of the plan's solver process, and return how many there were."""
         with self._engine.begin() as transaction:
+            add_to_total(transaction, SOLVER_DEATH)
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(crashes=PLANS.c.crashes + 1))
             return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
 
     def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
-        """Append an event and show it as the plan's progress; nothing happens to a plan that was deleted."""
+        """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
         next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
         with self._engine.begin() as transaction:
             shown = transaction.execute(
-                sa.update(PLANS).where(PLANS.c.id == plan_id).values(stage=event["stage"], fraction=event["fraction"])
+                _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
             )
             if shown.rowcount == 0:
                 return
@@ -172,20 +203,47 @@ class PlanStore:
         with self._engine.connect() as connection:
             return connection.scalar(query) or 0
 
-    def save_document(self, plan_id: str, outcome: str, sha256: str, gzip: bytes) -> None:
-        """Store a document, instead of an earlier one if there is one; nothing happens to a plan that was deleted."""
+    def last_events(self, plan_ids: Sequence[str]) -> dict[str, int]:
+        """Return the number of the newest event of each of some plans; one without events is left out."""
+        newest = sa.func.max(EVENTS.c.sequence).label("newest")
+        query = sa.select(EVENTS.c.plan_id, newest).where(EVENTS.c.plan_id.in_(plan_ids)).group_by(EVENTS.c.plan_id)
+        with self._engine.connect() as connection:
+            return {row.plan_id: row.newest for row in connection.execute(query)}
+
+    def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
+        """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
+
+        All of it or nothing: a document that can be read is whole. What an earlier life of the same attempt stored is
+        replaced.
+        """
         with self._engine.begin() as transaction:
-            finished = sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us())
+            finished = _attempt(plan_id, attempt).values(finished_us=now_us())
             if transaction.execute(finished).rowcount == 0:
-                return
-            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
-            row = {"plan_id": plan_id, "outcome": outcome, "sha256": sha256, "gzip": gzip}
+                return False
+            known = transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id)).rowcount
+            row = {"plan_id": plan_id, "outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
             transaction.execute(sa.insert(DOCUMENTS).values(row))
+            if not known:
+                count_document(transaction, document.outcome, document.stages)
+        return True
+
+    def outcome(self, plan_id: str) -> str | None:
+        """Return the outcome of a plan's document, if there is one."""
+        with self._engine.connect() as connection:
+            return connection.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
 
     def mark_finished(self, plan_id: str) -> None:
         """Keep the time: the engine's own, on SQLite, is a whole second."""
         with self._engine.begin() as transaction:
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
+
+    def mark_failed(self, plan_id: str, attempt: int, why: str) -> bool:
+        """Keep the time and count the failure; False if the plan was deleted or a newer attempt has begun."""
+        with self._engine.begin() as transaction:
+            if transaction.execute(_attempt(plan_id, attempt).values(finished_us=now_us())).rowcount == 0:
+                return False
+            add_to_total(transaction, FAILURE, why)
+        return True
 
     def document(self, plan_id: str) -> StoredDocument | None:
         """Return a plan's document."""
@@ -200,12 +258,32 @@ class PlanStore:
         with self._engine.connect() as connection:
             return {row.outcome: row.number for row in connection.execute(query)}
 
+    def totals(self) -> list[Total]:
+        """Return what all workers have counted."""
+        with self._engine.connect() as connection:
+            return read_totals(connection)
+
+    def created_before(self, time_us: int, after: tuple[int, str], most: int) -> list[tuple[int, str]]:
+        """Return (created_us, id) of plans accepted before a time, oldest first, from behind `after`."""
+        query = (
+            sa.select(PLANS.c.created_us, PLANS.c.id)
+            .where(
+                PLANS.c.created_us < time_us,
+                sa.tuple_(PLANS.c.created_us, PLANS.c.id) > sa.tuple_(*map(sa.literal, after)),
+            )
+            .order_by(PLANS.c.created_us, PLANS.c.id)
+            .limit(most)
+        )
+        with self._engine.connect() as connection:
+            return [(row.created_us, row.id) for row in connection.execute(query)]
+
     def delete(self, plan_id: str) -> None:
         """Remove a plan with all that belongs to it."""
         with self._engine.begin() as transaction:
             transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
             transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            forget_deliveries(transaction, plan_id)
 
     def check(self) -> None:
         """Raise what the database raises when it cannot be reached."""
@@ -218,11 +296,18 @@ class PlanStore:
         return None if row is None else PlanRecord(**row)
 
 
+def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
+    """Return what stands for a key in the database: two owners may choose the same one."""
+    if idempotency_key is None or owner is None:
+        return idempotency_key
+    return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
+
+
+def _attempt(plan_id: str, attempt: int) -> sa.Update:
+    """Return an update of a plan that touches nothing once a newer attempt has begun."""
+    return sa.update(PLANS).where(PLANS.c.id == plan_id, PLANS.c.attempts == attempt)
+
+
 def fingerprint(task: Mapping[str, Any]) -> str:
     """Return a hash that two tasks share only if they ask for the same."""
     return hashlib.sha256(json.dumps(task, sort_keys=True).encode()).hexdigest()
-
-
-def now_us() -> int:
-    """Return the time in microseconds since 1970, UTC."""
-    return time.time_ns() // 1000

@@ -19,11 +19,12 @@ STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
     },
     "suction_tool": {
         "scene": 0.03,
-        "handovers": 0.05,
-        "suction": 0.10,
-        "regrasp": 0.25,
-        "forces": 0.05,
-        "certify": 0.52,
+        "handovers": 0.04,
+        "suction": 0.05,
+        "regrasp": 0.12,
+        "forces": 0.03,
+        "certify": 0.22,
+        "simulate": 0.51,
     },
 }
 """About how much of a job's time each stage takes, in order [1]. They sum to one.

@@ -10,8 +10,8 @@ from sqlalchemy.exc import IntegrityError
 
 from planners.contract.scene_document import SceneDocument
 from workers.database import Database
-from workers.plan_store import now_us
 from workers.tables import SCENES
+from workers.time_stamp import now_us
 
 GZIP_LEVEL = 6
 

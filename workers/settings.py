@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
 
 from pydantic import Field
@@ -46,6 +47,31 @@ class WorkerSettings(BaseSettings):
     """A job whose solver process died this often has failed [1]."""
     interruption_limit: int = Field(default=10, ge=1, le=1000)
     """A job that was begun anew this often because the whole worker died has failed [1]."""
+
+    solver_seconds: float = Field(default=1800.0, gt=0.0, le=86400.0)
+    """A job whose solver takes longer than this has failed [s]. Planning itself counts no time: this is for the day on
+    which something hangs."""
+    solver_memory_mb: int = Field(default=4096, ge=256)
+    """So much memory a solver process may take for data [MiB]; a task that needs more has failed. One that waits for
+    work has about 600."""
+    watch_seconds: float = Field(default=2.0, gt=0.0, le=60.0)
+    """How often a worker looks for jobs of workers that have died, and whether its own still are its own [s]."""
+    patience_seconds: float = Field(default=5.0, ge=0.0, le=600.0)
+    """So long after PostgreSQL was lost a worker goes on with the jobs it has; then it stops them, because another
+    worker may have them [s]."""
+    retention_days: float | None = Field(default=None, gt=0.0)
+    """Plans that ended longer ago than this are deleted [days]; None: kept for ever."""
+
+    webhook_hosts: tuple[str, ...] = ()
+    """Hosts that webhooks may lead to, also as patterns (`*.example.com`); none: any."""
+    webhook_networks: tuple[IPv4Network | IPv6Network, ...] = ()
+    """Private networks that webhooks may lead into, and without TLS; none: public addresses only."""
+    webhook_ca_file: Path | None = None
+    """Certificates of authorities that are trusted with webhooks; None: those of the system."""
+    webhook_retry_seconds: tuple[float, ...] = (5, 300, 1800, 7200, 18000, 36000, 50400, 72000, 86400)
+    """Pauses between tries to deliver a message [s]; after the last one it has failed."""
+    webhook_timeout_seconds: float = Field(default=15.0, gt=0.0, le=60.0)
+    """Longest time that a try may take [s]."""
 
     @property
     def embedded(self) -> bool:

@@ -5,14 +5,20 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import resource
 import signal
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
 from planners.errors import LiftwrightError
+from workers.packed_document import PackedDocument
 from workers.solver_protocol import MAX_LINE, DocumentHeader, Message, Report, Request
+
+READY_SECONDS = 300.0
+"""A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""
 
 OnReport = Callable[[Report], Awaitable[None]]
 
@@ -30,16 +36,6 @@ class SolverFault(LiftwrightError):
     """The solver says that it cannot give a document, and why. Asking again gives the same."""
 
 
-@dataclass(frozen=True, eq=False)
-class PackedDocument:
-    """A plan document as the solver hands it over."""
-
-    outcome: str
-    sha256: str
-    """Of the uncompressed JSON."""
-    gzip: bytes
-
-
 @dataclass(frozen=True)
 class SolverCommand:
     """How a solver process is started."""
@@ -47,6 +43,8 @@ class SolverCommand:
     words: tuple[str, ...]
     environment: Mapping[str, str]
     """On top of the worker's own."""
+    memory_bytes: int | None = None
+    """So much it, and each process it starts, may take for data; None: as much as there is."""
 
 
 class SolverProcess:
@@ -69,6 +67,10 @@ class SolverProcess:
             start_new_session=True,
             limit=MAX_LINE,
         )
+        if command.memory_bytes is not None:
+            # It may have ended already; then there is nothing to limit.
+            with suppress(ProcessLookupError):
+                resource.prlimit(process.pid, resource.RLIMIT_DATA, (command.memory_bytes, command.memory_bytes))
         return cls(process)
 
     @property
@@ -114,10 +116,9 @@ class SolverProcess:
 
     async def kill(self) -> None:
         """End the whole process group now, and wait for it."""
-        try:
+        # The whole group may have ended already.
+        with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass  # The whole group has ended already.
         self._stdin.close()
         await self._process.wait()
 
@@ -138,7 +139,7 @@ class SolverProcess:
             packed = await self._stdout.readexactly(header["size"])
         except asyncio.IncompleteReadError:
             raise SolverDied(await self._process.wait()) from None
-        return PackedDocument(header["outcome"], header["sha256"], packed)
+        return PackedDocument(header["outcome"], header["sha256"], packed, header["stages"])
 
 
 class SolverPool:
@@ -196,8 +197,9 @@ class SolverPool:
     async def _get_ready(self) -> SolverProcess | None:
         child = await SolverProcess.start(self._command)
         try:
-            await child.ready()
-        except (SolverDied, SolverFault):
+            async with asyncio.timeout(READY_SECONDS):
+                await child.ready()
+        except (SolverDied, SolverFault, TimeoutError):
             await child.kill()
             return None
         except asyncio.CancelledError:

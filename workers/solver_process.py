@@ -9,6 +9,7 @@ import gzip
 import hashlib
 import json
 import os
+import resource
 import signal
 import sys
 import threading
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from workers.pipeline import Pipeline
 
 REPORT_SECONDS = 0.05
-"""Least time between two reports of one stage [s]: reports must not slow the work down."""
+"""Least time between two reports of stages that have begun [s]: reports must not slow the work down."""
 COMPILE = "--compile"
 """Argument with which the process only compiles what is not compiled yet."""
 GZIP_LEVEL = 3
@@ -59,14 +60,16 @@ class ThrottledReports:
 
     def __init__(self, channel: Channel, clock: Callable[[], float] = time.monotonic) -> None:
         self._channel, self._clock = channel, clock
-        self._stage, self._next = "", 0.0
+        self._begun: set[str] = set()
+        self._next = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report a stage's beginning and end always, in between at most every `REPORT_SECONDS`."""
+        """Report when a stage begins for the first time and when it ends, otherwise at most every `REPORT_SECONDS`."""
         now = self._clock()
-        if stage == self._stage and done != total and now < self._next:
+        if stage in self._begun and done != total and now < self._next:
             return
-        self._stage, self._next = stage, now + REPORT_SECONDS
+        self._begun.add(stage)
+        self._next = now + REPORT_SECONDS
         self._channel.send({"progress": {"stage": stage, "done": done, "total": total}})
 
 
@@ -87,10 +90,29 @@ class ReportedFaults:
         if not isinstance(error, Exception):
             return False
         traceback.print_exception(kind, error, trace)
-        ours = isinstance(error, LiftwrightError)
-        sentence = str(error) if ours else f"the solver met an error of its own: {type(error).__name__}: {error}"
-        self._channel.send({"fault": sentence})
+        self._channel.send({"fault": _sentence(error)})
         return True
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, LiftwrightError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return f"the task needs more memory than a solver may take{_memory_limit()}"
+    return f"the solver met an error of its own: {type(error).__name__}: {error}"
+
+
+def _memory_limit() -> str:
+    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return "" if limit == resource.RLIM_INFINITY else f" ({limit // 2**20} MiB, LIFTWRIGHT_SOLVER_MEMORY_MB)"
+
+
+def _stages(document: dict[str, Any]) -> dict[str, float]:
+    """Return how long each stage of a document took, by name [s]."""
+    stages: dict[str, float] = {}
+    for stage in document.get("statistics", {}).get("stages", ()):
+        stages[stage["name"]] = stages.get(stage["name"], 0.0) + stage["seconds"]
+    return stages
 
 
 def main(prepare: Callable[[], Solve]) -> None:
@@ -104,7 +126,12 @@ def main(prepare: Callable[[], Solve]) -> None:
         document = solve(json.loads(requests.get()), ThrottledReports(channel))
         body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
         packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
-        header = {"outcome": document["outcome"], "sha256": hashlib.sha256(body).hexdigest(), "size": len(packed)}
+        header = {
+            "outcome": document["outcome"],
+            "sha256": hashlib.sha256(body).hexdigest(),
+            "size": len(packed),
+            "stages": _stages(document),
+        }
         channel.send({"document": header}, packed)  # pyright: ignore[reportArgumentType]
 
 

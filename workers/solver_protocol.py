@@ -3,7 +3,7 @@
 Parent to child, on stdin: one request `{"id", "task", "meshes"}`. Stdin then stays open; that it closes means the
 parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": {stage, done, total}}`, then either
-`{"document": {outcome, sha256, size}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
+`{"document": {outcome, sha256, size, stages}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ class DocumentHeader(TypedDict):
     outcome: Literal["solved", "infeasible", "not_found"]
     sha256: str
     size: int
+    stages: dict[str, float]
+    """How long each stage took, by name [s]."""
 
 
 class Message(TypedDict):

@@ -13,6 +13,7 @@ PLANS = sa.Table(
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("kind", sa.String(32), nullable=False),
     sa.Column("external_id", sa.String(128)),
+    sa.Column("owner", sa.String(64)),
     sa.Column("idempotency_key", sa.String(255), unique=True),
     sa.Column("fingerprint", sa.String(64), nullable=False),
     sa.Column("task", sa.Text, nullable=False),
@@ -23,6 +24,8 @@ PLANS = sa.Table(
     sa.Column("stage", sa.String(64)),
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
+    sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
+    sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
 )
 
 EVENTS = sa.Table(
@@ -40,6 +43,7 @@ DOCUMENTS = sa.Table(
     sa.Column("outcome", sa.String(32), nullable=False),
     sa.Column("sha256", sa.String(64), nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
+    sa.Index("liftwright_documents_outcome", "outcome"),
 )
 
 MESHES = sa.Table(
@@ -57,4 +61,85 @@ SCENES = sa.Table(
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
     sa.Column("preview", sa.LargeBinary, nullable=False),
+)
+
+API_KEYS = sa.Table(
+    "liftwright_api_keys",
+    METADATA,
+    sa.Column("id", sa.String(16), primary_key=True),
+    sa.Column("owner", sa.String(64), nullable=False),
+    sa.Column("scope", sa.String(16), nullable=False),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("expires_us", sa.BigInteger),
+    sa.Column("last_used_us", sa.BigInteger),
+    sa.Column("revoked_us", sa.BigInteger),
+)
+
+SESSIONS = sa.Table(
+    "liftwright_sessions",
+    METADATA,
+    sa.Column("digest", sa.String(64), primary_key=True),
+    sa.Column("key_id", sa.String(16), nullable=False),
+    sa.Column("expires_us", sa.BigInteger, nullable=False),
+)
+
+AUDIT = sa.Table(
+    "liftwright_audit",
+    METADATA,
+    sa.Column("number", sa.Integer, primary_key=True, autoincrement=True),
+    sa.Column("at_us", sa.BigInteger, nullable=False),
+    sa.Column("key_id", sa.String(16)),
+    sa.Column("owner", sa.String(64)),
+    sa.Column("address", sa.String(64)),
+    sa.Column("action", sa.String(64), nullable=False),
+    sa.Column("target", sa.String(300), nullable=False),
+    sa.Column("status", sa.Integer, nullable=False),
+)
+
+WEBHOOKS = sa.Table(
+    "liftwright_webhooks",
+    METADATA,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("owner", sa.String(64)),
+    sa.Column("url", sa.String(2000), nullable=False),
+    sa.Column("plans", sa.String(8), nullable=False),
+    sa.Column("secret", sa.String(64), nullable=False),
+    sa.Column("previous_secret", sa.String(64)),
+    sa.Column("previous_until_us", sa.BigInteger),
+    sa.Column("disabled_us", sa.BigInteger),
+    sa.Index("liftwright_webhooks_of_owner", "owner"),
+)
+
+DELIVERIES = sa.Table(
+    "liftwright_webhook_deliveries",
+    METADATA,
+    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("webhook_id", sa.String(32), nullable=False),
+    sa.Column("plan_id", sa.String(64), nullable=False),
+    sa.Column("state", sa.String(16), nullable=False),
+    sa.Column("body", sa.Text),
+    sa.Index("liftwright_webhook_deliveries_newest", "webhook_id", "created_us", "id"),
+    sa.Index("liftwright_webhook_deliveries_by_state", "state"),
+)
+
+DELIVERY_ATTEMPTS = sa.Table(
+    "liftwright_webhook_attempts",
+    METADATA,
+    sa.Column("delivery_id", sa.String(32), primary_key=True),
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("at_us", sa.BigInteger, nullable=False),
+    sa.Column("status", sa.Integer),
+    sa.Column("failure", sa.String(300)),
+)
+
+TOTALS = sa.Table(
+    "liftwright_totals",
+    METADATA,
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("label", sa.String(64), primary_key=True),
+    sa.Column("count", sa.BigInteger, nullable=False),
+    sa.Column("seconds", sa.Float, nullable=False),
 )

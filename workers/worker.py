@@ -4,33 +4,39 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
-from typing import Any
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
 
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 
-from planners.contract.uploads import named_uploads
-from planners.errors import LiftwrightError
 from workers.database import Database
-from workers.executor_lock import ExecutorLock
-from workers.job_queue import APPLICATION, APPLICATION_VERSION, WORKFLOW, JobQueue
+from workers.database_loss import DATABASE_GONE
+from workers.executor_lock import AdvisoryLock
+from workers.fleet_watch import FleetWatch
+from workers.job_queue import (
+    APPLICATION,
+    APPLICATION_VERSION,
+    DELIVERY_WORKFLOW,
+    WORKFLOW,
+    JobQueue,
+    delivery_workflow_id,
+)
+from workers.job_runner import JobFailed, JobRunner
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
-from workers.progress_scale import ProgressScale
+from workers.retention import Retention
 from workers.settings import WorkerSettings
-from workers.solver import PackedDocument, SolverCommand, SolverDied, SolverFault, SolverPool
-from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE, Report, Request
+from workers.solver import SolverCommand, SolverPool
+from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
+from workers.webhook_runner import WebhookRunner
+from workers.webhook_store import WebhookStore
 
 REJECTED_FOLDER = "rejected"
-SHUTDOWN_SECONDS = 5
+GOODBYE_SECONDS = 10.0
+"""How long the engine may take to end [s]."""
 
 log = structlog.get_logger(__name__)
-
-
-class JobFailed(LiftwrightError):
-    """A job ended without a document; the message is what the caller is told."""
 
 
 class Worker:
@@ -38,17 +44,17 @@ class Worker:
 
     def __init__(self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore) -> None:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
-        self._meshes = MeshStore(database)
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
         folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-        command = SolverCommand(settings.solver_command, folders)
+        command = SolverCommand(settings.solver_command, folders, settings.solver_memory_mb * 2**20)
         self._pool = SolverPool(command, settings.worker_slots)
-        self._slots = asyncio.Semaphore(settings.worker_slots)
-        self._running: dict[str, asyncio.Task[PackedDocument]] = {}
-        self._cancelled: set[str] = set()
-        self._stopping = False
-        self._watch: asyncio.Task[None] | None = None
-        self._lock: ExecutorLock | None = None
+        self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
+        self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
+        self._at_work: set[str] = set()
+        """The jobs that the engine has given to this process and has no result of yet."""
+        lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
+        self._fleet = FleetWatch(settings, queue, lock, lambda: frozenset(self._at_work))
+        self._loops: list[asyncio.Task[None]] = []
 
     async def start(self) -> None:
         """Get the solver processes ready, then take up the jobs an earlier life left, then new ones.
@@ -56,15 +62,18 @@ class Worker:
         Raises:
             WorkerRuns: Another worker of this name is alive.
         """
-        name = self._settings.executor_name
-        self._lock = ExecutorLock(self._settings.data_dir, name)
+        await self._fleet.start()
         await self._pool.open()
-        self._watch = asyncio.create_task(self._watch_for_cancelled_jobs())
+        self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
+        self._loops.append(asyncio.create_task(self._webhooks.watch()))
+        if self._settings.retention_days is not None:
+            retention = Retention(self._store, self._queue, self._settings.retention_days)
+            self._loops.append(asyncio.create_task(retention.run()))
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": self._database.engine_url,
             "application_version": APPLICATION_VERSION,
-            "executor_id": name,
+            "executor_id": self._settings.executor_name,
             "log_level": "WARNING",
             "enable_otlp": False,
         }
@@ -76,26 +85,26 @@ class Worker:
         DBOS.launch()
 
     async def stop(self) -> None:
-        """Stop taking jobs; those under way are left to be begun anew after the next start."""
-        self._stopping = True
-        for task in self._running.values():
-            task.cancel()
-        if self._watch is not None:
-            self._watch.cancel()
+        """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker."""
+        self._runner.stop()
+        for loop in self._loops:
+            loop.cancel()
             with suppress(asyncio.CancelledError):
-                await self._watch
+                await loop
         await self._pool.close()
-        await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
+        with suppress(TimeoutError):
+            # Without a database the engine's threads wait for it, and cannot be told not to.
+            async with asyncio.timeout(GOODBYE_SECONDS):
+                await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
         logging.getLogger("dbos").removeFilter(_is_news)
-        if self._lock is not None:
-            self._lock.release()
+        self._fleet.stop()
 
     def _register(self) -> None:
         """Tell the engine what a job is. The step's result is stored, so a finished one is not run again."""
 
         @DBOS.step(name="solve")
         async def solve(plan_id: str) -> str:
-            return await self._solve(plan_id)
+            return await self._runner.run(plan_id)
 
         @DBOS.workflow(
             name=WORKFLOW,
@@ -103,77 +112,41 @@ class Worker:
             max_recovery_attempts=self._settings.interruption_limit,
         )
         async def plan(plan_id: str) -> str:
-            return await solve(plan_id)
+            with self._working_on(plan_id):
+                return await solve(plan_id)
 
-        self._workflow: Callable[[str], Awaitable[str]] = plan
+        @DBOS.step(name="post")
+        async def post(delivery_id: str, number: int) -> str:
+            return await self._webhooks.attempt(delivery_id, number)
 
-    async def _solve(self, plan_id: str) -> str:
-        """Run one job to its end and return its outcome."""
-        task = await asyncio.to_thread(self._store.task, plan_id)
-        if task is None:
-            raise JobFailed("the plan was deleted before it was solved")
-        meshes = await asyncio.to_thread(self._meshes.documents, named_uploads(task))
-        request: Request = {"id": plan_id, "task": task, "meshes": meshes}
+        @DBOS.workflow(name=DELIVERY_WORKFLOW, serialization_type=WorkflowSerializationFormat.PORTABLE)
+        async def deliver(plan_id: str, delivery_id: str, number: int) -> str:
+            with self._working_on(delivery_workflow_id(plan_id, delivery_id, number)):
+                return await post(delivery_id, number)
+
+        self._workflows: tuple[Callable[..., Awaitable[str]], ...] = (plan, deliver)
+
+    @contextmanager
+    def _working_on(self, workflow_id: str) -> Iterator[None]:
+        self._at_work.add(workflow_id)
         try:
-            async with self._slots:
-                document = await self._solve_despite_crashes(plan_id, request)
-        except JobFailed:
-            await asyncio.to_thread(self._store.mark_finished, plan_id)
-            raise
-        await asyncio.to_thread(self._store.save_document, plan_id, document.outcome, document.sha256, document.gzip)
-        log.info("job solved", job_id=plan_id, outcome=document.outcome, bytes=len(document.gzip))
-        return document.outcome
-
-    async def _solve_despite_crashes(self, plan_id: str, request: Request) -> PackedDocument:
-        while True:
-            record = await asyncio.to_thread(self._store.begin_attempt, plan_id)
-            if record is None:
-                raise JobFailed("the plan was deleted before it was solved")
-            scale = ProgressScale.of(request["task"], record.fraction)
-            try:
-                return await self._attempt(plan_id, request, record.attempts, scale)
-            except SolverFault as fault:
-                raise JobFailed(str(fault)) from fault
-            except SolverDied as death:
-                crashes = await asyncio.to_thread(self._store.count_crash, plan_id)
-                log.warning("solver died", job_id=plan_id, crashes=crashes, ending=str(death))
-                if crashes >= self._settings.crash_limit:
-                    raise JobFailed(f"given up after {crashes} attempts: {death}") from death
-
-    async def _attempt(self, plan_id: str, request: Request, attempt: int, scale: ProgressScale) -> PackedDocument:
-        async def show(report: Report) -> None:
-            fraction = scale.advance(report["stage"], report["done"], report["total"])
-            event: dict[str, Any] = {"attempt": attempt, **report, "fraction": round(fraction, 4)}
-            await asyncio.to_thread(self._store.add_event, plan_id, event)
-
-        if plan_id in await asyncio.to_thread(self._queue.cancelled, [plan_id]):
-            raise error.DBOSWorkflowCancelledError(f"plan {plan_id} was cancelled")
-        task = asyncio.create_task(self._pool.solve(request, show))
-        self._running[plan_id] = task
-        try:
-            return await task
-        except asyncio.CancelledError:
-            if self._stopping:
-                # Not an end of the job: it stays begun, and is begun anew when a worker of this name starts.
-                await asyncio.Event().wait()
-            if plan_id in self._cancelled:
-                raise error.DBOSWorkflowCancelledError(f"plan {plan_id} was cancelled") from None
-            task.cancel()
-            raise
+            yield
         finally:
-            self._running.pop(plan_id, None)
-            self._cancelled.discard(plan_id)
+            self._at_work.discard(workflow_id)
 
-    async def _watch_for_cancelled_jobs(self) -> None:
-        """Anybody may cancel a job through the database; the engine itself would look only once a second."""
+    async def _watch_jobs(self) -> None:
+        """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""
         while True:
             await asyncio.sleep(self._settings.cancel_poll_seconds)
-            if not self._running:
+            solving = self._runner.solving
+            if not solving:
                 continue
-            for plan_id in await asyncio.to_thread(self._queue.cancelled, list(self._running)):
-                if plan_id in self._running:
-                    self._cancelled.add(plan_id)
-                    self._running[plan_id].cancel()
+            try:
+                lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
+            except DATABASE_GONE:
+                lost = set(solving) if self._fleet.alone else set()
+            for plan_id in lost:
+                self._runner.leave(plan_id)
 
 
 def _is_news(record: logging.LogRecord) -> bool:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Request
 
 from app.example_tasks import example_tasks
 from app.resources import Resource
-from app.settings import ServiceSettings
+from app.routes.given import Settings
 from planners.scene.asset_files import known_meshes
 from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
 from planners.scene.shape_source import PLANNED_SHAPES
@@ -25,6 +23,8 @@ class Limits(Resource):
     max_mesh_bytes: int
     max_queued: int
     max_wait_seconds: float
+    requests_per_second: float
+    """With one key."""
     worker_slots: int
 
 
@@ -60,12 +60,8 @@ class Capabilities(Resource):
 router = APIRouter(prefix="/v1", tags=["capabilities"])
 
 
-def _settings(request: Request) -> ServiceSettings:
-    return request.app.state.settings
-
-
 @router.get("/capabilities", summary="What this service can plan")
-def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depends(_settings)]) -> Capabilities:
+def get_capabilities(request: Request, settings: Settings) -> Capabilities:
     """Return kinds of tasks, cells, tools, lifter models, shapes, examples, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
@@ -80,6 +76,7 @@ def get_capabilities(request: Request, settings: Annotated[ServiceSettings, Depe
             max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
             max_wait_seconds=settings.max_wait_seconds,
+            requests_per_second=settings.requests_per_second,
             worker_slots=settings.worker_slots,
         ),
         schema_versions=[SCHEMA_VERSION],

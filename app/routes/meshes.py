@@ -12,7 +12,7 @@ from app.errors import MeshNotFound
 from app.form import FORM
 from app.mesh_upload import FIELD, MEDIA_TYPES, read_mesh
 from app.resources import MeshLinks, MeshResource, ProblemDocument
-from app.settings import ServiceSettings
+from app.routes.given import Settings
 from planners.geometry.mesh_file import MeshFormat
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.solid_mesh import SolidMesh
@@ -30,12 +30,7 @@ def _store(request: Request) -> MeshStore:
     return request.app.state.meshes
 
 
-def _settings(request: Request) -> ServiceSettings:
-    return request.app.state.settings
-
-
 Store = Annotated[MeshStore, Depends(_store)]
-Settings = Annotated[ServiceSettings, Depends(_settings)]
 
 
 @router.post(
@@ -60,7 +55,7 @@ Settings = Annotated[ServiceSettings, Depends(_settings)]
 )
 async def post_mesh(request: Request, response: Response, store: Store, settings: Settings) -> MeshResource:
     """Take a mesh in: STL, OBJ, PLY or GLB. The same file again gives the same id."""
-    content, file_format = await read_mesh(request, settings.max_mesh_bytes)
+    content, file_format = await read_mesh(request, settings.max_mesh_bytes, settings)
     resource = await run_in_threadpool(_accept, content, file_format, store)
     response.headers["Location"] = resource.links.self
     return resource

@@ -5,40 +5,38 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
-import time
 from typing import Annotated, Any
 
-import anyio
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
 from app.errors import BadHeader
-from app.events import stream_events
+from app.events import stream_events, wait_for_end
 from app.intake import accept_task, read_body
 from app.page_token import read_page_token, write_page_token
-from app.plan_desk import PlanDesk
 from app.resources import PlanList, PlanResource, ProblemDocument
-from app.settings import ServiceSettings
+from app.routes.given import Desk, Feed, Settings, Webhooks
 
-WAIT_POLL_SECONDS = 0.05
-"""How often a request that waits for a short job looks [s]."""
+KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
+UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As `If-None-Match` says"}}
+BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
 
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
 
 
-def _desk(request: Request) -> PlanDesk:
-    return request.app.state.desk
+def _named_webhook(
+    webhooks: Webhooks,
+    webhook: Annotated[str | None, Query(description="A webhook of yours that is to know when the job ends")] = None,
+) -> str | None:
+    if webhook is not None:
+        webhooks.require_usable(webhook)
+    return webhook
 
 
-def _settings(request: Request) -> ServiceSettings:
-    return request.app.state.settings
-
-
-Desk = Annotated[PlanDesk, Depends(_desk)]
-Settings = Annotated[ServiceSettings, Depends(_settings)]
+NamedWebhook = Annotated[str | None, Depends(_named_webhook)]
 
 
 @router.post(
@@ -65,26 +63,30 @@ Settings = Annotated[ServiceSettings, Depends(_settings)]
 async def post_plan(
     request: Request,
     desk: Desk,
+    feed: Feed,
     settings: Settings,
-    idempotency_key: Annotated[str | None, Header()] = None,
-    prefer: Annotated[list[str] | None, Header()] = None,
+    webhook: NamedWebhook,
+    idempotency_key: Annotated[str | None, Header(json_schema_extra={"pattern": KEY_PATTERN})] = None,
+    prefer: Annotated[str | None, Header(description="`wait=30`: answer when the job has ended, or after 30 s")] = None,
 ) -> Response:
     """Accept a task; its job runs in the background."""
     key = _read_idempotency_key(idempotency_key)
-    wait = _read_wait(prefer)
-    body = await read_body(request, settings.max_body_bytes)
+    # There may be several, of which the framework would give one.
+    wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
+    body = await read_body(request, settings.max_body_bytes, settings)
     state = request.app.state
     task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, state.scenes.document)
-    plan = await run_in_threadpool(desk.submit, task, key)
+    plan = await run_in_threadpool(desk.submit, task, key, webhook)
     headers = {"Location": plan.links.self}
     if wait is not None:
-        plan = await _wait_for_end(desk, plan, min(wait, settings.max_wait_seconds))
+        await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
+        plan = await run_in_threadpool(desk.plan, plan.id)
         if plan.done:
             return _plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
     return _plan_response(plan, 202, headers)
 
 
-@router.get("", response_model=PlanList, summary="List plans, newest first")
+@router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)
 def list_plans(
     desk: Desk, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
 ) -> PlanList:
@@ -93,7 +95,7 @@ def list_plans(
     return PlanList(plans=plans, next_page_token=None if next_page is None else write_page_token(next_page))
 
 
-@router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses=NOT_FOUND)
+@router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses={**NOT_FOUND, **UNCHANGED})
 def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Header()] = None) -> Response:
     """Return a plan; 304 if it is as the `ETag` in `If-None-Match` says."""
     response = _plan_response(desk.plan(plan_id), 200, {})
@@ -105,6 +107,7 @@ def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Head
     summary="Fetch the plan document",
     responses={
         **NOT_FOUND,
+        **UNCHANGED,
         200: {
             "content": {"application/json": {"schema": {"$ref": "#/components/schemas/PlanDocument"}}},
             "description": "The plan document",
@@ -136,9 +139,12 @@ def get_document(
         **NOT_FOUND,
         200: {"content": {"text/event-stream": {}}, "description": "`progress` events, then one `finished`"},
         204: {"description": "Everything was received already"},
+        400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},
     },
 )
-async def get_events(plan_id: str, desk: Desk, last_event_id: Annotated[str | None, Header()] = None) -> Response:
+async def get_events(
+    plan_id: str, desk: Desk, feed: Feed, last_event_id: Annotated[str | None, Header()] = None
+) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
     plan = await run_in_threadpool(desk.plan, plan_id)
     sent = await run_in_threadpool(desk.store.last_event, plan_id)
@@ -146,7 +152,9 @@ async def get_events(plan_id: str, desk: Desk, last_event_id: Annotated[str | No
     if received > sent:
         return Response(status_code=204)
     return StreamingResponse(
-        stream_events(desk, plan_id, received), media_type="text/event-stream", headers={"Cache-Control": "no-store"}
+        stream_events(desk, feed, plan_id, received),
+        media_type="text/event-stream",
+        headers={"Cache-Control": "no-store"},
     )
 
 
@@ -173,14 +181,6 @@ def delete_plan(plan_id: str, desk: Desk) -> None:
     desk.delete(plan_id)
 
 
-async def _wait_for_end(desk: PlanDesk, plan: PlanResource, seconds: float) -> PlanResource:
-    deadline = time.monotonic() + seconds
-    while not plan.done and time.monotonic() < deadline:
-        await anyio.sleep(WAIT_POLL_SECONDS)
-        plan = await run_in_threadpool(desk.plan, plan.id)
-    return plan
-
-
 def _plan_response(plan: PlanResource, status: int, headers: dict[str, str]) -> Response:
     body = plan.model_dump_json().encode()
     headers = {**headers, "ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"', "Cache-Control": "no-cache"}
@@ -203,14 +203,14 @@ def _read_idempotency_key(header: str | None) -> str | None:
     if header is None:
         return None
     key = header.strip().strip('"')
-    if not re.fullmatch(r"[\x21-\x7e]{1,255}", key):
+    if not re.fullmatch(KEY_PATTERN, key):
         raise BadHeader("Idempotency-Key must be 1 to 255 visible characters")
     return key
 
 
-def _read_wait(prefer: list[str] | None) -> int | None:
+def _read_wait(prefer: list[str]) -> int | None:
     """Return the first `wait` [s]; preferences that are not understood are ignored (RFC 7240)."""
-    for preference in ",".join(prefer or ()).split(","):
+    for preference in ",".join(prefer).split(","):
         match = re.fullmatch(r"\s*wait\s*=\s*(\"?)(\d{1,9})\1\s*(;.*)?", preference, re.IGNORECASE | re.ASCII)
         if match is not None:
             return int(match.group(2))

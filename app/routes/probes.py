@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request, Response
-from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
-from sqlalchemy.exc import SQLAlchemyError
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 
 from app.errors import NotReady
+from app.metrics import PROCESS_METRICS, ServiceMetrics
 from app.plan_desk import PlanDesk
-from workers.job_state import JobState
+from workers.database_loss import DATABASE_GONE
 
 router = APIRouter(tags=["operations"])
 
@@ -25,21 +25,18 @@ def readyz(request: Request) -> dict[str, str]:
     desk: PlanDesk = request.app.state.desk
     try:
         desk.store.check()
-    except SQLAlchemyError as error:
+    except DATABASE_GONE as error:
         raise NotReady("the database cannot be reached") from error
     return {"status": "ready"}
 
 
 @router.get("/metrics", summary="Prometheus metrics", response_class=Response)
 def metrics(request: Request) -> Response:
-    """Count unfinished jobs by state, and documents by outcome."""
+    """Tell the queue's depth, what has become of jobs and how long their stages took, of all workers together."""
     desk: PlanDesk = request.app.state.desk
     registry = CollectorRegistry()
-    jobs = Gauge("liftwright_jobs", "Unfinished jobs", ["state"], registry=registry)
-    states = desk.queue.unfinished(request.app.state.settings.max_queued)
-    for state in (JobState.QUEUED, JobState.RUNNING):
-        jobs.labels(state.value).set(states.count(state))
-    documents = Gauge("liftwright_documents", "Stored plan documents", ["outcome"], registry=registry)
-    for outcome, count in desk.store.outcome_counts().items():
-        documents.labels(outcome).set(count)
+    depth = desk.queue.depth(request.app.state.settings.max_queued)
+    registry.register(ServiceMetrics(depth, desk.store.outcome_counts(), desk.store.totals()))
+    for collector in PROCESS_METRICS:
+        registry.register(collector)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

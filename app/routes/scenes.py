@@ -14,8 +14,8 @@ from starlette.concurrency import run_in_threadpool
 from app.errors import SceneNotFound
 from app.form import FORM
 from app.resources import ProblemDocument, SceneLinks, SceneResource
+from app.routes.given import Settings
 from app.scan_upload import DESCRIPTION, read_scan_form
-from app.settings import ServiceSettings
 from planners.contract.scan_spec import read_scan
 from planners.contract.strict_json import parse_json
 from planners.errors import SceneError
@@ -42,16 +42,11 @@ def _store(request: Request) -> SceneStore:
     return request.app.state.scenes
 
 
-def _settings(request: Request) -> ServiceSettings:
-    return request.app.state.settings
-
-
 def _perceivers(request: Request) -> CapacityLimiter:
     return request.app.state.perceivers
 
 
 Store = Annotated[SceneStore, Depends(_store)]
-Settings = Annotated[ServiceSettings, Depends(_settings)]
 Perceivers = Annotated[CapacityLimiter, Depends(_perceivers)]
 
 
@@ -74,7 +69,7 @@ async def post_scene(
     """Find the tool and the objects in pictures, depth images or clouds. The same scan again gives the same scene."""
     # Whole scans are held in memory: no more of them at once than are worked on.
     async with perceivers:
-        description, files = await read_scan_form(request, settings.max_scan_bytes)
+        description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
         resource = await to_thread.run_sync(_accept, description, files, store, request.app.state.cells)
     response.headers["Location"] = resource.links.self
     return resource

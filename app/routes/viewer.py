@@ -5,15 +5,14 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path, PurePath
 from typing import Annotated
-from urllib.parse import urlsplit
 
 import viser
 from anyio import to_thread
 from fastapi import APIRouter, Depends, HTTPException, Request, WebSocket
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 
-from app.plan_desk import PlanDesk
 from app.resources import ProblemDocument
+from app.routes.given import Desk, desk_of
 from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
 from app.viewer.theatre import Theatre
 from app.viewer.watch import POLICY_VIOLATION, relay_scene, watch
@@ -28,12 +27,14 @@ def _theatre(request: Request) -> Theatre:
     return request.app.state.theatre
 
 
-def _desk(request: Request) -> PlanDesk:
-    return request.app.state.desk
-
-
-@router.get("/v1/plans/{plan_id}/view", status_code=307, summary="Watch a plan", responses={404: PROBLEM})
-def view_plan(plan_id: str, desk: Annotated[PlanDesk, Depends(_desk)]) -> Response:
+@router.get(
+    "/v1/plans/{plan_id}/view",
+    status_code=307,
+    response_class=RedirectResponse,
+    summary="Watch a plan",
+    responses={307: {"description": "`Location` is the viewer with this plan loaded"}, 404: PROBLEM},
+)
+def view_plan(plan_id: str, desk: Desk) -> Response:
     """Go to the viewer with this plan loaded; if its job still runs, the viewer waits for it."""
     return RedirectResponse(f"/viewer/?plan={desk.plan(plan_id).id}")
 
@@ -44,9 +45,9 @@ def view_plan(plan_id: str, desk: Annotated[PlanDesk, Depends(_desk)]) -> Respon
     summary="Fetch a recording",
     responses={404: PROBLEM},
 )
-async def get_recording(plan_id: str, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
+async def get_recording(plan_id: str, desk: Desk, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
     """Return one page that plays the plan with its curves, offline; it takes some seconds to make."""
-    page = await to_thread.run_sync(theatre.record, plan_id, limiter=theatre.recorders)
+    page = await to_thread.run_sync(theatre.record, desk, plan_id, limiter=theatre.recorders)
     name = f"liftwright-{plan_id}.html"
     return HTMLResponse(page, headers={"Content-Disposition": f'inline; filename="{name}"'})
 
@@ -82,25 +83,14 @@ def get_file(name: str) -> Response:
 @router.websocket("/viewer/watch")
 async def watch_plans(socket: WebSocket) -> None:
     """Open a room for as long as the page is open."""
-    if await _is_from_here(socket):
-        await watch(socket, socket.app.state.theatre)
+    await watch(socket, socket.app.state.theatre, desk_of(socket))
 
 
 @router.websocket("/viewer/scene/{key}")
 async def watch_scene(socket: WebSocket, key: str) -> None:
     """Relay the scene of a room."""
     room = socket.app.state.theatre.room(key)
-    if await _is_from_here(socket):
-        await (socket.close(POLICY_VIOLATION, "this scene is closed") if room is None else relay_scene(socket, room))
-
-
-async def _is_from_here(socket: WebSocket) -> bool:
-    """Tell whether a page of this service connects; close the connection of a page of somebody else."""
-    origin = socket.headers.get("origin")
-    if origin is None or urlsplit(origin).netloc == socket.headers.get("host"):
-        return True
-    await socket.close(POLICY_VIOLATION, "only pages of this service may connect")
-    return False
+    await (socket.close(POLICY_VIOLATION, "this scene is closed") if room is None else relay_scene(socket, room))
 
 
 @cache

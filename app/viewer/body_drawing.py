@@ -10,7 +10,7 @@ import trimesh
 from viser import FrameHandle, SceneApi
 
 from app.viewer.nodes import add_frame
-from app.viewer.palette import BODIES, Rgb
+from app.viewer.palette import BODIES, Rgb, rgb
 from planners.geometry.pose import Array, from_pose7
 from planners.scene.meshes import hull_with_faces
 
@@ -19,6 +19,8 @@ OUTLINED = ("plate", "object", "support", "obstacle", "table")
 """Roles whose edges are drawn."""
 TRANSLUCENT = {"plate": 0.8, "object": 0.85}
 """Opacity of roles through which the forces inside must be seen."""
+LIP_HEIGHT = 0.009
+"""Of the cup at the end of a tool [m]."""
 CUP_PROFILE = np.array(
     [[1.0, 0.0], [1.0, 0.06], [0.72, 0.26], [0.86, 0.34], [0.60, 0.52], [0.60, 0.80], [0.34, 0.84], [0.34, 1.0]]
 )
@@ -26,7 +28,12 @@ CUP_PROFILE = np.array(
 
 
 def draw_body(
-    scene: SceneApi, name: str, body: Mapping[str, Any], *, ghost: tuple[Rgb, float] | None = None
+    scene: SceneApi,
+    name: str,
+    body: Mapping[str, Any],
+    *,
+    ghost: tuple[Rgb, float] | None = None,
+    tint: Rgb | None = None,
 ) -> FrameHandle:
     """Add a body under a frame of its own, where it is at the start.
 
@@ -35,9 +42,10 @@ def draw_body(
         name: of the frame.
         body: an entry of a plan document's `bodies`.
         ghost: colour and opacity instead of those of its role.
+        tint: colour instead of that of its role.
     """
     frame = add_frame(scene, name, from_pose7(body["pose"]))
-    colour, opacity = ghost or (BODIES[body["role"]], TRANSLUCENT.get(body["role"]))
+    colour, opacity = ghost or (tint or BODIES[body["role"]], TRANSLUCENT.get(body["role"]))
     vertices, faces, round_ = _surface(body)
     scene.add_mesh_simple(
         f"{name}/surface",
@@ -58,7 +66,19 @@ def draw_body(
             thickness=1.5,
             thickness_units="screen",
         )
+    if body["role"] == "tool" and ghost is None:
+        _draw_lip(scene, f"{name}/lip", vertices)
     return frame
+
+
+def _draw_lip(scene: SceneApi, name: str, tool: Array) -> None:
+    """Draw a cup round the lower end of a tool, whose origin is the centre of its lip."""
+    lowest = tool[tool[:, 2] < LIP_HEIGHT]
+    radius = 1.06 * float(np.hypot(lowest[:, 0], lowest[:, 1]).max(initial=0.0))
+    if radius > 0.0:
+        scene.add_cylinder(
+            name, radius=radius, height=LIP_HEIGHT, color=rgb("suction"), position=(0.0, 0.0, 0.5 * LIP_HEIGHT)
+        )
 
 
 def _surface(body: Mapping[str, Any]) -> tuple[Array, np.ndarray, bool]:

@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import cache
+from html import escape
 from importlib import resources
 from typing import Any
 
 from app.viewer.sources import SourceName
 
 STYLES = ("viewer.css",)
-SCRIPTS = ("plot.js", "charts.js", "score.js", "panel.js", "player.js")
+SCRIPTS = ("plot.js", "charts.js", "score.js", "regrasp.js", "panel.js", "player.js")
 LIVE_SCRIPTS = (*SCRIPTS, "live.js")
 RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
 STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"
+NEXT_MARK, REFUSAL_MARK = "<!-- next -->", "<!-- refusal -->"
 
 
 @cache
@@ -33,6 +35,12 @@ def live_page() -> str:
     styles = "\n".join(f'<link rel="stylesheet" href="{name}">' for name in STYLES)
     scripts = "\n".join(f'<script src="{name}"></script>' for name in LIVE_SCRIPTS)
     return _assemble(styles, scripts)
+
+
+def login_page(wanted: str, refusal: str = "") -> str:
+    """Return the page that asks for a key, and then goes to `wanted`."""
+    page = static_text("login.html")
+    return page.replace(NEXT_MARK, escape(wanted)).replace(REFUSAL_MARK, escape(refusal))
 
 
 def recorded_page(story: Mapping[str, Any], scene: str, begins: Mapping[SourceName, float]) -> str:

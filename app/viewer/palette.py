@@ -30,8 +30,24 @@ SEGMENT_KINDS: Final[dict[str, tuple[str, str]]] = {
     "detach": ("#c9a6e8", "vacuum off"),
     "settle": ("#8d95d6", "hands take up the load"),
     "lift": ("#3f4fb5", "lift behind the lifter"),
+    "still": ("#dde2e8", "robot stands still"),
 }
-"""Colour and words by kind of segment; the last two are stretches of a simulation."""
+"""Colour and words by kind of segment; the last three are stretches of a simulation."""
+
+FORCE_SCALES: Final[dict[str, float]] = {"plate_lift": 0.010, "suction_tool": 0.005}
+"""Length of a force arrow by kind of task [m/N]."""
+
+GOOD_COLOUR: Final = "#1f8f5a"
+"""Of what was considered and did not fall."""
+REASON_COLOURS: Final = (
+    *("#a9977c", "#c2417a", "#3f9c8f", "#7d6bc9", "#8fa03a", "#5a6b7d", "#c98f3f"),
+    *("#d291b0", "#4f7a55", "#b5bec8"),
+)
+"""Of reasons why something fell, the most frequent first; the last one for all others."""
+OBJECT_TINTS: Final[tuple[Rgb, ...]] = (
+    *((214, 190, 150), (150, 184, 206), (206, 158, 148), (168, 196, 160), (190, 172, 208), (214, 206, 150)),
+)
+"""Of objects, so that they are told apart in a pile; again from the first after the last."""
 
 BODIES: Final[dict[str, Rgb]] = {
     "plate": (214, 190, 150),
@@ -49,7 +65,11 @@ BODIES: Final[dict[str, Rgb]] = {
 
 def rgb(meaning: str) -> Rgb:
     """Return the colour of a meaning, 0 to 255 a channel."""
-    code = MEANINGS[meaning][0]
+    return code_rgb(MEANINGS[meaning][0])
+
+
+def code_rgb(code: str) -> Rgb:
+    """Return the channels, 0 to 255, of a colour written as "#rrggbb"."""
     return int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16)
 
 

@@ -18,7 +18,7 @@ def tell_simulation(document: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "outcome": simulation["outcome"],
         "words": SIMULATED_OUTCOMES[simulation["outcome"]],
-        "lifted": simulation["outcome"] == "lifted",
+        "good": simulation["outcome"] == "lifted",
         "sentence": _sentence(simulation),
         "figures": _figures(simulation),
         "nodes": [_node(node) for node in simulation["manipulation"]["nodes"]],

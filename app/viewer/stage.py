@@ -9,30 +9,33 @@ import numpy as np
 from viser import ArrowsHandle, FrameHandle, SceneApi, SceneNodeHandle
 
 from app.viewer.body_drawing import draw_body
+from app.viewer.considered_drawing import draw_grasps, draw_places
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.nodes import add_frame, place, place_at
-from app.viewer.palette import linear_rgb, meaning_of, rgb
+from app.viewer.palette import FORCE_SCALES, OBJECT_TINTS, Rgb, linear_rgb, meaning_of, rgb
 from app.viewer.robot_drawing import RobotDrawing
 from app.viewer.sources import SourceName, Sources
 from app.viewer.timeline import Moment, Touch
+from app.viewer.tool_story import subjects_of
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.kinematics.forward import link_frames
 from planners.scene.cell import Cell
 from planners.scene.meshes import hull_with_faces
+from planners.scene.suction_tool import TOOL_NAME
 
-METRES_PER_NEWTON = 0.010
-"""Length of a force arrow; the page's legend says the same."""
 LEAST_FORCE = 0.05
 """Smaller forces are not drawn [N]."""
 CONE_HEIGHT = 0.06
 """[m]"""
 ARROW_MEANINGS = ("left", "right", "environment", "suction")
-LAYERS = ("forces", "cones", "frames", "start", "goal")
+LAYERS = ("forces", "cones", "frames", "start", "goal", "places", "grasps")
 """What can be shown or hidden."""
 FIRST_LAYERS = frozenset({"forces"})
 GHOST_OPACITY = 0.28
 MOVED = frozenset({"plate", "object"})
 """Roles of the body that a task is about."""
+SIGNS = ("places", "grasps")
+"""Layers of what was considered for one object."""
 WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
 """Kinds of contacts."""
 
@@ -65,8 +68,11 @@ class Stage:
         self._arms = frozenset(cell.arms)
         light_scene(scene, root)
         self._robot = RobotDrawing(scene, cell, meshes, f"{root}/robot")
+        self._metres_per_newton = FORCE_SCALES[document["task"]["kind"]]
+        tints = _tints(document)
         self._bodies = {
-            name: draw_body(scene, f"{root}/bodies/{name}", body) for name, body in document["bodies"].items()
+            name: draw_body(scene, f"{root}/bodies/{name}", body, tint=tints.get(name))
+            for name, body in document["bodies"].items()
         }
         self._poses = {name: np.zeros(7) for name in self._bodies}
         self._body_frames = self._add_body_frames(document)
@@ -76,7 +82,8 @@ class Stage:
             "start": self._add_ghost("start", document, sources.plan.at(0.0)),
             "goal": self._add_ghost("goal", document, sources.plan.at(sources.plan.duration)),
         }
-        self._moved = next(name for name, body in document["bodies"].items() if body["role"] in MOVED)
+        self._subjects = _Subjects(document)
+        self._signs = {layer: self._add_signs(layer, document) for layer in SIGNS}
         self._moment = sources.plan.at(0.0)
         self.show("plan", 0.0)
 
@@ -89,11 +96,12 @@ class Stage:
                 place_at(self._bodies[name], pose)
                 self._poses[name] = pose
         self._show_contacts()
+        self._show_signs()
 
     @property
     def body_position(self) -> Array:
         """Where the body that is moved is now (3,), in the world [m]."""
-        return self._moment.body_poses[self._moved][:3]
+        return self._moment.body_poses[self._subjects.at(self._moment.segment)][:3]
 
     def set_layer(self, layer: str, visible: bool) -> None:
         """Show or hide one of `LAYERS`."""
@@ -102,6 +110,7 @@ class Stage:
             "forces": self._show_contacts,
             "cones": self._show_contacts,
             "frames": lambda: self._show_frames(visible),
+            **dict.fromkeys(SIGNS, self._show_signs),
         }
         actions.get(layer, lambda: self._show_ghost(layer, visible))()
 
@@ -114,13 +123,23 @@ class Stage:
         for handle in self._ghosts[layer]:
             handle.visible = visible
 
+    def _show_signs(self) -> None:
+        """Show what was considered for the object that is moved now."""
+        subject = self._subjects.at(self._moment.segment)
+        for layer, by_object in self._signs.items():
+            for name, handles in by_object.items():
+                visible = layer in self._visible and name == subject
+                for handle in handles:
+                    if handle.visible != visible:
+                        handle.visible = visible
+
     def _show_contacts(self) -> None:
-        touches = [touch for touch in self._moment.touches if np.linalg.norm(touch.force) >= LEAST_FORCE]
+        touches = [touch for touch in self._moment.touches if _is_drawn(touch)]
         for meaning, handle in self._arrows.items():
             mine = [t for t in touches if meaning_of(t.by, self._arms, t.kind) == meaning]
             drawn = bool(mine) and "forces" in self._visible
             if drawn:
-                points = np.array([_arrow(touch, outside=_is_seen_outside(touch)) for touch in mine], dtype=np.float32)
+                points = np.array([self._arrow(touch) for touch in mine], dtype=np.float32)
                 if not np.array_equal(points, handle.points):
                     handle.points = points
             if handle.visible != drawn:
@@ -145,14 +164,34 @@ class Stage:
             if handle.visible != (key in used):
                 handle.visible = key in used
 
+    def _arrow(self, touch: Touch) -> Array:
+        """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
+        along = self._metres_per_newton * touch.force
+        begin = touch.point - along if _is_seen_outside(touch) else touch.point
+        return np.array([begin, begin + along])
+
+    def _add_signs(self, layer: str, document: Mapping[str, Any]) -> dict[str, list[SceneNodeHandle]]:
+        """Draw what was considered for each object, hidden at first."""
+        signs = {}
+        for name, body in document["bodies"].items():
+            if body["role"] != "object":
+                continue
+            if layer == "places":
+                signs[name] = draw_places(self._scene, f"{self._root}/bodies/{name}", document, name)
+            else:
+                signs[name] = draw_grasps(self._scene, f"{self._root}/grasps", document, name)
+            for handle in signs[name]:
+                handle.visible = False
+        return signs
+
     def _add_arrows(self, meaning: str) -> ArrowsHandle:
         return self._scene.add_arrows(
             f"{self._root}/contacts/{meaning}",
             np.zeros((1, 2, 3), dtype=np.float32),
             linear_rgb(meaning),
-            shaft_radius=0.0055,
-            head_radius=0.014,
-            head_length=0.03,
+            shaft_radius=0.55 * self._metres_per_newton,
+            head_radius=1.4 * self._metres_per_newton,
+            head_length=3.0 * self._metres_per_newton,
             visible=False,
         )
 
@@ -179,8 +218,12 @@ class Stage:
         return frames
 
     def _add_ghost(self, meaning: str, document: Mapping[str, Any], moment: Moment) -> list[SceneNodeHandle]:
-        """Draw bodies and arms as they are at a moment, translucent."""
+        """Draw bodies and arms as they are at a moment, translucent.
+
+        A plan without segments leaves the goals to its task.
+        """
         colour = rgb(meaning)
+        goals = _goals(document) if meaning == "goal" and not document["segments"] else {}
         vertices, faces = _arm_hulls(self._cell, moment.positions)
         arms = self._scene.add_mesh_simple(
             f"{self._root}/ghosts/{meaning}/arms",
@@ -200,10 +243,42 @@ class Stage:
             handle = draw_body(
                 self._scene, f"{self._root}/ghosts/{meaning}/{name}", body, ghost=(colour, GHOST_OPACITY)
             )
-            place_at(handle, moment.body_poses[name])
+            place_at(handle, goals.get(name, moment.body_poses[name]))
             handle.visible = False
             handles.append(handle)
         return handles
+
+
+class _Subjects:
+    """Which body each segment of a plan is about."""
+
+    def __init__(self, document: Mapping[str, Any]) -> None:
+        self._first = next(name for name, body in document["bodies"].items() if body["role"] in MOVED)
+        lifts = document["task"]["kind"] == "plate_lift"
+        self._names = [] if lifts else subjects_of(document["segments"])
+
+    def at(self, segment: int | None) -> str:
+        """Return the body that a segment is about; the first there is where it says nothing."""
+        name = self._names[segment] if segment is not None and self._names else None
+        return name or self._first
+
+
+def _tints(document: Mapping[str, Any]) -> dict[str, Rgb]:
+    """Return the colours of objects by name."""
+    names = [name for name, body in document["bodies"].items() if body["role"] == "object"]
+    return {name: OBJECT_TINTS[index % len(OBJECT_TINTS)] for index, name in enumerate(names)}
+
+
+def _goals(document: Mapping[str, Any]) -> dict[str, Array]:
+    """Return where the task wants objects, by name."""
+    return {item["name"]: np.array(item["goal_pose"]) for item in document["task"].get("objects", ())}
+
+
+def _is_drawn(touch: Touch) -> bool:
+    """Tell whether a force is drawn: not the smallest, and a cup's on the object only, not its reaction."""
+    if touch.kind == "suction" and touch.body == TOOL_NAME:
+        return False
+    return bool(np.linalg.norm(touch.force) >= LEAST_FORCE)
 
 
 def light_scene(scene: SceneApi, root: str) -> None:
@@ -231,12 +306,6 @@ def light_scene(scene: SceneApi, root: str) -> None:
 def _is_seen_outside(touch: Touch) -> bool:
     """Tell whether a force is drawn before the point where it acts; stick, cup and table would hide it there."""
     return touch.kind == "soft_finger"
-
-
-def _arrow(touch: Touch, *, outside: bool) -> Array:
-    """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
-    along = METRES_PER_NEWTON * touch.force
-    return np.array([touch.point - along, touch.point] if outside else [touch.point, touch.point + along])
 
 
 def _cone_pose(touch: Touch, *, outside: bool) -> Transform:

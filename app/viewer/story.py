@@ -7,56 +7,62 @@ from typing import Any
 
 import numpy as np
 
-from app.summary import contact_word, largest_hand_force
-from app.viewer.curves import Chart, Span, dips, planned_charts, simulated_charts
-from app.viewer.palette import MEANINGS, SEGMENT_KINDS
-from app.viewer.simulation_story import tell_simulation
+from app.viewer.considered import tell_considered
+from app.viewer.curves import Chart, Span
+from app.viewer.kind_story import DIGITS, KindStory
+from app.viewer.lift_story import LiftStory
+from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
 from app.viewer.sources import Sources
+from app.viewer.tool_story import ToolStory
 from planners.geometry.pose import Array
 
-DIGITS = 4
-"""Of times and values in curves, behind the point: a thousandth of what can be seen."""
 BY_CONTACT = "contact_states"
 """Member of a graph's figures that has the same figures for each contact state."""
+AFTER_PLANNING = frozenset({"certify", "simulate"})
+"""Stages of a job in which there is a plan already."""
 OUTCOMES = {"solved": "solved", "infeasible": "infeasible", "not_found": "not found"}
+KIND_STORIES: Mapping[str, type[KindStory]] = {"plate_lift": LiftStory, "suction_tool": ToolStory}
 
 
 def tell_story(document: Mapping[str, Any], sources: Sources) -> dict[str, Any]:
     """Return all the page needs of a plan document but its scene."""
+    kind = document["task"]["kind"]
+    story = KIND_STORIES[kind](document)
     return {
         "id": document["id"],
         "title": document["task"]["external_id"] or document["id"][:8],
-        "subtitle": _subtitle(document),
+        "subtitle": story.subtitle(),
         "outcome": document["outcome"],
         "outcome_words": OUTCOMES[document["outcome"]],
         "summary": document["explanation"]["summary"],
         "causes": [_cause(cause) for cause in document["explanation"]["causes"]],
-        "sources": _sources(document, sources),
-        "simulation": None if document["simulation"] is None else tell_simulation(document),
+        "tabs": story.tabs,
+        "simulation_words": story.simulation_words,
+        "force_scale": 1e3 * FORCE_SCALES[kind],
+        "sources": _sources(document, sources, story),
+        "simulation": None if document["simulation"] is None else story.tell_simulation(),
+        "considered": tell_considered(document),
         "legend": {
-            "meanings": _legend(MEANINGS),
+            "meanings": _legend({name: MEANINGS[name] for name in story.meanings}),
             "segments": _legend(SEGMENT_KINDS),
         },
-        "highlights": _highlights(document, sources.plan.duration),
+        "highlights": _highlights(document, sources.plan.duration, story),
         "figures": _figures(document["statistics"]),
         "rejections": sorted(document["statistics"]["rejections"].items(), key=lambda item: -item[1]),
         "certificate": document["certificate"],
     }
 
 
-def _sources(document: Mapping[str, Any], sources: Sources) -> dict[str, Any]:
+def _sources(document: Mapping[str, Any], sources: Sources, story: KindStory) -> dict[str, Any]:
     """Return what can be played: the plan, and its simulation if there is one."""
-    body = "plate" if document["task"]["kind"] == "plate_lift" else "object"
-    segments = [_segment(segment, body) for segment in document["segments"]]
+    segments = story.segments()
     planned_end = sources.plan.duration
-    plan = _source(planned_end, segments, planned_charts(document, sources.plan), [(0.0, planned_end)])
-    simulation = document["simulation"]
-    if simulation is None:
+    plan = _source(planned_end, segments, story.planned_charts(sources.plan), [(0.0, planned_end)])
+    if document["simulation"] is None:
         return {"plan": plan}
-    end, lift = simulation["time"], simulation["lift"]
-    pages = [(0.0, end)] if lift is None else [(0.0, lift["begin"]), (lift["begin"], end)]
-    executed = _source(end, _executed(segments, simulation), simulated_charts(document), pages, dips(document))
-    return {"plan": plan, "simulation": executed}
+    end = document["simulation"]["time"]
+    executed = _executed(segments, end, story.after_the_plan(segments[-1]["end"]))
+    return {"plan": plan, "simulation": _source(end, executed, story.simulated_charts(), story.pages(), story.marked())}
 
 
 def _source(
@@ -76,71 +82,21 @@ def _source(
     }
 
 
-def _executed(segments: Sequence[Mapping[str, Any]], simulation: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _executed(
+    segments: Sequence[Mapping[str, Any]], end: float, after: Sequence[tuple[str, float, float, str]]
+) -> list[dict[str, Any]]:
     """Return the plan's segments as far as the simulation came, and what followed them."""
-    end, lift = simulation["time"], simulation["lift"]
     done = [{**segment, "end": min(segment["end"], end)} for segment in segments if segment["start"] < end]
-    planned_end = segments[-1]["end"]
-    common = {"state": "no contact", "element": "none", "hold": segments[-1]["hold"]}
-    after = [("settle", planned_end, end if lift is None else lift["begin"], "Hands take up the load")]
-    if lift is not None:
-        after.append(("lift", lift["begin"], end, "Hands follow the lifter"))
-    stretches = [(kind, start, stop, words) for kind, start, stop, words in after if start < stop]
+    common = {"state": segments[-1]["state"], "hold": segments[-1]["hold"]}
     return done + [
         {"kind": kind, "start": round(start, DIGITS), "end": round(stop, DIGITS), "words": words, **common}
-        for kind, start, stop, words in stretches
+        for kind, start, stop, words in after
+        if start < stop
     ]
 
 
 def _spans(spans: Sequence[Span]) -> list[list[float]]:
     return [[round(begin, DIGITS), round(end, DIGITS)] for begin, end in spans]
-
-
-def _subtitle(document: Mapping[str, Any]) -> str:
-    task = document["task"]
-    if task["kind"] != "plate_lift":
-        return task["kind"].replace("_", " ")
-    plate, cup = task["plate"], task["cup"]
-    size = plate["shape"].get("size")
-    what = "plate" if size is None else " \u00d7 ".join(f"{1000 * length:.0f}" for length in size) + " mm plate"
-    return f"{plate['mass']:g} kg {what}, cup of {cup['max_force']:g} N"
-
-
-def _segment(segment: Mapping[str, Any], body: str) -> dict[str, Any]:
-    state = segment["contact_state"]
-    return {
-        "kind": segment["kind"],
-        "start": round(segment["time"][0], DIGITS),
-        "end": round(segment["time"][-1], DIGITS),
-        "words": _deed(segment["kind"], segment["movers"], body),
-        "state": "" if state is None else contact_word(state),
-        "element": "" if state is None else state["element"],
-        "hold": _hold(segment["hold"]),
-    }
-
-
-def _deed(kind: str, movers: Sequence[str], body: str) -> str:
-    arms = " and ".join(movers)
-    hand = f"{arms} hand" if len(movers) == 1 else "hands" if movers else "hand"
-    deeds = {
-        "transit": f"{hand} travels",
-        "approach": f"{hand} approaches",
-        "retreat": f"{hand} retreats",
-        "transfer": f"{body} moved by {arms} hand" if len(movers) == 1 else f"{body} moved by both hands",
-        "handover": f"{body} goes from hand to hand",
-        "grip": "fingers close",
-        "release": "fingers open",
-        "attach": "vacuum on",
-        "detach": "vacuum off",
-    }
-    return deeds[kind][0].upper() + deeds[kind][1:]
-
-
-def _hold(hold: Mapping[str, Any] | None) -> str:
-    if hold is None:
-        return "no hand on it"
-    words = [f"{deed} by {hold[key]['arm']}" for key, deed in (("grip", "gripped"), ("push", "pushed")) if hold[key]]
-    return ", ".join(words) or "no hand on it"
 
 
 def _chart(chart: Chart) -> dict[str, Any]:
@@ -164,15 +120,15 @@ def _legend(entries: Mapping[str, tuple[str, str]]) -> dict[str, dict[str, str]]
     return {name: {"colour": colour, "words": words} for name, (colour, words) in entries.items()}
 
 
-def _highlights(document: Mapping[str, Any], duration: float) -> list[list[str]]:
+def _highlights(document: Mapping[str, Any], duration: float, story: KindStory) -> list[list[str]]:
     """Return what a person wants to know first, as label and value."""
     certificate, statistics = document["certificate"], document["statistics"]
     rows = []
     if document["segments"]:
-        force, arm = largest_hand_force(document)
-        rows += [["motion", f"{duration:.1f} s"], ["largest force", f"{force:.1f} N ({arm})"]]
+        rows += [["motion", f"{duration:.1f} s"], *story.highlights()]
     if statistics["total_seconds"] is not None:
-        rows.append(["planned in", f"{statistics['total_seconds']:.2f} s"])
+        after = sum(stage["seconds"] for stage in statistics["stages"] if stage["name"] in AFTER_PLANNING)
+        rows.append(["planned in", f"{statistics['total_seconds'] - after:.2f} s"])
     if certificate is not None:
         passed = sum(check["passed"] for check in certificate["checks"])
         rows.append(["certificate", f"{passed} of {len(certificate['checks'])} checks"])

@@ -27,8 +27,8 @@ MOST_ROOMS = 24
 class Theatre:
     """Opens rooms and puts plans into them."""
 
-    def __init__(self, desk: PlanDesk, cells: dict[str, Cell], folder: Path) -> None:
-        self._desk, self._cells = desk, cells
+    def __init__(self, cells: dict[str, Cell], folder: Path) -> None:
+        self._cells = cells
         self._meshes = LinkMeshes(folder)
         self._rooms: dict[str, Room] = {}
         self._recorders = CapacityLimiter(1)
@@ -54,7 +54,7 @@ class Theatre:
         """Return the room of a key."""
         return self._rooms.get(key)
 
-    def open(self, room: Room, plan_id: str) -> dict[str, Any]:
+    def open(self, room: Room, desk: PlanDesk, plan_id: str) -> dict[str, Any]:
         """Put a plan into a room and return its story. Blocks.
 
         Raises:
@@ -62,11 +62,11 @@ class Theatre:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        document, sources, cell = self._load(plan_id)
+        document, sources, cell = self._load(desk, plan_id)
         room.open(document, sources, cell, self._meshes)
         return tell_story(document, sources)
 
-    def record(self, plan_id: str) -> str:
+    def record(self, desk: PlanDesk, plan_id: str) -> str:
         """Return a page that plays a plan without any server. Blocks for some seconds.
 
         Raises:
@@ -74,7 +74,7 @@ class Theatre:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        document, sources, cell = self._load(plan_id)
+        document, sources, cell = self._load(desk, plan_id)
         with Room() as room:
             room.open(document, sources, cell, self._meshes)
             return record(room, sources, tell_story(document, sources))
@@ -89,8 +89,8 @@ class Theatre:
         for room in list(self._rooms.values()):
             await self.leave(room)
 
-    def _load(self, plan_id: str) -> tuple[dict[str, Any], Sources, Cell]:
-        document = json.loads(gzip.decompress(self._desk.document(plan_id).gzip))
+    def _load(self, desk: PlanDesk, plan_id: str) -> tuple[dict[str, Any], Sources, Cell]:
+        document = json.loads(gzip.decompress(desk.document(plan_id).gzip))
         name = document["cell"]["name"]
         if name not in self._cells:
             raise CellNotDrawn(name, sorted(self._cells))

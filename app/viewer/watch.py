@@ -12,6 +12,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.errors import CellNotDrawn, DocumentNotReady, PlanNotFound, TheatreFull
+from app.plan_desk import PlanDesk
 from app.viewer.room import VIEWS, Room
 from app.viewer.sources import SourceName
 from app.viewer.stage import LAYERS
@@ -61,8 +62,8 @@ REQUESTS: TypeAdapter[OpenPlan | ShowTime | SetLayer | Look] = TypeAdapter(
 )
 
 
-async def watch(socket: WebSocket, theatre: Theatre) -> None:
-    """Give a watcher a room, and do there what the page asks for until it goes away."""
+async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk) -> None:
+    """Give a watcher a room, and do there what the page asks for until it goes away; `desk` has what it may see."""
     await socket.accept()
     try:
         room = await theatre.enter()
@@ -73,7 +74,7 @@ async def watch(socket: WebSocket, theatre: Theatre) -> None:
         await socket.send_json({"type": "room", "scene": f"scene/{room.key}/"})
         while True:
             request = REQUESTS.validate_json(await socket.receive_text())
-            answer = await run_in_threadpool(_answer, theatre, room, request)
+            answer = await run_in_threadpool(_answer, theatre, room, desk, request)
             await socket.send_json(answer)
     except WebSocketDisconnect:
         log.debug("a watcher left")
@@ -84,11 +85,13 @@ async def watch(socket: WebSocket, theatre: Theatre) -> None:
             await theatre.leave(room)
 
 
-def _answer(theatre: Theatre, room: Room, request: OpenPlan | ShowTime | SetLayer | Look) -> dict[str, Any]:
+def _answer(
+    theatre: Theatre, room: Room, desk: PlanDesk, request: OpenPlan | ShowTime | SetLayer | Look
+) -> dict[str, Any]:
     match request:
         case OpenPlan():
             try:
-                return {"type": "story", "story": theatre.open(room, request.plan)}
+                return {"type": "story", "story": theatre.open(room, desk, request.plan)}
             except (PlanNotFound, DocumentNotReady, CellNotDrawn) as error:
                 return {"type": "refused", "plan": request.plan, "detail": str(error)}
         case ShowTime():

@@ -364,9 +364,10 @@ class SimulatedMotion(StrictModel):
     """Poses [x, y, z, w, x, y, z]."""
 
 
-class Simulation(StrictModel):
-    """The plan executed in physics, and the cooperative lift that follows it."""
+class LiftSimulation(StrictModel):
+    """A plate lift executed in physics, and the cooperative lift that follows it."""
 
+    kind: Literal["plate_lift"]
     outcome: Literal["lifted", "slipped", "cup_lost", "overload"]
     time: Real
     """When it ended [s]."""
@@ -385,6 +386,67 @@ class Simulation(StrictModel):
     seed: int
     settings: dict[str, JsonValue]
     """All assumptions, SI units."""
+
+
+class BodyTrack(StrictModel):
+    """How one body moved; it stands between two poses that are equal."""
+
+    time: Numbers
+    poses: Rows
+    """[x, y, z, w, x, y, z]"""
+
+
+class SimulatedToolMotion(StrictModel):
+    """How robot, tool and objects moved from start to end, for playing it back."""
+
+    time: Numbers
+    positions: Rows
+    bodies: dict[str, BodyTrack]
+
+
+class GoalError(StrictModel):
+    """How far an object ended from its goal, up to its symmetry."""
+
+    distance: Real
+    """[m]"""
+    angle: Real
+    """[rad]"""
+
+
+class LargestLoads(StrictModel):
+    """Greatest values of the curves."""
+
+    suction_share: Real
+    """Of what the cup bears [1]."""
+    squeeze: Real
+    """[N]"""
+    tool_off_plan: Real
+    object_off_plan: Real
+    """[m]"""
+
+
+class ToolSimulation(StrictModel):
+    """A suction-tool plan executed in physics."""
+
+    kind: Literal["suction_tool"]
+    outcome: Literal["done", "object_dropped", "tool_slipped", "toppled", "off_goal"]
+    time: Real
+    """When it ended, some moments after a failure [s]."""
+    failed_at: Real | None
+    """[s]"""
+    cause: str | None
+    """What gave way."""
+    force_curves: list[ForceCurve]
+    goals: dict[str, GoalError]
+    largest: LargestLoads
+    motion: SimulatedToolMotion
+    model: list[str]
+    """What is modelled, in sentences."""
+    settings: dict[str, JsonValue]
+    """All assumptions, SI units."""
+
+
+Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind")]
 
 
 class StageTime(StrictModel):

@@ -230,7 +230,10 @@ class SuctionToolFriction(StrictModel):
 
 
 class SuctionToolOptions(StrictModel):
-    """How a suction-tool task is planned; nothing can be chosen yet."""
+    """How a suction-tool task is planned."""
+
+    simulate: bool = True
+    """Whether the plan is executed in physics."""
 
 
 ToolName = Literal["long_symmetric", "short_asymmetric"]

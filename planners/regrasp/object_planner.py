@@ -10,6 +10,7 @@ from planners.geometry.pose import inverse
 from planners.graph.rejections import Rejection
 from planners.progress import Progress
 from planners.regrasp.grasp_layer import GraspLayer
+from planners.regrasp.object_progress import ObjectProgress, ObjectStage
 from planners.regrasp.object_report import ObjectReport
 from planners.regrasp.regrasp_graph import Edge, Handover, Pick, Sequence, Transfer
 from planners.regrasp.route_figures import route_figures
@@ -55,6 +56,9 @@ class ObjectPlanner:
             last: whether no object follows: then any grasp is good to end with.
         """
         report = ObjectReport(target.name)
+        poses = suctions.poses[: self.settings.suction_poses]
+        tell = ObjectProgress(self.progress, target.name, len(poses))
+        tell(ObjectStage.FIRST_REGRASP)
         start = self.routes.start(stage)
         if not start.nodes.any():
             reasons = {} if start.layer is None else start.layer.rejected()
@@ -62,11 +66,11 @@ class ObjectPlanner:
                 report.rejections.add(Rejection("grasp", f"Where the tool rests: {reason}"), int(mask.sum()))
             return None, report
         costs = RouteCosts((0.0 if last else self.settings.partner_weight) * self.routes.partnerless)
-        poses = suctions.poses[: self.settings.suction_poses]
-        following = self.routes.routes(stage, target, poses, start, costs)
+        following = self.routes.routes(stage, target, poses, start, costs, tell)
         tried: list[SuctionRoute] = []
         while routes := list(islice(following, self.settings.suction_group)):
-            self.progress(f"regrasp {target.name}", len(tried), len(poses))
+            tell.tried = len(tried)
+            tell(ObjectStage.FIRST_REGRASP)
             tried += routes
             done = self._try_group(stage, target, routes, report)
             if done is not None:
@@ -88,9 +92,8 @@ class ObjectPlanner:
             route = routes[number]
             route.sequences += 1
             report.counts["tries"] += 1
-            self.progress(f"motion {target.name}", report.counts["tries"], 0)
             done = self._realise(stage, target, route, sequence, realised, (number,), report)
-            self.progress(f"regrasp {target.name}", report.counts["tries"], 0)
+            route.tell(ObjectStage.GRAPH)
             if done is not None:
                 return done, (route, sequence)
             if report.counts["tries"] >= self.settings.tries:
@@ -134,6 +137,7 @@ class ObjectPlanner:
         for edge in sequence.edges:
             key = (*key, edge)
             if key not in realised:
+                route.tell(ObjectStage.motion(0 if isinstance(edge, Pick) else edge.round))
                 try:
                     realised[key] = self._step(stage, target, route, goal, edge)
                 except Stuck as stuck:

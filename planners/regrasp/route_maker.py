@@ -16,6 +16,7 @@ from planners.regrasp.grasp_layer import GraspLayer, LayerLoad
 from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
 from planners.regrasp.grasps import TOOL_FRAME, ToolGraspSettings
 from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.object_progress import Tell
 from planners.regrasp.suction_poses import SuctionPose
 from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_exchange import HandoverPlace
@@ -85,7 +86,13 @@ class RouteMaker:
         return RouteStart(nodes, rest.solutions, rest)
 
     def routes(
-        self, stage: ToolStage, target: MovedObject, poses: Sequence[SuctionPose], start: RouteStart, costs: RouteCosts
+        self,
+        stage: ToolStage,
+        target: MovedObject,
+        poses: Sequence[SuctionPose],
+        start: RouteStart,
+        costs: RouteCosts,
+        tell: Tell,
     ) -> Iterator[SuctionRoute]:
         """Yield all ways to move an object, one suction pose after the other; nothing of them is asked yet."""
         lift = self.settings.carry.lift * _UP
@@ -101,7 +108,7 @@ class RouteMaker:
             suction = GraspLayer(T_world_object @ pose.T_object_tool, here, lift, load)
             goals = tuple(GraspLayer(T @ pose.T_object_tool, there, lift, load) for T in target.goals)
             masks = (self._handover_masks(None), self._handover_masks(sucked))
-            yield SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers)
+            yield SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers, tell)
 
     def places(self, stage: ToolStage, receiver: HeldGrasp) -> list[HandoverPlace]:
         """Return where the holder can hand the tool to a receiver, those with the shortest way for both first."""

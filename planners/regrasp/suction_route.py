@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from planners.geometry.pose import Array, rotation_angle
 from planners.graph.rejections import Rejection
 from planners.regrasp.grasp_layer import GraspLayer, NodeMask
+from planners.regrasp.object_progress import ObjectStage, Tell
 from planners.regrasp.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
 from planners.regrasp.suction_poses import SuctionPose
 
@@ -48,6 +49,7 @@ class SuctionRoute:
         handovers: tuple[HandoverMasks, HandoverMasks],
         costs: RouteCosts,
         most_handovers: int,
+        tell: Tell,
     ) -> None:
         """Ask nothing yet.
 
@@ -58,10 +60,11 @@ class SuctionRoute:
             handovers: of the tool alone, and with the object.
             costs: what the sequences cost.
             most_handovers: in one round.
+            tell: told what is being done.
         """
         self.pose, self.start, self.costs = pose, start, costs
         self.suction, self.goals = layers
-        self._handovers, self._most = handovers, most_handovers
+        self._handovers, self._most, self.tell = handovers, most_handovers, tell
         self.tried: dict[Edge, Rejection | None] = {}
         """Edges whose motion was tried; those that failed are deleted, the reason says why."""
         self.sequences = 0
@@ -74,6 +77,7 @@ class SuctionRoute:
         key = (handovers, min(goals, len(self.goals)))
         if key not in self._graphs:
             self._ask(*key)
+            self.tell(ObjectStage.GRAPH)
             graph = RegraspGraph(self.start.nodes, self._rounds(key[1]), self._most)
             for edge, rejection in self.tried.items():
                 if rejection is not None:
@@ -122,9 +126,11 @@ class SuctionRoute:
         for _ in range(min(handovers, self._most)):
             before.append(_handed(before[-1], self._handovers[0]))
         for first in range(min(handovers, self._most) + 1):
+            self.tell(ObjectStage.FIRST_REGRASP)
             after = self.suction.ask(before[first])
             for _ in range(handovers - first):
                 after = _handed(after, self._handovers[1])
+            self.tell(ObjectStage.SECOND_REGRASP)
             if handovers - first <= self._most and after.any():
                 for goal in self.goal_order[:goals]:
                     self.goals[goal].ask(after)

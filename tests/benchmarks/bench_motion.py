@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import process_time
-from typing import cast
 
 import numpy as np
-from ompl import base as ob
-from ompl import geometric as og
-from ompl import util as ou
 
 from planners.collision.model import CollisionModel, CollisionQuery
 from planners.collision.placement import Fixed
@@ -24,12 +20,11 @@ from planners.motion.blended_path import BlendedPath
 from planners.motion.joint_metric import JointMetric
 from planners.motion.limits import JointLimits
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings, plan_motion
-from planners.motion.rrt_connect import TreeProblem, grow_trees
-from planners.motion.shortcut import shorten
 from planners.motion.timing import time_path
 from planners.motion.trajectory import Trajectory
 from planners.scene.arm import Arm
 from planners.scene.cell import Cell, load_cell
+from tests.benchmarks.path_shortening import lengths_shortened
 
 PROBLEMS_PER_ARM = 40
 MARGIN = 0.003
@@ -58,7 +53,8 @@ def measure() -> dict[str, float]:
     straight = [answer for answer in found if not answer.result.statistics.iterations]
     metric = JointMetric.from_velocity_limits(limits.velocity, 6)
     detours = [a.result.statistics.length / metric.length(_path(a)[[0, -1]]) for a in searched]
-    ours, ompls = np.array([_shortened_both_ways(answer, metric) for answer in searched]).T
+    shortened = [lengths_shortened(answer.query, _path(answer)[-1]) for answer in searched]
+    ours, ompls = np.array([lengths for lengths in shortened if lengths is not None]).T
     blends, laws, slowness = zip(*(_time(a, limits) for a in found), strict=True)
     return {
         "problems": float(len(queries)),
@@ -136,48 +132,3 @@ def _time(answer: Answer, limits: JointLimits) -> tuple[float, float, float]:
 def _straight(answer: Answer, limits: JointLimits) -> Trajectory:
     ends = _path(answer)[[0, -1]]
     return time_path(BlendedPath(ends, np.zeros(2)), limits)
-
-
-class _Validator(ob.MotionValidator):
-    def __init__(self, information: ob.SpaceInformation, answer: Answer, metric: JointMetric) -> None:
-        super().__init__(information)
-        self.checker, self.unit = answer.query.edge_checker, 1.0 / metric.weights
-
-    def checkMotion(self, state_from: ob.State, state_to: ob.State) -> bool:
-        q_from, q_to = _joints([state_from, state_to]) * self.unit
-        return self.checker.edge_free(q_from, q_to)
-
-
-def _shortened_both_ways(answer: Answer, metric: JointMetric) -> tuple[float, float]:
-    """Length of one raw path of RRT-Connect after our shortcuts, and after OMPL's simplifier found no more to do."""
-    query = answer.query
-    limit = np.full(6, 2.0 * np.pi)
-    problem = TreeProblem(query.edge_checker, query.start, _path(answer)[-1:], -limit, limit, metric)
-    raw = grow_trees(problem, step_max=MotionSettings().step_max, max_iterations=10_000, seed=1).path
-    assert raw is not None
-    ours = shorten(raw, query.edge_checker, metric, MotionSettings().shortcut_attempts, np.random.default_rng(0))
-    return metric.length(ours), metric.length(_simplified(raw, answer, metric))
-
-
-def _simplified(raw: Array, answer: Answer, metric: JointMetric) -> Array:
-    ou.setLogLevel(ou.LOG_NONE)
-    space = ob.RealVectorStateSpace(6)
-    space.setBounds(-7.0, 7.0)
-    information = ob.SpaceInformation(space)
-    information.setStateValidityChecker(ob.AllValidStateValidityChecker(information))
-    validator = _Validator(information, answer, metric)
-    information.setMotionValidator(validator)
-    information.setup()
-    path = og.PathGeometric(information)
-    for q in raw * metric.weights:
-        state = cast("ob.RealVectorStateType", information.allocState())
-        for i in range(6):
-            state[i] = float(q[i])
-        path.append(state)
-    ou.RNG.setSeed(1)
-    og.PathSimplifier(information).simplifyMax(path)
-    return _joints(path.getStates()) * validator.unit
-
-
-def _joints(states: list[ob.State]) -> Array:
-    return np.array([cast("ob.RealVectorStateType", state)[0:6] for state in states])

@@ -50,9 +50,9 @@ class TimedCertifier:
     ended: tuple[float, float] = (0.0, 0.0)
 
     def __call__(self, document: dict[str, Any], *known: Any) -> Certificate:
-        self.document, self.begun = document, _clocks()
+        self.document, self.begun = document, clocks()
         self.certificate = self.certify(document, *known)
-        self.ended = _clocks()
+        self.ended = clocks()
         return self.certificate
 
 
@@ -96,7 +96,7 @@ def _run(pipeline: Pipeline, body: dict[str, Any]) -> tuple[TimedCertifier, dict
     """Solve a task once, up to its certificate; a plan that fails it is timed all the same."""
     certifier = TimedCertifier(pipeline.certify)
     body = {**body, "options": {**body.get("options", {}), "simulate": False}}
-    begun = _clocks()
+    begun = clocks()
     try:
         replace(pipeline, certify=certifier).solve({"id": "benchmark", "task": body}, silent)
     except CertificateFailed:
@@ -116,5 +116,5 @@ def _stages(document: dict[str, Any], seconds: dict[str, float]) -> dict[str, fl
     return {"scene and document": seconds["planning"] - sum(stages.values()), **stages}
 
 
-def _clocks() -> tuple[float, float]:
+def clocks() -> tuple[float, float]:
     return perf_counter(), process_time()

@@ -8,12 +8,17 @@ from dataclasses import dataclass
 from tests.benchmarks import (
     bench_balance,
     bench_collision,
+    bench_handovers,
     bench_kinematics,
     bench_motion,
+    bench_piles,
     bench_processes,
     bench_search,
     bench_simulation,
+    bench_tool_motion,
 )
+from tests.benchmarks.load import LoadEffort
+from tests.benchmarks.random_piles import PILES, Pile
 from tests.benchmarks.tasks import SOLVABLE, TOO_HEAVY
 
 KERNELS: dict[str, Callable[[], dict[str, float]]] = {
@@ -39,12 +44,26 @@ class Effort:
     kernels: tuple[str, ...] = tuple(KERNELS)
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
+    soaks: tuple[tuple[str, bool, int, int], ...] = (("PostgreSQL", True, 500, 110), ("SQLite", False, 100, 25))
+    """Where, whether that is PostgreSQL, jobs, kills."""
+    load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
+    fuzz_cases: int = 20_000
+    piles: tuple[Pile, ...] = PILES
+    layouts: int = bench_piles.LAYOUTS
+    """Of each pile."""
+    handover_tasks: tuple[str, ...] = bench_handovers.TISSUE_TASKS
+    tool_tasks: tuple[str, ...] = bench_tool_motion.TASKS
+    resumed: bool = True
+    """Whether layouts that a stopped run had planned with the same code are not planned again."""
     frames: int = 200
+    """Of each kind, for perception."""
 
 
 FULL = Effort()
 QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
-    kernels=("kinematics",), service=False, lifters=1, frames=5,
+    kernels=("kinematics",), service=False, lifters=1, frames=5, piles=PILES[1:2], layouts=1,
+    handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
+    fuzz_cases=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

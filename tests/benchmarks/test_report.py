@@ -26,7 +26,16 @@ SECTIONS = {
         "What the controller is worth",
         "Fig. 12 and 13: forces while lifting",
     ),
+    "The suction tool": (
+        "Aimed at and reached",
+        "Random layouts",
+        "Table I: planning by object and round",
+        "Table II: the long tool and the short one",
+        "Handover databases, cold and warm",
+        "Quality of motion",
+    ),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
+    "The service: faults, load, bad input": ("Aimed at and reached",),
 }
 
 

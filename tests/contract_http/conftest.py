@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import pytest
-import uvicorn
 from support.service import FAKE_SOLVER
+from support.serving import served
 
-from app.create_app import create_app
 from app.settings import ServiceSettings
 
 MAX_QUEUED = 12
@@ -20,23 +17,11 @@ MAX_QUEUED = 12
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Serve in a thread, so that a test sees what really goes over the wire.
-
-    Not for longer than needed: the job engine draws random numbers, which tests of properties must not see.
-    """
+    """Serve without keys."""
     data_dir: Path = tmp_path_factory.mktemp("data")
     settings = ServiceSettings(data_dir=data_dir, solver_command=FAKE_SOLVER, worker_slots=1, max_queued=MAX_QUEUED)
-    app = create_app(settings, with_worker=True)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, http="h11", log_level="warning", timeout_graceful_shutdown=1))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    while not server.started:
-        assert thread.is_alive()
-        time.sleep(0.02)
-    yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
-    server.should_exit = True
-    thread.join(timeout=30)
-    assert not thread.is_alive()
+    with served(settings) as address:
+        yield address
 
 
 @pytest.fixture

@@ -245,10 +245,10 @@ def test_what_does_not_exist_is_a_404_as_problem_json(client: httpx.Client, path
 @pytest.mark.parametrize(
     ("path", "allowed"),
     [
-        ("/v1/plans", "GET, POST"),
-        ("/v1/plans/some", "DELETE, GET"),
+        ("/v1/plans", "GET, HEAD, POST"),
+        ("/v1/plans/some", "DELETE, GET, HEAD"),
         ("/v1/plans/some/cancel", "POST"),
-        ("/livez", "GET"),
+        ("/livez", "GET, HEAD"),
     ],
 )
 def test_a_wrong_method_is_told_which_ones_are_right(

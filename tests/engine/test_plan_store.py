@@ -12,8 +12,13 @@ from support.service import task
 from workers.database import open_database
 from workers.job_queue import JobQueue
 from workers.job_state import JobState
+from workers.packed_document import PackedDocument
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
+
+
+def packed(content: bytes) -> PackedDocument:
+    return PackedDocument("solved", "0" * 64, content, {"search": 0.5})
 
 
 @pytest.fixture
@@ -38,7 +43,7 @@ def test_one_key_makes_one_plan_however_many_ask_at_once(desk: tuple[PlanStore, 
     with ThreadPoolExecutor(8) as pool:
         records = list(pool.map(lambda _: store.accept(task(), "key", queue), range(16)))
     assert len({record.id for record in records}) == 1
-    assert len(queue.unfinished(100)) == 1
+    assert queue.depth(100).total == 1
 
 
 def test_pages_hold_every_plan_once(desk: tuple[PlanStore, JobQueue]) -> None:
@@ -56,7 +61,7 @@ def test_events_are_numbered_from_one_and_shown_as_progress(desk: tuple[PlanStor
     store, queue = desk
     plan_id = store.accept(task(), None, queue).id
     for fraction in (0.1, 0.2, 0.3):
-        store.add_event(plan_id, {"stage": "search", "fraction": fraction})
+        store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": fraction})
     assert [number for number, _ in store.events_after(plan_id, 0)] == [1, 2, 3]
     assert [event["fraction"] for _, event in store.events_after(plan_id, 1)] == [0.2, 0.3]
     record = store.get(plan_id)
@@ -67,10 +72,10 @@ def test_events_are_numbered_from_one_and_shown_as_progress(desk: tuple[PlanStor
 def test_what_is_written_for_a_deleted_plan_is_dropped(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
     plan_id = store.accept(task(), None, queue).id
-    store.save_document(plan_id, "solved", "0" * 64, b"packed")
+    store.save_document(plan_id, 0, packed(b"first"))
     store.delete(plan_id)
-    store.add_event(plan_id, {"stage": "search", "fraction": 0.5})
-    store.save_document(plan_id, "solved", "0" * 64, b"packed")
+    store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": 0.5})
+    store.save_document(plan_id, 0, packed(b"first"))
     assert store.get(plan_id) is None
     assert store.events_after(plan_id, 0) == []
     assert store.document(plan_id) is None
@@ -80,8 +85,8 @@ def test_what_is_written_for_a_deleted_plan_is_dropped(desk: tuple[PlanStore, Jo
 def test_a_later_document_replaces_an_earlier_one(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
     plan_id = store.accept(task(), None, queue).id
-    for packed in (b"first", b"second"):
-        store.save_document(plan_id, "solved", "0" * 64, packed)
+    for content in (b"first", b"second"):
+        assert store.save_document(plan_id, 0, packed(content))
     document = store.document(plan_id)
     assert document is not None
     assert document.gzip == b"second"

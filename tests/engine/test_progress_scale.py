@@ -8,7 +8,11 @@ from workers.progress_scale import STAGE_SHARES, ProgressScale
 
 TASKS = [{"kind": "plate_lift"}, {"kind": "suction_tool", "objects": [{}, {}, {}]}]
 STAGES = sorted({stage for shares in STAGE_SHARES.values() for stage in shares})
-NAMED = [f"{stage} {name}" for stage in ("suction", "first regrasp", "second regrasp", "motion") for name in ("a", "b", "c", "d")]
+NAMED = [
+    f"{stage} {name}"
+    for stage in ("suction", "first regrasp", "second regrasp", "motion")
+    for name in ("a", "b", "c", "d")
+]
 REPORTS = st.lists(
     st.tuples(st.sampled_from([*STAGES, *NAMED, "unheard of"]), st.integers(0, 10**6), st.integers(0, 10**6))
 )

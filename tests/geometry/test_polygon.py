@@ -1,10 +1,10 @@
-"""Convex polygons against scipy's hulls."""
+"""Convex polygons against scipy's hulls and halfspace intersections."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from planners.geometry.polygon import (
     ShapeError,
@@ -13,6 +13,7 @@ from planners.geometry.polygon import (
     convex_outline,
     depth_inside,
     inward_normals,
+    overlap,
     segment_distance,
     side_directions,
     side_lengths,
@@ -22,6 +23,11 @@ from planners.geometry.polygon import (
 def random_outline(seed: int) -> np.ndarray:
     points = np.random.default_rng(seed).normal(size=(12, 2))
     return convex_outline(points[ConvexHull(points).vertices])
+
+
+def halfspaces(outline: np.ndarray) -> np.ndarray:
+    normals = -inward_normals(outline)
+    return np.column_stack([normals, -np.sum(normals * outline, axis=1)])
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -47,6 +53,34 @@ def test_sides_close_and_normals_point_at_the_inside(seed):
     middles = outline + 0.5 * sides
     assert np.all(depth_inside(outline, middles + 1e-6 * inward_normals(outline)) > 0.0)
     assert np.all(depth_inside(outline, middles - 1e-6 * inward_normals(outline)) < 0.0)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_overlap_is_the_intersection_of_the_halfspaces(seed):
+    one, other = random_outline(seed), random_outline(seed + 100) + 0.3
+    expected = HalfspaceIntersection(np.vstack([halfspaces(one), halfspaces(other)]), np.zeros(2) + 0.15)
+    hull = ConvexHull(np.unique(np.round(expected.intersections, 9), axis=0))
+    corners = overlap(one, other)
+    assert area(corners) == pytest.approx(hull.volume)
+    assert np.min(depth_inside(one, corners)) > -1e-9
+    assert np.min(depth_inside(other, corners)) > -1e-9
+
+
+def test_overlap_of_polygons_that_are_apart_is_empty():
+    outline = random_outline(0)
+    assert len(overlap(outline, outline + 100.0)) == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_overlap_of_a_polygon_with_itself_is_itself(seed):
+    outline = random_outline(seed)
+    assert overlap(outline, outline) == pytest.approx(outline)
+
+
+def test_overlap_with_a_polygon_around_it_is_the_polygon_itself():
+    outline = random_outline(1)
+    around = convex_outline([[-9, -9], [9, -9], [9, 9], [-9, 9]])
+    assert overlap(outline, around) == pytest.approx(outline)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,8 @@ import psutil
 import pytest
 from support.service import FAKE_SOLVER, ROOT, wait_for
 
-from workers.solver import OnReport, PackedDocument, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
+from workers.packed_document import PackedDocument
+from workers.solver import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver_protocol import Report, Request
 
 COMMAND = SolverCommand(FAKE_SOLVER, {})

@@ -14,7 +14,7 @@ from planners.geometry.pose import Array, inverse, rotation_from_vector, transfo
 from planners.motion.trajectory import Trajectory
 from planners.regrasp.hold_statics import HoldStatics, UnheldError
 from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
-from planners.scene.scene import build_scene
+from planners.scene.tool_scene import build_tool_scene
 from planners.segment import SegmentKind
 
 GRAVITY = 9.81
@@ -30,7 +30,8 @@ def hold(arm: str, height: float) -> ToolHold:
 
 def statics(**members: Any) -> HoldStatics:
     task = read_task({"kind": "suction_tool", "objects": [block(**members)]})
-    return HoldStatics(build_scene(task))
+    assert task.kind == "suction_tool"
+    return HoldStatics(build_tool_scene(task))
 
 
 def on_top(held: HoldStatics) -> Array:
@@ -56,7 +57,7 @@ def segment(
     made = ToolSegment(
         kind=kind,
         movers=("left",),
-        trajectory=Trajectory(time, zeros, zeros, zeros, time),
+        trajectory=Trajectory(time.astype(np.float64), zeros, zeros, zeros, time.astype(np.float64)),
         widths={arm: np.full(n, 0.018) for arm in ("left", "right")},
         holds=members.get("holds", (hold("left", 0.12),)),
         sucked=SuckedObject("block", T_tool_block),
@@ -181,7 +182,7 @@ def test_two_hands_squeeze_alike_and_less_than_one() -> None:
     def squeezes(made: ToolSegment) -> list[float]:
         forces = [f for s in held.sets(made, places) if s.body == "tool" and s.sample == 0 for f in s.forces]
         arms = sorted({f.by for f in forces if f.kind == "soft_finger"})
-        return [max(f.wrench[:3] @ f.normal for f in forces if f.by == arm) for arm in arms]
+        return [max(float(f.wrench[:3] @ f.normal) for f in forces if f.by == arm) for arm in arms]
 
     (alone,), (left, right) = squeezes(one), squeezes(both)
     assert left == pytest.approx(right, rel=1e-6)

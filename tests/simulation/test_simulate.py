@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.contract.plan_document import Simulation
+from planners.contract.plan_document import LiftSimulation
 from planners.progress import silent
 from workers.simulation.reference import PlanReference
 from workers.simulation.settings import SimulationSettings
@@ -29,7 +29,7 @@ def test_the_plate_is_lifted_behind_an_uneven_lifter(run) -> None:
 
 
 def test_the_document_is_what_the_contract_says(run) -> None:
-    Simulation.model_validate(run.simulation)
+    LiftSimulation.model_validate(run.simulation)
     for each in run.simulation["force_curves"]:
         assert len(each["time"]) == len(each["value"])
         assert np.all(np.diff(each["time"]) > 0.0)

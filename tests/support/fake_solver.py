@@ -1,7 +1,8 @@
 """A solver process whose answers are made up: the real machinery of processes around a function of a few lines.
 
 What it does is told by the task's `external_id`: `steps-5` takes five steps, `hang` never ends, `die` kills itself,
-`fail` raises, `child` starts a process of its own and hangs; anything else is answered at once.
+`fail` raises, `eat` takes 64 GiB, `child` starts a process of its own and hangs; anything else is answered at once.
+An argument `fail` has every task fail.
 """
 
 from __future__ import annotations
@@ -21,10 +22,13 @@ STEP_SECONDS = 0.05
 
 
 def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[str, Any]:
-    wish = str(request["task"].get("external_id"))
+    wish = "fail" if "fail" in sys.argv else str(request["task"].get("external_id"))
     progress("scene", 1, 1)
     if wish == "die":
         os.kill(os.getpid(), signal.SIGKILL)
+    if wish == "eat":
+        eaten = [bytearray(2**26) for _ in range(2**10)]
+        raise AssertionError(f"{len(eaten)} bites of 64 MiB fitted in")
     if wish == "fail":
         raise ValueError("the fake solver was told to fail")
     if wish == "child":

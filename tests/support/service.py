@@ -19,7 +19,7 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS = ROOT / "assets" / "tasks"
-FAKE_SOLVER = (sys.executable, str(Path(__file__).with_name("fake_solver.py")))
+FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
 STARTUP_SECONDS = 900.0
 
 
@@ -29,9 +29,17 @@ def task(name: str = "ab1.json", **members: Any) -> dict[str, Any]:
 
 
 class ServiceProcess:
-    """`liftwright serve` in a process of its own."""
+    """`liftwright serve`, or `liftwright api`, in a process of its own."""
 
-    def __init__(self, data_dir: Path, solver: tuple[str, ...] | None, **settings: Any) -> None:
+    def __init__(
+        self,
+        data_dir: Path,
+        solver: tuple[str, ...] | None,
+        command: str = "serve",
+        module: str = "app.cli",
+        **settings: Any,
+    ) -> None:
+        self._command, self._module = command, module
         self._environment = {f"LIFTWRIGHT_{name.upper()}": str(value) for name, value in settings.items()}
         if solver is not None:
             self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
@@ -43,9 +51,9 @@ class ServiceProcess:
 
     def start(self) -> Self:
         """Start, and wait until it is ready."""
-        words = ["serve", "--port", str(self.port), "--data-dir", str(self._data_dir)]
+        words = [self._command, "--port", str(self.port), "--data-dir", str(self._data_dir)]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", *words], cwd=ROOT, env={**os.environ, **self._environment}
+            [sys.executable, "-m", self._module, *words], cwd=ROOT, env={**os.environ, **self._environment}
         )
         wait_for(self._ready, STARTUP_SECONDS)
         return self

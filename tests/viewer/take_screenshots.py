@@ -25,6 +25,15 @@ SHOTS = {
         "ab1",
         "player.choose('simulation'), player.seek(0.9 * player.source.duration), player.panel.open('Lift')",
     ),
+    "viewer-suction": (
+        "domino_pile",
+        "player.panel.open('Regrasp'),"
+        "player.seek(player.source.segments.find(({ kind }) => kind === 'handover').start)",
+    ),
+    "viewer-regrasp": (
+        "domino_pile",
+        "player.panel.open('Regrasp'), player.panel.regrasp.choose('domino_2'), player.panel.regrasp.toggle(true)",
+    ),
 }
 """Name of the picture: task, and what is done in its page."""
 

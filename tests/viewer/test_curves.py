@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from viewer.conftest import contact, lift, segment, set_curve, simulation
 
-from app.viewer.curves import Chart, Series, dips, planned_charts, simulated_charts
+from app.viewer.curves import Chart, Series
+from app.viewer.lift_curves import dips, planned_charts, simulated_charts
 from app.viewer.timeline import Timeline
 
 

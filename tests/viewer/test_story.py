@@ -48,7 +48,7 @@ def test_a_simulation_that_fails_on_the_way_ends_where_something_gave_way(planne
         ("transit", 1.0),
         ("transfer", 1.4),
     ]
-    assert told["simulation"]["lifted"] is False
+    assert told["simulation"]["good"] is False
     assert "1.40 s" in told["simulation"]["sentence"]
     assert "the tip slid off" in told["simulation"]["sentence"]
 
@@ -76,3 +76,12 @@ def test_forces_at_the_nodes_are_compared_by_their_sizes(planned: dict[str, Any]
     planned["simulation"] = simulation(8.0, lift=lift(3.5))
     planned["simulation"]["manipulation"]["nodes"] = [node]
     assert story(planned)["simulation"]["nodes"][0]["forces"] == [["left hand", "5.0", "10.0"]]
+
+
+def test_the_time_that_planning_took_is_without_certificate_and_simulation(planned: dict[str, Any]) -> None:
+    stages = {"scene": 0.25, "search": 1.5, "certify": 4.0, "simulate": 8.0}
+    planned["statistics"] |= {
+        "total_seconds": 13.75,
+        "stages": [{"name": name, "seconds": seconds} for name, seconds in stages.items()],
+    }
+    assert ["planned in", "1.75 s"] in story(planned)["highlights"]

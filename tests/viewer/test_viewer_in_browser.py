@@ -44,11 +44,14 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess
 
 @pytest.fixture(scope="module")
 def plans(service: ServiceProcess) -> dict[str, dict[str, Any]]:
-    """Return finished plans: one with its simulation, one without, and one that cannot be."""
+    """Return finished plans: a lift with its simulation, one without, one that cannot be, and one of a suction tool."""
     bodies = {
         "pb1": task("pb1.json"),
         "planned only": task("pb1.json", external_id="planned only", options={"simulate": False}),
         "pb1_weak_cup": task("pb1_weak_cup.json"),
+        "one domino": task(
+            "domino_pile.json", external_id="one domino", objects=task("domino_pile.json")["objects"][:1]
+        ),
     }
     with service.client() as client:
         posted = {name: client.post("/v1/plans", json=body).json() for name, body in bodies.items()}
@@ -329,6 +332,57 @@ def test_neither_a_plan_deleted_while_watched_nor_a_watcher_who_leaves_harms_any
     stays = settled(page)
     drag_to(page, 0.7)
     wait_until_it_differs(page, stays)
+
+
+@pytest.fixture(scope="module")
+def suction_page(loaded_page: Page) -> Page:
+    """Return the window with the plan of the suction tool, loaded in place of the lift."""
+    loaded_page.locator("#plan-list li", has_text="one domino").click()
+    wait_for_plan(loaded_page, "one domino")
+    return loaded_page
+
+
+def test_a_suction_tool_plan_plays_with_its_object_and_curves(suction_page: Page) -> None:
+    page = suction_page
+    before, lines = settled(page), now_lines(page)
+    assert text(page, "#states").strip() == "domino 1"
+    titles = page.eval_on_selector_all(".chart h3", "found => found.map((title) => title.firstChild.textContent)")
+    assert titles == ["Suction cup, used of what it bears", "Finger squeeze needed", "Fastest joint, of its limit"]
+    page.evaluate("player.seek(player.source.segments.find(({ words }) => words.includes('lifts domino')).end)")
+    assert "domino 1" in text(page, "#now")
+    wait_until_it_differs(page, before)
+    assert all(later > earlier + 20 for earlier, later in zip(lines, now_lines(page), strict=True))
+    carried = settled(page)
+    page.locator("#source-simulation").click()
+    page.keyboard.press("End")
+    assert text(page, "#ending").lower().startswith("done")
+    wait_until_it_differs(page, carried)
+    page.evaluate("player.choose('plan'); player.seek(0)")
+
+
+def test_what_was_considered_is_told_and_drawn_on_demand(
+    suction_page: Page, service: ServiceProcess, plans: dict[str, Any]
+) -> None:
+    page, considered = suction_page, document_of(service, plans["one domino"])["statistics"]["considered"]
+    page.get_by_role("tab", name="Regrasp").click()
+    good = sum(place["reason"] is None for place in considered["places"]["domino_1"])
+    assert page.locator(".tally li").first.inner_text().split() == ["good", str(good)]
+    page.keyboard.press("r")
+    graph = considered["regrasp_graphs"][-1]
+    assert page.locator("#graph path.chosen").count() == len(graph["sequence"])
+    dots = len(considered["tool_grasps"]["widths"]) * 2
+    visited = 2 * len(graph["sequence"]) - 1
+    columns = page.locator("#graph text.title").count()
+    assert page.locator("#graph circle").count() == dots * columns + visited
+    page.keyboard.press("Escape")
+    assert not page.locator("#graph").is_visible()
+    page.get_by_role("tab", name="View").click()
+    page.get_by_role("button", name="Close").click()
+    for layer in ("places", "grasps"):
+        plain = settled(page)
+        page.locator(f"#layer-{layer}").click()
+        wait_until_it_differs(page, plain, LAYER_SHARE)
+        page.locator(f"#layer-{layer}").click()
 
 
 def test_a_recording_plays_plan_and_simulation_with_no_server(

@@ -52,7 +52,7 @@ def _link(arm: Arm, number: int, T_link_frame: Transform, folder: Path) -> str:
     if number == 6:
         hulls |= {name: hull_with_faces(points) for name, points in _hand_points(arm)}
         masses.append((arm.hand.mass, arm.hand.com))
-    names = [_write_hull(hull, T_link_frame, folder / f"{arm.name}_{name}.obj") for name, hull in hulls.items()]
+    names = [write_hull(hull, T_link_frame, folder / f"{arm.name}_{name}.obj") for name, hull in hulls.items()]
     shapes = "".join(
         f"<collision><geometry><mesh filename={quoteattr(name)}/></geometry></collision>" for name in names
     )
@@ -101,7 +101,8 @@ def _inertial(masses: list[tuple[float, Array]], T_link_frame: Transform) -> str
     )
 
 
-def _write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:
+def write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:
+    """Write a hull, moved into a link's frame, as an OBJ file and return the file's name."""
     vertices = hull[0] @ T_link_frame[:3, :3].T + T_link_frame[:3, 3]
     lines = [f"v {_three(vertex)}" for vertex in vertices]
     lines += ["f " + " ".join(str(index + 1) for index in face) for face in hull[1]]

@@ -72,7 +72,7 @@ class Execution:
         self._steps = 0
         self._corrections = np.zeros(12)
 
-    def run(self, progress: Progress) -> Failure | None:
+    def run(self, progress: Progress) -> Failure[SimulationOutcome] | None:
         """Execute everything; return what gave way, None when the plate was lifted."""
 
         def report() -> None:
@@ -89,7 +89,7 @@ class Execution:
             return 0.5 * self.time / (self.reference.duration + self.settings.settle)
         return 0.5 + 0.5 * (self.time - self.lift.begin) / (self.lift.end - self.lift.begin)
 
-    def _manipulate(self, report: Callable[[], None]) -> Failure | None:
+    def _manipulate(self, report: Callable[[], None]) -> Failure[SimulationOutcome] | None:
         while self.time < self.reference.duration - 0.5 * self.settings.step:
             moment = self.reference.at(self.time)
             failure = self._manipulate_step(moment, {name: moment.wrench(name) for name in ("left", "right", "cup")})
@@ -100,7 +100,7 @@ class Execution:
             report()
         return None
 
-    def _settle(self, report: Callable[[], None]) -> Failure | None:
+    def _settle(self, report: Callable[[], None]) -> Failure[SimulationOutcome] | None:
         """Let the hands take on the goal forces of the lift while the plate hangs still, and prepare the lift."""
         moment = self.reference.at(self.reference.duration)
         forces = LiftForces.find(self.scene, moment.rotation_world_plate, self.gripping, self.pushing)
@@ -118,7 +118,7 @@ class Execution:
         self._prepare_lift(forces, moment)
         return None
 
-    def _manipulate_step(self, moment: Moment, wanted: Mapping[str, Array | None]) -> Failure | None:
+    def _manipulate_step(self, moment: Moment, wanted: Mapping[str, Array | None]) -> Failure[SimulationOutcome] | None:
         """Take one step along the plan with the wrenches (6,) that arms and "cup" are told to exert."""
         plate, step = self.world.plate_motion(), self.settings.step
         ahead = self.reference.at(self.time + step)
@@ -146,7 +146,7 @@ class Execution:
         self.lifter.hang(plate, forces.wrenches["cup"][3:])
         self._place0, self._R0 = self.lifter.place(plate)[0], plate[0]
 
-    def _follow(self, report: Callable[[], None]) -> Failure | None:
+    def _follow(self, report: Callable[[], None]) -> Failure[SimulationOutcome] | None:
         """Let the winch go up, and the hands after it."""
         lift = self.lift
         assert lift is not None
@@ -166,7 +166,9 @@ class Execution:
             report()
         return None
 
-    def _step(self, positions: Array, velocities: Array, cup_wrench: Array, stage: Stage) -> Failure | None:
+    def _step(
+        self, positions: Array, velocities: Array, cup_wrench: Array, stage: Stage
+    ) -> Failure[SimulationOutcome] | None:
         """Let hands and cup act for one step, drive the joints, and look for what gave way."""
         world = self.world
         plate = world.plate_motion()

@@ -60,7 +60,7 @@ class NodeComparison:
         self._recent.append(forces)
         if time + self._step <= self._end(moment):
             return
-        number = int(moment.reference.stage_of[moment.low])
+        number = int(moment.reference.segment_of[moment.low])
         if not self.nodes or self.nodes[-1].segment != number:
             planned = moment.planned_forces()
             simulated = {name: np.mean([row[name] for row in self._recent], axis=0) for name in planned}

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, from_pose7
+from workers.simulation.sampled_plan import SampledPlan, between
 
 LEAD = 0.3
 """The lifter begins to change its pull so long before the plan has it change [s]."""
@@ -35,18 +36,11 @@ class Stage:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanReference:
-    """The whole plan on one time axis. Rows are samples; a segment's last equals the next one's first."""
+class PlanReference(SampledPlan):
+    """The whole plan of a lift on one time axis."""
 
-    time: Array
-    """(n,) [s]"""
-    positions: Array
-    velocities: Array
-    """(n, 12) [rad, rad/s]"""
     T_world_plate: Array
     """(n, 4, 4)"""
-    stage_of: NDArray[np.int64]
-    """(n,) number of the stage that a sample belongs to."""
     stages: tuple[Stage, ...]
     planned: Mapping[str, Array]
     """By `BEARERS`: (n, 6) on the plate about the middle of its contacts, world axes; NaN: touches nothing."""
@@ -59,6 +53,7 @@ class PlanReference:
     def of(cls, document: Mapping[str, Any], pad: Array) -> Self:
         """Read a solved plan document; `pad` is the pad's centre (3,) in the plate's frame [m]."""
         segments = document["segments"]
+        samples = SampledPlan.joined(segments)
         sizes = [len(segment["time"]) for segment in segments]
         poses, plate = [], from_pose7(document["bodies"]["plate"]["pose"])
         for segment, size in zip(segments, sizes, strict=True):
@@ -66,35 +61,23 @@ class PlanReference:
             poses.append(np.repeat(plate[None], size, axis=0) if rows is None else np.array([*map(from_pose7, rows)]))
             plate = poses[-1][-1]
         T_world_plate = np.concatenate(poses)
-        time = np.concatenate([segment["time"] for segment in segments])
         planned = {name: np.concatenate([_wrenches(segment, name) for segment in segments]) for name in BEARERS}
-        wrenches = planned | {"cup": _begun_before(time, planned["cup"], np.cumsum(sizes)[:-1])}
+        wrenches = planned | {"cup": _begun_before(samples.time, planned["cup"], np.cumsum(sizes)[:-1])}
         return cls(
-            time=time,
-            positions=np.concatenate([segment["positions"] for segment in segments]),
-            velocities=np.concatenate([segment["velocities"] for segment in segments]),
+            time=samples.time,
+            positions=samples.positions,
+            velocities=samples.velocities,
+            segment_of=samples.segment_of,
             T_world_plate=T_world_plate,
-            stage_of=np.repeat(np.arange(len(segments)), sizes),
             stages=tuple(_stage(segment) for segment in segments),
             planned=planned,
             wrenches=wrenches,
             cup_points=T_world_plate[:, :3, :3] @ pad + T_world_plate[:, :3, 3],
         )
 
-    @property
-    def duration(self) -> float:
-        """Of the whole manipulation [s]."""
-        return float(self.time[-1])
-
     def at(self, time: float) -> Moment:
         """Return what should be at a time [s], held after the end."""
-        last = len(self.time) - 1
-        low = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last))
-        # Samples on both sides of a segment's border have the same time: never interpolate over one.
-        high = low + 1 if low < last and self.stage_of[low + 1] == self.stage_of[low] else low
-        width = self.time[high] - self.time[low]
-        part = float(min(max((time - self.time[low]) / width, 0.0), 1.0)) if width > 0.0 else 0.0
-        return Moment(self, low, high, part)
+        return Moment(self, *self.locate(time))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +92,7 @@ class Moment:
     @property
     def stage(self) -> Stage:
         """The segment that it is in."""
-        return self.reference.stages[self.reference.stage_of[self.low]]
+        return self.reference.stages[self.reference.segment_of[self.low]]
 
     @property
     def positions(self) -> Array:
@@ -150,7 +133,7 @@ class Moment:
         return {name: force for name, force in forces.items() if not np.isnan(force[0])}
 
     def _between(self, rows: Array) -> Array:
-        return (1.0 - self.part) * rows[self.low] + self.part * rows[self.high]
+        return between(rows, (self.low, self.high, self.part))
 
 
 _STANDS = ("support", "environment")

@@ -65,11 +65,12 @@ def simulate(
     return _document(execution, failure, seed)
 
 
-def _document(execution: Execution, failure: Failure | None, seed: int) -> dict[str, Any]:
+def _document(execution: Execution, failure: Failure[SimulationOutcome] | None, seed: int) -> dict[str, Any]:
     scene = execution.scene
     weight = (scene.plate.mass or 0.0) * float(-scene.cell.gravity[2])
     least = weight - scene.cup.max_force
     return {
+        "kind": "plate_lift",
         "outcome": (SimulationOutcome.LIFTED if failure is None else failure.outcome).value,
         "time": round(execution.time, _DIGITS),
         "cause": None if failure is None else failure.cause,

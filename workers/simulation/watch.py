@@ -29,7 +29,7 @@ class Watch:
         self._limit = settings.hand.overload * hand_limit
         self._overloaded = 0.0
 
-    def look(self, stage: Stage, time: float, turned: float) -> Failure | None:
+    def look(self, stage: Stage, time: float, turned: float) -> Failure[SimulationOutcome] | None:
         """Return what gave way in the last step, None if nothing did.
 
         Args:

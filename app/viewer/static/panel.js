@@ -2,12 +2,16 @@
 "use strict";
 
 const LAYERS = [
-  ["forces", "Contact forces, 10 mm/N", "F", true],
+  ["forces", "Contact forces", "F", true],
   ["cones", "Friction cones", "C", false],
   ["frames", "Frames of hands, body", "A", false],
   ["start", "Ghost of the start", "S", false],
   ["goal", "Ghost of the goal", "G", false],
+  ["places", "Places of the cup considered", "V", false],
+  ["grasps", "Grasps considered", "H", false],
 ];
+/** Layers that only plans of suction tools have. */
+const SIGNS = ["places", "grasps"];
 const KEYS = [
   ["play, pause", "Space"], ["0.2 s back, on", "← →"], ["2 s back, on", "Shift ← →"],
   ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation", "P"], ["slower, faster", "- +"],
@@ -19,19 +23,25 @@ class Panel {
   constructor(setLayer) {
     this.setLayer = setLayer;
     this.visible = Object.fromEntries(LAYERS.map(([name, , , first]) => [name, first]));
-    this.tabs = { View: (s) => this.view(s), Lift: (s) => this.lift(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
+    this.tabs = { View: (s) => this.view(s), Regrasp: (s) => this.regrasp.panel(s), Lift: (s) => this.executed(s), Physics: (s) => this.executed(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
     this.current = "View";
-    const bar = document.getElementById("tabs");
-    for (const name of Object.keys(this.tabs)) {
-      const tab = element("button", { textContent: name, onclick: () => this.open(name) });
-      tab.setAttribute("role", "tab");
-      bar.append(tab);
-    }
+    this.regrasp = new Regrasp(document.getElementById("graph"));
   }
 
   show(story) {
     this.story = story;
-    this.open(this.current);
+    this.regrasp.show(story);
+    document.getElementById("tabs").replaceChildren(...story.tabs.map((name) => {
+      const tab = element("button", { textContent: name, onclick: () => this.open(name) });
+      tab.setAttribute("role", "tab");
+      return tab;
+    }));
+    this.open(story.tabs.includes(this.current) ? this.current : "View");
+  }
+
+  /** Layers that this plan has. */
+  get layerRows() {
+    return LAYERS.filter(([name]) => !SIGNS.includes(name) || this.story?.considered);
   }
 
   open(name) {
@@ -73,26 +83,27 @@ class Panel {
 
   layers() {
     const list = element("div", { className: "layers" });
-    for (const [name, words, key] of LAYERS) {
+    for (const [name, words, key] of this.layerRows) {
+      const scale = name === "forces" ? `, ${this.story.force_scale} mm/N` : "";
       const box = element("input", { type: "checkbox", id: `layer-${name}`, checked: this.visible[name] });
       box.onchange = () => this.toggle(name);
       // Of a pointer, not of a key: the next press of Space is to play.
       box.onclick = (event) => event.detail && box.blur();
-      list.append(element("label", {}, box, words, element("kbd", { textContent: key })));
+      list.append(element("label", {}, box, words + scale, element("kbd", { textContent: key })));
     }
     return list;
   }
 
-  lift({ simulation }) {
+  executed({ simulation }) {
     if (!simulation) return [quiet("This plan was not simulated.")];
-    const verdict = element("p", { className: `verdict ${simulation.lifted ? "good" : "bad"}` },
+    const verdict = element("p", { className: `verdict ${simulation.good ? "good" : "bad"}` },
       element("b", { textContent: simulation.words }), simulation.sentence);
     const model = element("ul", { className: "model" }, ...simulation.model.map((words) => element("li", { textContent: words })));
     return [verdict, ...tables(simulation.figures), ...comparison(simulation.nodes), heading("What is modelled"), model];
   }
 
   figures(story) {
-    return tables(story.figures);
+    return [...tables(story.figures), ...(story.tabs.includes("Rejected") ? [] : this.rejected(story))];
   }
 
   rejected(story) {

@@ -50,6 +50,7 @@ class Player {
     this.panel.show(story);
     this.headline();
     document.getElementById("sources").hidden = !story.sources.simulation;
+    document.getElementById("source-simulation").textContent = story.simulation_words;
     this.choose("plan");
   }
 
@@ -74,7 +75,7 @@ class Player {
     const simulated = document.getElementById("simulated");
     simulated.hidden = !simulation;
     if (simulation) {
-      const className = `badge ${simulation.lifted ? "solved" : "failed"}`;
+      const className = `badge ${simulation.good ? "solved" : "failed"}`;
       Object.assign(simulated, { className, textContent: `simulated: ${simulation.words}`, title: simulation.sentence });
     }
     document.getElementById("highlights").replaceChildren(
@@ -112,7 +113,7 @@ class Player {
   /** At the plan's end, go on with the lift that was simulated. */
   goOn() {
     const { simulation } = this.story.sources;
-    if (this.sourceName !== "plan" || !simulation || simulation.duration <= this.time) return false;
+    if (this.sourceName !== "plan" || !simulation?.segments.some(({ kind }) => kind === "lift")) return false;
     this.choose("simulation");
     return true;
   }
@@ -148,6 +149,7 @@ class Player {
   /** Say which segment runs. */
   caption(segment) {
     this.captioned = segment;
+    this.panel.regrasp.follow(segment?.state);
     const now = document.getElementById("now");
     if (!segment) return now.replaceChildren();
     const { kind, words, state, hold } = segment;
@@ -161,8 +163,8 @@ class Player {
     const ending = document.getElementById("ending");
     ending.hidden = !ended;
     if (!ended) return;
-    const { words, lifted, sentence } = this.story.simulation;
-    ending.className = lifted ? "good" : "bad";
+    const { words, good, sentence } = this.story.simulation;
+    ending.className = good ? "good" : "bad";
     ending.replaceChildren(element("b", { textContent: capitalised(words) }), sentence);
   }
 
@@ -183,11 +185,13 @@ class Player {
       "]": () => this.jump(1),
       "+": () => faster(1),
       "-": () => faster(-1),
+      r: () => this.panel.regrasp.toggle(),
+      Escape: () => this.panel.regrasp.toggle(false),
       p: () => this.choose(this.sourceName === "plan" ? "simulation" : "plan"),
     };
     if (this.scene.look) VIEWS.forEach((view, index) => (actions[index + 1] = () => this.scene.look(view)));
     if (this.panel.setLayer)
-      for (const [name, , key] of LAYERS) actions[key.toLowerCase()] = () => this.panel.toggle(name);
+      for (const [name, , key] of this.panel.layerRows) actions[key.toLowerCase()] = () => this.panel.toggle(name);
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     const spaceIsTheirs = event.target.role === "tab" || event.target.type === "checkbox";
     if (!action || (spaceIsTheirs && event.key === " ")) return;

@@ -1,0 +1,61 @@
+"""Who changed what, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+
+from app.access.caller import Caller
+from workers.database import Database
+from workers.tables import AUDIT
+from workers.time_stamp import now_us
+
+LONGEST_TARGET = 300
+
+
+@dataclass(frozen=True)
+class AuditEntry:
+    """One thing that somebody did or tried to do."""
+
+    number: int
+    at_us: int
+    """Microseconds since 1970, UTC."""
+    key_id: str | None
+    owner: str | None
+    address: str | None
+    """Where the request came from."""
+    action: str
+    target: str
+    """The address of what it was done to."""
+    status: int
+    """How it was answered."""
+
+
+class AuditLog:
+    """Only grows. Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._engine = database.engine
+
+    def add(self, caller: Caller, address: str | None, action: str, target: str, status: int) -> None:
+        """Keep that somebody did something."""
+        row = {
+            "at_us": now_us(),
+            "key_id": caller.key_id,
+            "owner": caller.owner,
+            "address": address,
+            "action": action,
+            "target": target[:LONGEST_TARGET],
+            "status": status,
+        }
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.insert(AUDIT).values(row))
+
+    def newest(self, most: int, before: int | None) -> list[AuditEntry]:
+        """Return at most `most` entries, newest first, from behind number `before`."""
+        query = sa.select(AUDIT).order_by(AUDIT.c.number.desc()).limit(most)
+        if before is not None:
+            query = query.where(AUDIT.c.number < before)
+        with self._engine.connect() as connection:
+            return [AuditEntry(**row) for row in connection.execute(query).mappings()]

@@ -1,0 +1,106 @@
+"""The keys that were issued, without their secrets."""
+
+from __future__ import annotations
+
+import hmac
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+
+from app.access.api_key import ApiKey
+from app.access.caller import Caller
+from app.access.scope import Scope
+from workers.database import Database
+from workers.tables import API_KEYS
+from workers.time_stamp import now_us
+
+USE_NOTED_US = 60_000_000
+"""The last use is noted this often at most [µs]: a read must not become a write."""
+
+
+@dataclass(frozen=True)
+class KeyRecord:
+    """What is known of a key. Times are microseconds since 1970, UTC."""
+
+    id: str
+    owner: str
+    scope: Scope
+    digest: str
+    created_us: int
+    expires_us: int | None
+    last_used_us: int | None
+    revoked_us: int | None
+
+    def is_valid(self, at_us: int) -> bool:
+        """Tell whether the key opens anything at a time."""
+        return self.revoked_us is None and (self.expires_us is None or at_us < self.expires_us)
+
+    @property
+    def caller(self) -> Caller:
+        """Whoever holds it."""
+        return Caller(self.id, self.owner, self.scope)
+
+
+class KeyStore:
+    """Reads and writes keys. Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._engine = database.engine
+
+    def issue(self, owner: str, scope: Scope, expires_us: int | None = None) -> ApiKey:
+        """Return a new key; nobody can ask for it again."""
+        key = ApiKey.make()
+        row = {
+            "id": key.id,
+            "owner": owner,
+            "scope": scope.value,
+            "digest": key.digest,
+            "created_us": now_us(),
+            "expires_us": expires_us,
+        }
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.insert(API_KEYS).values(row))
+        return key
+
+    def all(self) -> list[KeyRecord]:
+        """Return all keys, the oldest first, those that were revoked included."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(sa.select(API_KEYS).order_by(API_KEYS.c.created_us)).mappings()
+            return [_record(row) for row in rows]
+
+    def get(self, key_id: str) -> KeyRecord | None:
+        """Return the record of a key."""
+        with self._engine.connect() as connection:
+            row = connection.execute(sa.select(API_KEYS).where(API_KEYS.c.id == key_id)).mappings().one_or_none()
+        return None if row is None else _record(row)
+
+    def any_valid(self) -> bool:
+        """Tell whether some key opens anything now."""
+        now = now_us()
+        return any(record.is_valid(now) for record in self.all())
+
+    def revoke(self, key_id: str) -> bool:
+        """Make a key worthless; tell whether there was such a key that was not."""
+        update = sa.update(API_KEYS).where(API_KEYS.c.id == key_id, API_KEYS.c.revoked_us.is_(None))
+        with self._engine.begin() as transaction:
+            return transaction.execute(update.values(revoked_us=now_us())).rowcount == 1
+
+    def holder(self, secret: str) -> KeyRecord | None:
+        """Return the record of the key that a secret is; None if it opens nothing."""
+        key = ApiKey.read(secret)
+        record = None if key is None else self.get(key.id)
+        if key is None or record is None or not hmac.compare_digest(record.digest, key.digest):
+            return None
+        return record if record.is_valid(now_us()) else None
+
+    def note_use(self, record: KeyRecord) -> None:
+        """Keep when a key was last used, to the minute."""
+        now = now_us()
+        if record.last_used_us is not None and now - record.last_used_us < USE_NOTED_US:
+            return
+        with self._engine.begin() as transaction:
+            transaction.execute(sa.update(API_KEYS).where(API_KEYS.c.id == record.id).values(last_used_us=now))
+
+
+def _record(row: sa.RowMapping) -> KeyRecord:
+    return KeyRecord(**{**row, "scope": Scope(row["scope"])})

@@ -1,0 +1,65 @@
+"""What a monitoring system reads: figures of all workers from the database, and of this process's requests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from prometheus_client import GC_COLLECTOR, PLATFORM_COLLECTOR, PROCESS_COLLECTOR, Histogram
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from workers import totals
+from workers.job_queue import Depth
+from workers.totals import Total
+
+REQUEST_SECONDS = Histogram(
+    "liftwright_request_seconds",
+    "Time from a request to the end of its answer",
+    ["method", "route", "status"],
+    buckets=(0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0),
+    registry=None,
+)
+"""Event streams and requests that wait for a job take as long as these do."""
+PROCESS_METRICS: tuple[Collector, ...] = (REQUEST_SECONDS, PROCESS_COLLECTOR, PLATFORM_COLLECTOR, GC_COLLECTOR)
+COUNTERS = {
+    totals.DOCUMENT: ("liftwright_documents_made", "Plan documents made", "outcome"),
+    totals.FAILURE: ("liftwright_failed_jobs", "Jobs that ended without a document", "why"),
+    totals.SOLVER_DEATH: ("liftwright_solver_deaths", "Solver processes that ended without an answer", None),
+    totals.TAKEOVER: ("liftwright_jobs_begun_anew", "Jobs whose worker had died or lost them", None),
+}
+
+
+class ServiceMetrics(Collector):
+    """The state of the fleet at one moment."""
+
+    def __init__(self, depth: Depth, stored: Mapping[str, int], counted: Sequence[Total]) -> None:
+        """`stored` counts the documents that are there, by outcome; `counted` is what was ever counted."""
+        self._depth, self._stored, self._counted = depth, stored, counted
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield every family of metrics."""
+        jobs = GaugeMetricFamily("liftwright_jobs", "Unfinished jobs", labels=["state"])
+        jobs.add_metric(["queued"], self._depth.queued)
+        jobs.add_metric(["running"], self._depth.running)
+        yield jobs
+        documents = GaugeMetricFamily("liftwright_documents", "Stored plan documents", labels=["outcome"])
+        for outcome, count in self._stored.items():
+            documents.add_metric([outcome], count)
+        yield documents
+        for name, (metric, help_text, label) in COUNTERS.items():
+            family = CounterMetricFamily(metric, help_text, labels=[] if label is None else [label])
+            for total in self._counted:
+                if total.name == name:
+                    family.add_metric([] if label is None else [total.label], total.count)
+            yield family
+        yield from self._stages()
+
+    def _stages(self) -> Iterator[Metric]:
+        runs = CounterMetricFamily("liftwright_stages", "Stages of jobs that led to a document", labels=["stage"])
+        seconds = CounterMetricFamily("liftwright_stage_seconds", "Time these stages took", labels=["stage"])
+        for total in self._counted:
+            if total.name == totals.STAGE:
+                runs.add_metric([total.label], total.count)
+                seconds.add_metric([total.label], total.seconds)
+        yield runs
+        yield seconds

@@ -1,0 +1,106 @@
+"""News of plans for everybody who waits for some: one look at the database for all of them, however many they are."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import structlog
+from starlette.concurrency import run_in_threadpool
+
+from workers.database_loss import DATABASE_GONE
+from workers.job_queue import JobQueue
+from workers.plan_store import PlanStore
+
+POLL_SECONDS = 0.1
+"""How often the database is looked at while somebody waits [s]."""
+RETRY_SECONDS = 1.0
+"""How long after the database was found to be gone [s]."""
+log = structlog.get_logger(__name__)
+
+Event = tuple[int, dict[str, Any]]
+
+
+@dataclass(eq=False)
+class FollowedPlan:
+    """What is known of one plan while somebody follows it."""
+
+    events: list[Event] = field(default_factory=list)
+    """All since the first one."""
+    done: bool = False
+    """Whether it will never change again, or is gone; then `events` are complete."""
+    followers: int = 0
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def behind(self, received: int) -> list[Event]:
+        """Return the events behind number `received`."""
+        # They are numbered from 1 without gaps.
+        return self.events[received:]
+
+    def tell(self) -> None:
+        """Wake everybody who waits for a change."""
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+
+class PlanFeed:
+    """Looks for news of the plans that somebody follows. Belongs to one event loop."""
+
+    def __init__(self, store: PlanStore, queue: JobQueue) -> None:
+        self._store, self._queue = store, queue
+        self._plans: dict[str, FollowedPlan] = {}
+        self._wanted = asyncio.Event()
+
+    @asynccontextmanager
+    async def follow(self, plan_id: str) -> AsyncIterator[FollowedPlan]:
+        """Follow a plan for as long as the context is open. At first nothing is known of it."""
+        plan = self._plans.setdefault(plan_id, FollowedPlan())
+        plan.followers += 1
+        self._wanted.set()
+        try:
+            yield plan
+        finally:
+            plan.followers -= 1
+            if plan.followers == 0:
+                del self._plans[plan_id]
+
+    async def run(self) -> None:
+        """Look for news until cancelled; a database that is gone is waited for."""
+        while True:
+            await self._wanted.wait()
+            if not self._plans:
+                self._wanted.clear()
+                continue
+            try:
+                await self._look()
+            except DATABASE_GONE as error:
+                log.warning("followers wait for the database", error=str(error.args[:1]))
+                await asyncio.sleep(RETRY_SECONDS)
+            await asyncio.sleep(POLL_SECONDS)
+
+    async def _look(self) -> None:
+        known = {plan_id: plan.events[-1][0] if plan.events else 0 for plan_id, plan in self._plans.items()}
+        ended, news = await run_in_threadpool(self._read, known)
+        for plan_id in known:
+            plan = self._plans.get(plan_id)
+            if plan is None or plan.done or not (plan_id in ended or plan_id in news):
+                continue
+            # Somebody may have left and come back meanwhile: then there are more events than the plan knows of.
+            last = plan.events[-1][0] if plan.events else 0
+            if last != known[plan_id]:
+                continue
+            plan.events += news.get(plan_id, [])
+            plan.done = plan_id in ended
+            plan.tell()
+
+    def _read(self, known: dict[str, int]) -> tuple[set[str], dict[str, list[Event]]]:
+        """Return which plans have ended, and the events behind those that are known."""
+        # The states before the events: the events of a plan that has ended are complete.
+        jobs = self._queue.jobs(list(known))
+        ended = {plan_id for plan_id in known if plan_id not in jobs or jobs[plan_id].state.done}
+        newest = self._store.last_events(list(known))
+        behind = [plan_id for plan_id, sequence in newest.items() if sequence > known[plan_id]]
+        return ended, {plan_id: self._store.events_after(plan_id, known[plan_id]) for plan_id in behind}

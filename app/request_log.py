@@ -1,0 +1,67 @@
+"""One log line and one measurement for each request, and an id by which everything that belongs to it is found."""
+
+from __future__ import annotations
+
+import re
+import time
+import uuid
+
+import structlog
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.metrics import REQUEST_SECONDS
+
+HEADER = "X-Request-ID"
+UNKNOWN_ROUTE = "none"
+PROBES = ("/livez", "/readyz", "/metrics")
+"""Asked every few seconds: measured, and not logged while all is well."""
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+log = structlog.get_logger(__name__)
+
+
+class RequestLog:
+    """ASGI middleware. Takes the caller's request id, or makes one, and answers with it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(HEADER, "")
+        request_id = given if _ID.fullmatch(given) else uuid.uuid4().hex
+        begun, status = time.perf_counter(), 500
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[HEADER] = request_id
+            await send(message)
+
+        with structlog.contextvars.bound_contextvars(request_id=request_id):
+            try:
+                await self._app(scope, receive, send_with_id)
+            finally:
+                _tell(scope, status, time.perf_counter() - begun)
+
+
+def _tell(scope: Scope, status: int, seconds: float) -> None:
+    route = getattr(scope.get("route"), "path", UNKNOWN_ROUTE)
+    REQUEST_SECONDS.labels(scope["method"], route, str(status)).observe(seconds)
+    if scope["path"] in PROBES and status < 400:
+        return
+    plan_id = scope.get("path_params", {}).get("plan_id")
+    told = log if plan_id is None else log.bind(job_id=plan_id)
+    told.info(
+        "request",
+        method=scope["method"],
+        # Never the query: it may hold what its sender would not want to read here.
+        path=scope["path"][:200],
+        status=status,
+        milliseconds=round(1000.0 * seconds, 1),
+    )

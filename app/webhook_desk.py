@@ -1,0 +1,88 @@
+"""What one caller sees of all webhooks, and may do with them."""
+
+from __future__ import annotations
+
+from app.access.caller import Caller
+from app.access.scope import Scope
+from app.errors import WebhookNotFound, WebhookUnusable
+from workers.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
+from workers.webhook_target import Target, TargetRules
+
+Position = tuple[int, str]
+
+
+class WebhookDesk:
+    """All methods block on the database: call them from a thread."""
+
+    def __init__(self, store: WebhookStore, rules: TargetRules, caller: Caller) -> None:
+        self._store, self._rules, self._caller = store, rules, caller
+
+    def register(self, url: str, plans: Plans) -> Webhook:
+        """Register a webhook of the caller.
+
+        Raises:
+            TargetRefused: It leads where none may.
+        """
+        self._rules.check(Target.of(url))
+        return self._store.add(self._caller.owner, url, plans)
+
+    def webhook(self, webhook_id: str) -> Webhook:
+        """Return one webhook.
+
+        Raises:
+            WebhookNotFound: There is none of that id.
+        """
+        webhook = self._store.get(webhook_id)
+        if webhook is None or not self._caller.may_see(webhook.owner):
+            raise WebhookNotFound(webhook_id)
+        return webhook
+
+    def require_usable(self, webhook_id: str) -> None:
+        """Do nothing if the caller's plans may name a webhook.
+
+        Raises:
+            WebhookUnusable: It is not the caller's own, or disabled.
+        """
+        webhook = self._store.get(webhook_id)
+        if webhook is None or webhook.owner != self._caller.owner or webhook.disabled_us is not None:
+            raise WebhookUnusable(webhook_id)
+
+    def page(self, size: int, before: Position | None) -> tuple[list[Webhook], Position | None]:
+        """Return `size` webhooks, newest first, from behind `before`, and where the next page begins, if any."""
+        everybody = self._caller.scope is Scope.ADMIN
+        found = self._store.newest(size + 1, before, self._caller.owner, all_owners=everybody)
+        return found[:size], _next(found[:size], more=len(found) > size)
+
+    def rotate(self, webhook_id: str) -> Webhook:
+        """Give a webhook a new secret.
+
+        Raises:
+            WebhookNotFound: There is none of that id.
+        """
+        self._store.rotate(self.webhook(webhook_id).id)
+        return self.webhook(webhook_id)
+
+    def delete(self, webhook_id: str) -> None:
+        """Remove a webhook.
+
+        Raises:
+            WebhookNotFound: There is none of that id.
+        """
+        self._store.delete(self.webhook(webhook_id).id)
+
+    def deliveries(
+        self, webhook_id: str, size: int, before: Position | None
+    ) -> tuple[list[tuple[Delivery, list[Attempt]]], Position | None]:
+        """Return `size` messages to a webhook with how each try went, newest first, and where the next page begins.
+
+        Raises:
+            WebhookNotFound: There is none of that id.
+        """
+        found = self._store.deliveries(self.webhook(webhook_id).id, size + 1, before)
+        shown = found[:size]
+        attempts = self._store.attempts([delivery.id for delivery in shown])
+        return [(delivery, attempts[delivery.id]) for delivery in shown], _next(shown, more=len(found) > size)
+
+
+def _next(shown: list[Webhook] | list[Delivery], *, more: bool) -> Position | None:
+    return (shown[-1].created_us, shown[-1].id) if more else None

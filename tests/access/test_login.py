@@ -1,0 +1,86 @@
+"""A browser shows a key once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import httpx
+import pytest
+from access.conftest import GuardedService
+from websockets.sync.client import connect
+
+PAGE = {"Accept": "text/html,*/*"}
+
+
+@contextmanager
+def logged_in(service: GuardedService, name: str = "reader") -> Iterator[httpx.Client]:
+    with service.client(None) as client:
+        answer = client.post("/viewer/login", data={"key": service.keys[name], "next": "/viewer/?plan=x"})
+        assert (answer.status_code, answer.headers["Location"]) == (303, "/viewer/?plan=x")
+        yield client
+
+
+def test_a_browser_is_sent_to_the_login_and_from_there_to_where_it_wanted(service: GuardedService) -> None:
+    with service.client(None) as client:
+        answer = client.get("/viewer/?plan=abc", headers=PAGE)
+        assert answer.status_code == 303
+        page = client.get(answer.headers["Location"])
+        assert page.status_code == 200
+        assert 'value="/viewer/?plan=abc"' in page.text
+
+
+def test_the_cookie_opens_what_the_key_opens_and_no_more(service: GuardedService) -> None:
+    with logged_in(service) as client:
+        assert client.get("/viewer/").status_code == client.get("/v1/plans").status_code == 200
+        assert client.post("/v1/plans", json={}).status_code == 403
+        cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+        headers = {"Cookie": cookie}
+        with connect(f"{service.address.replace('http', 'ws')}/viewer/watch", additional_headers=headers) as socket:
+            assert '"room"' in socket.recv(timeout=20)
+
+
+def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites_and_is_not_the_key(service: GuardedService) -> None:
+    with service.client(None) as client:
+        answer = client.post("/viewer/login", data={"key": service.keys["reader"]})
+        cookie = answer.headers["Set-Cookie"]
+        assert "HttpOnly" in cookie
+        assert "samesite=lax" in cookie.lower()
+        assert service.keys["reader"].split("_", 2)[2] not in cookie
+        stored = b"".join(path.read_bytes() for path in service.settings.data_dir.rglob("*") if path.is_file())
+        assert client.cookies["liftwright"].encode() not in stored
+
+
+def test_after_the_logout_the_cookie_opens_nothing(service: GuardedService) -> None:
+    with logged_in(service, "writer") as client:
+        cookies = dict(client.cookies)
+        assert client.post("/viewer/logout").status_code == 303
+        assert httpx.get(f"{service.address}/v1/plans", cookies=cookies).status_code == 401
+
+
+def test_a_wrong_key_gives_no_cookie(service: GuardedService) -> None:
+    with service.client(None) as client:
+        answer = client.post("/viewer/login", data={"key": "guess"})
+        assert answer.status_code == 401
+        assert "Set-Cookie" not in answer.headers
+
+
+@pytest.mark.parametrize(
+    "wanted", ["https://evil.example/", "//evil.example/", "/\\evil.example", "\t//evil.example", "javascript:x", ""]
+)
+def test_the_login_leads_nowhere_else(service: GuardedService, wanted: str) -> None:
+    with service.client(None) as client:
+        answer = client.post("/viewer/login", data={"key": service.keys["reader"], "next": wanted})
+        assert answer.headers["Location"] == "/viewer/"
+
+
+def test_what_a_link_puts_into_the_login_page_stays_text(service: GuardedService) -> None:
+    page = httpx.get(f"{service.address}/viewer/login", params={"next": '/"><script>alert(1)</script>'})
+    assert "<script>" not in page.text
+
+
+def test_a_page_of_another_site_cannot_use_the_cookie(service: GuardedService) -> None:
+    with logged_in(service, "writer") as client:
+        answer = client.post("/v1/plans", json={}, headers={"Origin": "https://evil.example"})
+        assert answer.status_code == 403
+        assert client.post("/v1/plans", json={}, headers={"Origin": service.address}).status_code == 422

@@ -1,0 +1,123 @@
+"""One random layout, planned and certified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import process_time
+from typing import Any, Self
+
+from planners.progress import silent
+from planners.scene.suction_tool import TOOL_NAME
+from tests.benchmarks.bench_tasks import TimedCertifier, clocks
+from tests.benchmarks.random_piles import Pile, strewn
+from tests.benchmarks.tasks import task_body
+from workers.pipeline import CertificateFailed, Pipeline
+
+SOLVED, UNCERTIFIED, BROKEN = "solved", "certificate failed", "broken"
+
+
+@dataclass(frozen=True)
+class PileAttempt:
+    """What came of one layout. Seconds."""
+
+    pile: str
+    seed: int
+    outcome: str
+    """As in the plan document, or that its certificate failed, or that the planner broke."""
+    reason: str = ""
+    """Why it is not solved and certified."""
+    planning: float = 0.0
+    """Spec to document, wall clock."""
+    planning_cpu: float = 0.0
+    certificate: float = 0.0
+    certificate_cpu: float = 0.0
+    stages: dict[str, float] = field(default_factory=dict)
+    """CPU time of each stage of planning."""
+    order: list[str] = field(default_factory=list)
+    """Objects as they were first moved."""
+    handovers: int = 0
+    put_aside: int = 0
+    """How many objects were put aside before they were moved to their goals."""
+    duration: float = 0.0
+    """Of the motion."""
+    hose_turns: float = 0.0
+    """Most turns of the tool about its axis at any time, either way [1]."""
+
+    @property
+    def solved(self) -> bool:
+        """Whether it was planned and the plan passed its certificate."""
+        return self.outcome == SOLVED
+
+    @classmethod
+    def broken(cls, pile: Pile, seed: int, error: BaseException) -> Self:
+        """Return the attempt of a layout at which the planner raised what it should not raise."""
+        return cls(pile.name, seed, BROKEN, f"{type(error).__name__}: {error}")
+
+
+class PileWorker:
+    """What one process needs for planning layouts."""
+
+    def __init__(self, databases: Path) -> None:
+        """Load cells and meshes.
+
+        Args:
+            databases: folder of a handover store.
+        """
+        self._pipeline = Pipeline.load(databases)
+
+    def warm_up(self, pile: Pile) -> None:
+        """Plan and certify the shipped task, so that all kernels are loaded."""
+        self._solve(pile, 0, task_body(pile.task))
+
+    def attempt(self, pile: Pile, seed: int) -> PileAttempt:
+        """Plan and certify the layout of a seed.
+
+        Raises:
+            SceneError: the layout is refused.
+        """
+        return self._solve(pile, seed, strewn(pile, seed))
+
+    def _solve(self, pile: Pile, seed: int, body: dict[str, Any]) -> PileAttempt:
+        certifier = TimedCertifier(self._pipeline.certify)
+        body = body | {"options": body.get("options", {}) | {"simulate": False}}
+        pipeline = replace(self._pipeline, certify=certifier, clock=process_time)
+        begun, reason, outcome = clocks(), "", ""
+        try:
+            pipeline.solve({"id": "benchmark", "task": body}, silent)
+        except CertificateFailed as failure:
+            outcome, reason = UNCERTIFIED, str(failure)
+        document = certifier.document
+        assert document is not None
+        return PileAttempt(
+            pile.name,
+            seed,
+            outcome or document["outcome"],
+            reason or _cause(document),
+            planning=certifier.begun[0] - begun[0],
+            planning_cpu=certifier.begun[1] - begun[1],
+            certificate=certifier.ended[0] - certifier.begun[0],
+            certificate_cpu=certifier.ended[1] - certifier.begun[1],
+            stages={stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]},
+            **_figures(document),
+        )
+
+
+def _cause(document: Mapping[str, Any]) -> str:
+    if document["outcome"] == SOLVED:
+        return ""
+    explanation = document["explanation"]
+    return " ".join([explanation["summary"], "; ".join(cause["reason"] for cause in explanation["causes"])]).strip()
+
+
+def _figures(document: Mapping[str, Any]) -> dict[str, Any]:
+    search, segments = document["statistics"]["search"], document["segments"]
+    carried = [name for segment in segments for name in segment["body_poses"] if name != TOOL_NAME]
+    return {
+        "order": list(dict.fromkeys(carried)),
+        "handovers": search["handovers"],
+        "put_aside": search["put_aside"],
+        "duration": segments[-1]["time"][-1] if segments else 0.0,
+        "hose_turns": search["most_hose_turns"],
+    }

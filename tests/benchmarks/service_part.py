@@ -1,0 +1,112 @@
+"""The part of RESULTS.md on what a factory asks of the service: faults, load, bad input."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks import fuzz, load, soak
+from tests.benchmarks.effort import Effort
+from tests.benchmarks.fuzz import FuzzFigures
+from tests.benchmarks.load import LoadFigures
+from tests.benchmarks.markdown import table
+from tests.benchmarks.part import Findings, Limit
+from tests.benchmarks.soak import SoakFigures, SoakSettings
+from tests.benchmarks.tasks import Note, task_body
+from workers.settings import SOLVER_COMMAND
+
+FEWEST_SUBMISSIONS = 50.0
+"""[1/s]"""
+LONGEST_READ = 50.0
+"""99 of 100 reads [ms]."""
+
+
+def measure(effort: Effort, note: Note, folder: Path) -> Findings:
+    """Kill, ask, and abuse, each with a service of its own."""
+    del folder
+    limits: list[Limit] = []
+    sections: list[str] = []
+    soaks = {}
+    for place, postgres, jobs, kills in effort.soaks:
+        note(f"soak on {place}: {jobs} jobs, {kills} kills")
+        with tempfile.TemporaryDirectory() as place_of_files:
+            soaks[place] = soak.soak(SoakSettings(jobs, kills, postgres, _cheap_task), Path(place_of_files), note)
+    if soaks:
+        limits += [_soak_limit(place, figures) for place, figures in soaks.items()]
+        sections.append(_soak_section(soaks))
+    if effort.load is not None:
+        with tempfile.TemporaryDirectory() as place_of_files:
+            asked = load.measure(effort.load, SOLVER_COMMAND, Path(place_of_files), note)
+        limits += _load_limits(effort.load.watchers, asked)
+        sections.append(_load_section(asked))
+    if effort.fuzz_cases:
+        note(f"fuzzing: {effort.fuzz_cases} cases")
+        with tempfile.TemporaryDirectory() as place_of_files, fuzz.watched_service(Path(place_of_files)) as target:
+            fuzz.fuzz(target, effort.fuzz_cases)
+            abused = target.conclude()
+        limits.append(_fuzz_limit(abused))
+        sections.append(_fuzz_section(abused))
+    return Findings(limits, sections)
+
+
+def _cheap_task(number: int) -> dict[str, Any]:
+    """Return a real task that a solver answers in less than a second: half of them search, half are too heavy."""
+    few = {"hold_density": 0.25, "simulate": False}
+    return task_body("ab1", **few) if number % 2 else task_body("pb1_weak_cup")
+
+
+def _soak_limit(place: str, figures: SoakFigures) -> Limit:
+    what = f"soak on {place}: broken promises in {figures.jobs} jobs and {figures.kills.total()} kills"
+    return Limit(what, "= 0", len(figures.faults), not figures.faults)
+
+
+def _soak_section(soaks: dict[str, SoakFigures]) -> str:
+    rows = [
+        (place, each.jobs, each.seconds / 60.0, *(each.kills[kind] for kind in ("worker", "solver")),
+         each.kills["api"] + each.kills["service"], each.kills["postgres"], each.attempts, each.unavailable)
+        for place, each in soaks.items()
+    ]  # fmt: skip
+    head = ("", "jobs", "[min]", "workers", "solvers", "API", "PostgreSQL", "attempts", "answers that had to wait")
+    text = (
+        "Real tasks; each kill is a SIGKILL (every other one of PostgreSQL an immediate shutdown) at a random moment. "
+        "Checked for each job: accepted once, ended, succeeded, one document, which is what its hash says and what is "
+        "served; and that no process is left. On SQLite the API is the whole service."
+    )
+    faults = "".join(f"\n- {fault}" for each in soaks.values() for fault in each.faults[:20])
+    return "\n\n".join(["### Killed at random", text, table(head, rows), *([faults] if faults else [])])
+
+
+def _load_limits(watchers: int, asked: LoadFigures) -> Iterator[Limit]:
+    rate = asked.submissions_per_second
+    yield Limit("accepted submissions per second while both cores plan", "≥ 50", rate, rate >= FEWEST_SUBMISSIONS)
+    yield Limit("p99 of reads while both cores plan [ms]", "≤ 50", asked.read_p99, asked.read_p99 <= LONGEST_READ)
+    yield Limit("watchers told of the end", f"= {watchers}", asked.watchers, asked.watchers == watchers)
+
+
+def _load_section(asked: LoadFigures) -> str:
+    rows = [
+        ("accepted submissions [1/s]", asked.submissions_per_second),
+        ("a read, median [ms]", asked.read_p50),
+        ("a read, 99th percentile [ms]", asked.read_p99),
+        ("a read, longest [ms]", asked.read_max),
+        (f"the first of {asked.pages} pages of 200 plans [ms]", asked.first_page),
+        ("one of the last pages [ms]", asked.last_page),
+        ("between the first and the last watcher being told of the end [s]", asked.watcher_lag),
+    ]
+    return "\n\n".join(["### Under load", "On SQLite, solvers niced.", table(("", ""), rows)])
+
+
+def _fuzz_limit(abused: FuzzFigures) -> Limit:
+    return Limit(f"broken promises in {abused.cases} bad bodies", "= 0", len(abused.faults), not abused.faults)
+
+
+def _fuzz_section(abused: FuzzFigures) -> str:
+    rows = [(str(status), number) for status, number in sorted(abused.statuses.items())]
+    text = (
+        f"At its largest the service took {abused.peak_mib:.0f} MiB; nothing was fetched, started or written elsewhere."
+    )
+    if abused.faults:
+        text = "\n".join(f"- {fault}" for fault in abused.faults[:20])
+    return "\n\n".join(["### Bad input", text, table(("status", "answers"), rows)])

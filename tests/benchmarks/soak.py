@@ -1,0 +1,308 @@
+"""A fleet that plans while its parts are killed at random; afterwards every promise about jobs is checked."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import os
+import random
+import signal
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+import sqlalchemy as sa
+
+from tests.benchmarks.tasks import Note
+from tests.support.postgres import PostgresServer, running_postgres
+from tests.support.service import ServiceProcess
+from tests.support.worker import WorkerProcess
+from workers.database import Database, open_database
+from workers.engine_table import workflow_table
+from workers.settings import WorkerSettings
+from workers.tables import DOCUMENTS, PLANS
+
+TAG = "LIFTWRIGHT_SOAK"
+"""Environment variable by which every process of a fleet is found, whoever started it."""
+OUTSTANDING = 8
+"""So many jobs are accepted and not finished, as long as there are more."""
+LONGEST_ORPHAN_SECONDS = 5.0
+STALL_SECONDS = 600.0
+"""No job ending for so long is a job that never ends [s]."""
+
+
+@dataclass(frozen=True)
+class SoakSettings:
+    """What is planned, and how often what is killed."""
+
+    jobs: int
+    kills: int
+    postgres: bool
+    """Two workers and the API apart on PostgreSQL; otherwise one process on SQLite."""
+    body: Callable[[int], dict[str, Any]]
+    """The task of the job of each number."""
+    solver: tuple[str, ...] | None = None
+    """None: the real one."""
+    seed: int = 0
+
+
+@dataclass
+class SoakFigures:
+    """What has happened, and what was found afterwards."""
+
+    jobs: int = 0
+    seconds: float = 0.0
+    kills: Counter[str] = field(default_factory=Counter)
+    states: Counter[str] = field(default_factory=Counter)
+    attempts: int = 0
+    """Solver processes that began to work on a job."""
+    unavailable: int = 0
+    """Requests that were answered with 503 or not at all."""
+    faults: list[str] = field(default_factory=list)
+    """Promises that were broken."""
+
+
+def soak(settings: SoakSettings, folder: Path, note: Note) -> SoakFigures:
+    """Run a fleet in `folder`, kill its parts while it plans, and check what is left."""
+    chance, figures = random.Random(settings.seed), SoakFigures(jobs=settings.jobs)
+    begun = time.monotonic()
+    with _tagged() as tag, ExitStack() as stack:
+        fleet = Fleet(settings, folder, stack)
+        client = Client(fleet.api, figures)
+        stack.callback(client.close)
+        _plan_and_kill(settings, fleet, client, chance, note)
+        client.wait_for_all()
+        figures.seconds = time.monotonic() - begun
+        _check(settings, fleet, client)
+        fleet.stop()
+        figures.faults += [f"process {each} was left behind" for each in _left_behind(tag)]
+    return figures
+
+
+class Fleet:
+    """The processes that make a service."""
+
+    def __init__(self, settings: SoakSettings, folder: Path, stack: ExitStack) -> None:
+        shared = {"poll_seconds": 0.2, "worker_slots": 1, "interruption_limit": 1000, "crash_limit": 10}
+        self.server: PostgresServer | None = None
+        self.workers: list[WorkerProcess] = []
+        if settings.postgres:
+            self.server = stack.enter_context(running_postgres())
+            shared["database_url"] = self.server.url
+            self.workers = [WorkerProcess(f"w{n}", folder / f"w{n}", settings.solver, **shared) for n in range(2)]
+        command = "api" if settings.postgres else "serve"
+        self.api = ServiceProcess(folder / "api", settings.solver, command, **shared)
+        stack.callback(self.stop)
+        for worker in self.workers:
+            worker.launch()
+        self.api.start()
+        for worker in self.workers:
+            worker.wait()
+        self.settings = WorkerSettings(
+            data_dir=folder / "api", database_url=None if self.server is None else self.server.url
+        )
+
+    def kill_something(self, chance: random.Random) -> str:
+        """Kill one part that is drawn, start it again, and return its kind."""
+        kinds = ["worker", "solver", "api", "postgres"] if self.server else ["service", "solver"]
+        kind = chance.choices(kinds, weights=[4, 4, 2, 2] if self.server else [1, 1])[0]
+        pause = chance.uniform(0.0, 1.0)
+        if kind == "postgres":
+            assert self.server is not None
+            chance.choice([self.server.kill, self.server.stop])()
+            time.sleep(pause)
+            self.server.start()
+        elif kind == "worker":
+            worker = chance.choice(self.workers)
+            worker.end(signal.SIGKILL)
+            time.sleep(pause)
+            worker.launch()
+        elif kind in ("api", "service"):
+            self.api.kill()
+            time.sleep(pause)
+            self.api.start()
+        elif not self._kill_a_solver(chance):
+            return "nothing"
+        return kind
+
+    def stop(self) -> None:
+        """Ask every process to end, and wait."""
+        for worker in self.workers:
+            worker.end(signal.SIGTERM)
+        self.api.stop()
+
+    def _kill_a_solver(self, chance: random.Random) -> bool:
+        found = [each for worker in self.workers if worker.process for each in worker.solvers()]
+        found = found or ([] if self.workers else self.api.descendants())
+        if not found:
+            return False
+        try:
+            chance.choice(found).kill()
+        except psutil.NoSuchProcess:
+            return False
+        return True
+
+
+class Client:
+    """Posts tasks and waits for them as an MES would: with keys, again and again."""
+
+    def __init__(self, api: ServiceProcess, figures: SoakFigures) -> None:
+        self._api, self._figures = api, figures
+        self._http = httpx.Client(base_url=api.address, timeout=20.0)
+        self.accepted: dict[str, int] = {}
+        """The number of the job, by its plan's id."""
+        self.ended: dict[str, dict[str, Any]] = {}
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._http.close()
+
+    def post(self, number: int, body: dict[str, Any]) -> None:
+        """Post a task until it is accepted."""
+        answer = self._insist("POST", "/v1/plans", json=body, headers={"Idempotency-Key": f"job-{number}"})
+        self.accepted[answer["id"]] = number
+
+    def look(self) -> None:
+        """Find out which jobs have ended."""
+        for plan_id in [each for each in self.accepted if each not in self.ended]:
+            plan = self._insist("GET", f"/v1/plans/{plan_id}")
+            if plan["done"]:
+                self.ended[plan_id] = plan
+
+    def wait_for_all(self) -> None:
+        """Wait until every job has ended, or none has for long."""
+        last, known = time.monotonic(), len(self.ended)
+        while len(self.ended) < len(self.accepted) and time.monotonic() - last < STALL_SECONDS:
+            time.sleep(0.2)
+            self.look()
+            if len(self.ended) > known:
+                last, known = time.monotonic(), len(self.ended)
+
+    def document(self, plan_id: str) -> bytes:
+        """Fetch a document."""
+        return self._http.get(f"/v1/plans/{plan_id}/document").content
+
+    def fault(self, what: str) -> None:
+        """Note a broken promise."""
+        self._figures.faults.append(what)
+
+    @property
+    def figures(self) -> SoakFigures:
+        """What has happened so far."""
+        return self._figures
+
+    def _insist(self, method: str, path: str, **request: Any) -> dict[str, Any]:
+        while True:
+            try:
+                answer = self._http.request(method, path, **request)
+            except httpx.TransportError:
+                self._figures.unavailable += 1
+            else:
+                if answer.status_code in (200, 202):
+                    return answer.json()
+                if answer.status_code != 503:
+                    self.fault(f"{method} {path} was answered with {answer.status_code}: {answer.text[:200]}")
+                self._figures.unavailable += 1
+            time.sleep(0.1)
+
+
+def _plan_and_kill(settings: SoakSettings, fleet: Fleet, client: Client, chance: random.Random, note: Note) -> None:
+    """Spread the kills over the jobs: the next one comes some time after its share of them has ended."""
+    posted = 0
+
+    def go_on() -> None:
+        nonlocal posted
+        client.look()
+        while posted < settings.jobs and posted - len(client.ended) < OUTSTANDING:
+            client.post(posted, settings.body(posted))
+            posted += 1
+
+    go_on()
+    for kill in range(settings.kills):
+        share = (settings.jobs - 2) * kill // settings.kills
+        stalled = time.monotonic() + STALL_SECONDS
+        while len(client.ended) < share and time.monotonic() < stalled:
+            time.sleep(0.05)
+            go_on()
+        time.sleep(chance.uniform(0.0, 0.7))
+        kind = fleet.kill_something(chance)
+        client.figures.kills[kind] += 1
+        if kill % 10 == 0:
+            note(f"soak: {kill + 1} kills, {len(client.ended)} of {settings.jobs} jobs have ended")
+        go_on()
+    while posted < settings.jobs:
+        time.sleep(0.05)
+        go_on()
+
+
+def _check(settings: SoakSettings, fleet: Fleet, client: Client) -> None:
+    """Compare what clients were told with what is stored."""
+    for plan_id in client.accepted:
+        plan = client.ended.get(plan_id)
+        client.figures.states["never ended" if plan is None else plan["state"]] += 1
+        client.figures.attempts += 0 if plan is None else plan["attempts"]
+        if plan is None or plan["state"] != "succeeded":
+            client.fault(f"plan {plan_id} ended as {plan and (plan['state'], plan['error'])}")
+    database = open_database(fleet.settings)
+    try:
+        for what in _stored_faults(settings.jobs, database, client):
+            client.fault(what)
+    finally:
+        database.close()
+
+
+def _stored_faults(jobs: int, database: Database, client: Client) -> Iterator[str]:
+    workflows = workflow_table(database.engine.dialect.name)
+    with database.engine.connect() as connection:
+        plans = connection.scalars(sa.select(PLANS.c.id)).all()
+        ended = connection.execute(sa.select(workflows.c.workflow_uuid, workflows.c.status)).all()
+        documents = connection.execute(sa.select(DOCUMENTS)).all()
+    if sorted(plans) != sorted(client.accepted) or len(set(client.accepted.values())) != jobs:
+        yield f"{jobs} tasks were posted, {len(client.accepted)} accepted, {len(plans)} plans are stored"
+    if sorted((row.workflow_uuid, row.status) for row in ended) != sorted((each, "SUCCESS") for each in plans):
+        yield f"the engine's jobs are {Counter(row.status for row in ended)}"
+    if sorted(row.plan_id for row in documents) != sorted(plans):
+        yield f"{len(documents)} documents are stored for {len(plans)} plans"
+    for row in documents:
+        body = gzip.decompress(row.gzip)
+        if hashlib.sha256(body).hexdigest() != row.sha256 or json.loads(body)["id"] != row.plan_id:
+            yield f"the document of {row.plan_id} is not what its hash says"
+        if client.document(row.plan_id) != body:
+            yield f"the document of {row.plan_id} is served as something else"
+
+
+@contextmanager
+def _tagged() -> Iterator[str]:
+    """Mark all processes that are started meanwhile."""
+    tag = uuid.uuid4().hex
+    os.environ[TAG] = tag
+    try:
+        yield tag
+    finally:
+        del os.environ[TAG]
+
+
+def _left_behind(tag: str) -> Sequence[str]:
+    deadline = time.monotonic() + LONGEST_ORPHAN_SECONDS
+    while (found := list(_bearers(tag))) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return found
+
+
+def _bearers(tag: str) -> Iterator[str]:
+    for process in psutil.process_iter():
+        try:
+            marked = process.environ().get(TAG) == tag
+            # The database server belongs to the harness, and ends after this.
+            if marked and process.pid != os.getpid() and process.name() != "postgres":
+                yield " ".join(process.cmdline())
+        except psutil.Error:
+            continue

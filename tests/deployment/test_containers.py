@@ -1,0 +1,142 @@
+"""The container files, checked without building them: structure, names that must agree, and what a hardened one has."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from app.cli import _parser
+from app.settings import ServiceSettings
+
+ROOT = Path(__file__).resolve().parents[2]
+COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+SERVICES: dict[str, dict[str, Any]] = COMPOSE["services"]
+OURS = {name: service for name, service in SERVICES.items() if "build" in service}
+DURATION = re.compile(r"(\d+(ms|s|m|h))+")
+SHAPES: dict[str, type | tuple[type, ...]] = {
+    "build": (str, dict), "image": str, "command": (str, list), "environment": (dict, list), "depends_on": (dict, list),
+    "user": str, "read_only": bool, "tmpfs": (str, list), "cap_drop": list, "security_opt": list, "restart": str,
+    "stop_grace_period": str, "ports": list, "volumes": list, "healthcheck": dict, "deploy": dict, "shm_size": str,
+}  # fmt: skip
+"""The members of a service (Compose Specification) that are used here, and what they may be."""
+HEALTH = {"test": list, "interval": str, "timeout": str, "retries": int, "start_period": str}
+
+
+def instructions() -> list[tuple[str, str]]:
+    """The Dockerfile's instructions with their arguments."""
+    text = re.sub(r"^\s*#.*\n", "", (ROOT / "Dockerfile").read_text(), flags=re.MULTILINE)
+    lines = re.sub(r"\\\n\s*", "", text).splitlines()
+    return [(word, rest.strip()) for word, _, rest in (line.partition(" ") for line in lines if line.strip())]
+
+
+DOCKERFILE = instructions()
+
+
+def arguments(instruction: str) -> list[str]:
+    return [rest for word, rest in DOCKERFILE if word == instruction]
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_service_has_members_of_the_specification_only_each_of_its_type(name: str) -> None:
+    service = SERVICES[name]
+    assert {member for member in service if not isinstance(service[member], SHAPES.get(member, ()))} == set()
+    health = service["healthcheck"]
+    assert {member for member in health if not isinstance(health[member], HEALTH.get(member, ()))} == set()
+    assert health["test"][0] in ("CMD", "CMD-SHELL", "NONE")
+    spans = [service["stop_grace_period"], *(health[each] for each in ("interval", "timeout", "start_period") if each in health)]  # fmt: skip  # noqa: E501
+    assert all(DURATION.fullmatch(span) for span in spans)
+    assert set(COMPOSE) <= {"services", "volumes", "x-liftwright"}
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_a_service_is_hardened_restarted_and_watched(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["user"] not in ("root", "0")
+    assert service["cap_drop"] == ["ALL"]
+    assert "no-new-privileges:true" in service["security_opt"]
+    assert service["restart"] == "unless-stopped"
+    assert service["healthcheck"]["test"][0] != "NONE"
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_what_a_service_names_exists(name: str) -> None:
+    service = SERVICES[name]
+    assert {volume.partition(":")[0] for volume in service.get("volumes", ())} <= set(COMPOSE["volumes"])
+    for other, condition in service.get("depends_on", {}).items():
+        assert condition == {"condition": "service_healthy"}
+        assert "healthcheck" in SERVICES[other]
+    _, _, tag = service["image"].partition(":")
+    assert re.fullmatch(r"\d+\.\d+.*", tag), "an image has a version"
+    assert all(port.startswith("127.0.0.1:") for port in service.get("ports", ())), "published to this machine only"
+
+
+def test_api_and_workers_are_one_image_on_one_database() -> None:
+    assert set(OURS) == {"api", "worker"}
+    assert len({service["image"] for service in OURS.values()}) == 1
+    urls = {service["environment"]["LIFTWRIGHT_DATABASE_URL"] for service in OURS.values()}
+    assert len(urls) == 1
+    assert "@postgres:5432/" in urls.pop()
+    assert "postgres" in SERVICES
+
+
+def test_no_password_stands_in_the_file() -> None:
+    for service in SERVICES.values():
+        for name, value in service["environment"].items():
+            if "PASSWORD" in name or "URL" in name:
+                assert "${POSTGRES_PASSWORD:?" in value
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_variables_are_settings_and_commands_are_ours(name: str) -> None:
+    known = {f"LIFTWRIGHT_{field.upper()}" for field in ServiceSettings.model_fields}
+    assert set(OURS[name]["environment"]) <= known
+    program, *words = OURS[name]["command"]
+    assert program == "liftwright"
+    assert _parser().parse_args(words).command == words[0]
+
+
+def test_the_image_is_built_as_linters_ask() -> None:
+    words = [word for word, _ in DOCKERFILE]
+    known = {"FROM", "ARG", "ENV", "WORKDIR", "COPY", "RUN", "USER", "VOLUME", "EXPOSE", "STOPSIGNAL", "HEALTHCHECK"}
+    assert set(words) <= known | {"CMD"}
+    assert words[0] == "FROM"
+    assert [words.count(once) for once in ("FROM", "CMD", "HEALTHCHECK")] == [1, 1, 1]
+    assert re.fullmatch(r"python:3\.11\.\d+-slim-\w+", arguments("FROM")[0]), "a version, and not the latest"
+    assert all(path.startswith("/") for path in arguments("WORKDIR"))
+    runs = " && ".join(arguments("RUN"))
+    assert not re.search(r"\b(sudo|apt|curl|wget|cd)\b", runs)
+    assert runs.count("pip install") == runs.count("pip install --no-cache-dir --constraint")
+    assert isinstance(json.loads(arguments("CMD")[0]), list)
+    assert isinstance(json.loads(arguments("HEALTHCHECK")[0].partition(" CMD ")[2]), list)
+    assert not re.search(r"(?i)password|secret|token", " ".join(arguments("ENV") + arguments("ARG")))
+
+
+def test_the_image_does_not_run_as_root_and_its_user_is_that_of_compose() -> None:
+    after = [word for word, _ in DOCKERFILE][::-1]
+    assert after.index("USER") > after.index("CMD")
+    (user,) = arguments("USER")
+    (made,) = re.findall(rf"useradd .*--uid (\d+) {user}\b", " ".join(arguments("RUN")))
+    assert {service["user"] for service in OURS.values()} == {made}
+
+
+def test_what_is_copied_exists_and_is_all_that_is_packaged() -> None:
+    copied = [source for line in arguments("COPY") for source in shlex.split(line)[:-1]]
+    assert all((ROOT / source).exists() for source in copied)
+    assert {"app", "assets", "planners", "workers", "pyproject.toml", "constraints.txt"} <= set(copied)
+
+
+def test_the_command_of_the_image_is_ours() -> None:
+    program, *words = json.loads(arguments("CMD")[0])
+    assert program == "liftwright"
+    assert _parser().parse_args(words).command == "serve"
+
+
+def test_the_readme_says_that_nobody_has_built_them() -> None:
+    assert re.search(r"docker-compose\.yml\)\s+have not been built", (ROOT / "README.md").read_text())

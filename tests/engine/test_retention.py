@@ -1,0 +1,77 @@
+"""Old plans are forgotten, whole; what has not ended, or not for so long, stays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from support.service import task
+
+from workers.database import Database, open_database
+from workers.engine_table import workflow_table
+from workers.job_queue import JobQueue
+from workers.packed_document import PackedDocument
+from workers.plan_store import PlanStore, now_us
+from workers.retention import BATCH, US_PER_DAY, Retention
+from workers.settings import WorkerSettings
+from workers.tables import DOCUMENTS, EVENTS, PLANS
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    database = open_database(WorkerSettings(data_dir=tmp_path))
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def queue(database: Database) -> Iterator[JobQueue]:
+    queue = JobQueue(database)
+    yield queue
+    queue.close()
+
+
+def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: float | None) -> str:
+    """Accept a plan so many days ago, which ended so many days ago or has not ended."""
+    store, jobs = PlanStore(database), workflow_table("sqlite")
+    plan_id = store.accept(task(), None, queue).id
+    store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": 0.5})
+    store.save_document(plan_id, 0, PackedDocument("solved", "0" * 64, b"x", {}))
+    with database.engine.begin() as transaction:
+        accepted = now_us() - round(age_days * US_PER_DAY)
+        transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(created_us=accepted))
+        if ended_days is not None:
+            ended_ms = (now_us() - round(ended_days * US_PER_DAY)) // 1000
+            end = sa.update(jobs).where(jobs.c.workflow_uuid == plan_id)
+            transaction.execute(end.values(status="SUCCESS", updated_at=ended_ms, completed_at=ended_ms))
+    return plan_id
+
+
+def test_only_what_ended_before_is_deleted_with_all_that_belongs_to_it(database: Database, queue: JobQueue) -> None:
+    old = make(database, queue, age_days=12, ended_days=11)
+    kept = [
+        make(database, queue, age_days=12, ended_days=9),
+        make(database, queue, age_days=12, ended_days=None),
+        make(database, queue, age_days=1, ended_days=1),
+    ]
+    store = PlanStore(database)
+    retention = Retention(store, queue, days=10)
+    assert retention.sweep() == 1
+    assert retention.sweep() == 0
+    assert store.get(old) is None
+    assert old not in queue.jobs([old])
+    with database.engine.connect() as connection:
+        for table in (EVENTS, DOCUMENTS):
+            assert set(connection.scalars(sa.select(table.c.plan_id))) == set(kept)
+
+
+def test_more_than_a_batch_is_deleted(database: Database, queue: JobQueue) -> None:
+    first = make(database, queue, age_days=5, ended_days=5)
+    jobs = workflow_table("sqlite")
+    with database.engine.begin() as transaction:
+        row = dict(transaction.execute(sa.select(PLANS).where(PLANS.c.id == first)).mappings().one())
+        transaction.execute(sa.insert(PLANS), [{**row, "id": f"{n:032x}"} for n in range(BATCH + 5)])
+        assert transaction.scalar(sa.select(sa.func.count()).select_from(jobs)) == 1
+    assert Retention(PlanStore(database), queue, days=1).sweep() == BATCH + 6

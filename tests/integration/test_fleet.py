@@ -1,0 +1,153 @@
+"""API and workers apart on PostgreSQL: what happens when one of them, or the database, is gone for a while."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+import pytest
+from support.postgres import PostgresServer, needs_postgres, running_postgres
+from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
+from support.worker import WorkerProcess
+
+pytestmark = needs_postgres
+SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 1.0}
+
+
+@dataclass(frozen=True)
+class Fleet:
+    server: PostgresServer
+    api: ServiceProcess
+    client: httpx.Client
+    first: WorkerProcess
+    second: WorkerProcess
+
+    def with_both_workers(self) -> None:
+        """Start what an earlier test has left stopped."""
+        stopped = [worker for worker in (self.first, self.second) if worker.process is None]
+        for worker in stopped:
+            worker.launch()
+        for worker in stopped:
+            worker.wait()
+
+    def post(self, wish: str) -> dict[str, Any]:
+        answer = self.client.post("/v1/plans", json=task(external_id=wish))
+        assert answer.status_code == 202, answer.text
+        return answer.json()
+
+    def plan(self, plan: dict[str, Any]) -> dict[str, Any]:
+        return self.client.get(plan["links"]["self"]).json()
+
+    def begun(self, plan: dict[str, Any]) -> bool:
+        now = self.plan(plan)
+        return now["state"] == "running" and now["progress"]["fraction"] > 0.0
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    folder: Path = tmp_path_factory.mktemp("fleet")
+    with ExitStack() as stack:
+        server = stack.enter_context(running_postgres())
+        settings = {**SETTINGS, "database_url": server.url}
+        api = stack.enter_context(running_service(folder / "api", FAKE_SOLVER, command="api", **settings))
+        first, second = (WorkerProcess(name, folder / name, FAKE_SOLVER, **settings) for name in ("first", "second"))
+        stack.callback(first.end, signal.SIGTERM)
+        stack.callback(second.end, signal.SIGTERM)
+        yield Fleet(server, api, stack.enter_context(api.client()), first, second)
+
+
+def test_another_worker_takes_over_what_a_dead_one_had_and_its_processes_are_gone(fleet: Fleet) -> None:
+    fleet.first.start()
+    plan = fleet.post("steps-100")
+    wait_for(lambda: fleet.begun(plan), 20)
+    solvers = fleet.first.solvers()
+    fleet.first.end(signal.SIGKILL)
+    fleet.second.start()
+    plan = finished(fleet.client, plan)
+    assert (plan["state"], plan["outcome"], plan["attempts"]) == ("succeeded", "solved", 2)
+    assert not any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in solvers)
+    assert "liftwright_jobs_begun_anew_total 1" in fleet.client.get("/metrics").text
+    fleet.second.end(signal.SIGTERM)
+
+
+def test_a_worker_that_lives_is_not_robbed(fleet: Fleet) -> None:
+    fleet.with_both_workers()
+    plans = [fleet.post("steps-60") for _ in range(2)]
+    assert [finished(fleet.client, plan)["attempts"] for plan in plans] == [1, 1]
+
+
+def test_two_workers_cannot_share_a_name(fleet: Fleet) -> None:
+    fleet.with_both_workers()
+    rival = WorkerProcess(
+        "first", fleet.first.data_dir.with_name("rival"), FAKE_SOLVER, **SETTINGS, database_url=fleet.server.url
+    )
+    rival.launch()
+    assert rival.process is not None
+    assert rival.process.wait(timeout=300) == 1
+    assert "already runs" in rival.log
+
+
+def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes(fleet: Fleet) -> None:
+    """Frozen, its connection is cut by the server, as after a network failure."""
+    fleet.with_both_workers()
+    plan = fleet.post("steps-80")
+    wait_for(lambda: fleet.begun(plan), 20)
+    workers = [fleet.first, fleet.second]
+    (owner,) = [worker for worker in workers if worker.name == fleet.server.owner_of(plan["id"])]
+    assert owner.process is not None
+    family = [psutil.Process(owner.process.pid), *owner.solvers()]
+    for process in family:
+        process.suspend()
+    try:
+        fleet.server.cut(owner.name)
+        taken = finished(fleet.client, plan)
+    finally:
+        for process in family:
+            process.resume()
+    document = fleet.client.get(plan["links"]["document"]).content
+    assert (taken["state"], taken["attempts"]) == ("succeeded", 2)
+    time.sleep(3 * SETTINGS["watch_seconds"] + 2.0)
+    assert fleet.plan(plan) == taken
+    assert fleet.client.get(plan["links"]["document"]).content == document
+    # Both work again.
+    assert [finished(fleet.client, each)["state"] for each in [fleet.post("steps-20") for _ in range(3)]] == [
+        "succeeded"
+    ] * 3
+
+
+def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it_is_back(fleet: Fleet) -> None:
+    fleet.with_both_workers()
+    plan, waiting = fleet.post("steps-100"), fleet.post("now")
+    wait_for(lambda: fleet.begun(plan), 20)
+    fleet.server.stop()
+    for method, path in (("GET", plan["links"]["self"]), ("GET", "/v1/plans"), ("GET", "/readyz"), ("GET", "/metrics")):
+        answer = fleet.client.request(method, path)
+        assert (answer.status_code, answer.headers["Content-Type"]) == (503, "application/problem+json"), path
+        assert int(answer.headers["Retry-After"]) > 0
+    assert fleet.client.post("/v1/plans", json=task()).status_code == 503
+    assert fleet.client.get("/livez").status_code == 200
+    time.sleep(3.0)
+    fleet.server.start()
+    for each in (plan, waiting):
+        assert finished(fleet.client, each, 120.0)["outcome"] == "solved"
+    assert fleet.client.get("/readyz").status_code == 200
+
+
+def test_a_cancelled_job_is_stopped_within_a_second_wherever_it_runs(fleet: Fleet) -> None:
+    fleet.with_both_workers()
+    plan = fleet.post("child")
+    wait_for(lambda: fleet.begun(plan), 20)
+    at_work = [each for worker in (fleet.first, fleet.second) for each in worker.solvers() if each.children()]
+    assert at_work
+    begun = time.perf_counter()
+    assert fleet.client.post(plan["links"]["cancel"]).status_code == 202
+    wait_for(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in at_work), 1.0)
+    assert time.perf_counter() - begun < 1.0
+    assert fleet.plan(plan)["state"] == "cancelled"

@@ -1,0 +1,76 @@
+"""A job that takes too long, too much, or its solver with it, ends as failed with a sentence that says so."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Iterator
+
+import httpx
+import psutil
+import pytest
+from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
+
+SOLVER_SECONDS = 3.0
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    limits = {"solver_seconds": SOLVER_SECONDS, "solver_memory_mb": 400, "crash_limit": 2}
+    with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER, worker_slots=1, **limits) as service:
+        yield service
+
+
+@pytest.fixture
+def client(service: ServiceProcess) -> Iterator[httpx.Client]:
+    with service.client() as client:
+        yield client
+
+
+def end_of(client: httpx.Client, wish: str) -> dict:
+    answer = client.post("/v1/plans", json=task(external_id=wish))
+    assert answer.status_code == 202
+    return finished(client, answer.json())
+
+
+@pytest.mark.parametrize(
+    ("wish", "sentence"),
+    [
+        ("child", "the solver was stopped after 3 s, the longest it may take"),
+        ("eat", "the task needs more memory than a solver may take (400 MiB"),
+        ("die", "given up after 2 attempts: the solver process ended without an answer (signal SIGKILL)"),
+    ],
+)
+def test_a_job_beyond_a_limit_fails_with_a_sentence_leaves_no_process_and_does_not_stop_the_next(
+    service: ServiceProcess, client: httpx.Client, wish: str, sentence: str
+) -> None:
+    plan = end_of(client, wish)
+    assert plan["state"] == "failed"
+    assert plan["error"]["detail"].startswith(sentence)
+    wait_for(lambda: len(service.descendants()) <= 1, 5.0)
+    assert end_of(client, "now")["outcome"] == "solved"
+
+
+def test_a_full_disk_is_a_503_and_afterwards_everything_goes_on(service: ServiceProcess, client: httpx.Client) -> None:
+    """No file may grow: what the database layer sees is what it sees on a full disk."""
+    assert service.process is not None
+    under_way = client.post("/v1/plans", json=task(external_id="steps-20")).json()
+    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    try:
+        answer = client.post("/v1/plans", json=task(external_id="now"))
+        assert (answer.status_code, answer.headers["Content-Type"]) == (503, "application/problem+json")
+        assert client.get(under_way["links"]["self"]).status_code == 200
+        time.sleep(2.0)
+    finally:
+        whole = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+        resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, whole)
+    assert finished(client, under_way)["outcome"] == "solved"
+    assert end_of(client, "now")["outcome"] == "solved"
+
+
+def test_the_limits_hold_for_the_solver_and_not_for_the_service(service: ServiceProcess) -> None:
+    assert service.process is not None
+    assert psutil.Process(service.process.pid).rlimit(psutil.RLIMIT_DATA) != (400 * 2**20, 400 * 2**20)
+    wait_for(service.descendants, 10.0)
+    for solver in service.descendants():
+        assert solver.rlimit(psutil.RLIMIT_DATA) == (400 * 2**20, 400 * 2**20)

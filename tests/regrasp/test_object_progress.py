@@ -1,0 +1,74 @@
+"""What a plan tells while it is made: the seconds of paper A's Table I are counted by it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.regrasp.handovers import HandoverSettings, find_handovers
+from planners.regrasp.object_progress import ObjectProgress, ObjectStage
+from planners.regrasp.planner import SuctionToolPlanner
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.scene.tool_scene import build_tool_scene
+
+TASK = Path(__file__).parents[2] / "assets" / "tasks" / "can_stack.json"
+
+
+class Reports:
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[tuple[str, int, int]] = []
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        self.told.append((stage, done, total))
+
+
+@pytest.fixture(scope="module")
+def told() -> list[tuple[str, int, int]]:
+    """Return all that is told while the cans are stacked; few handovers suffice."""
+    task = read_task(json.loads(TASK.read_text()))
+    assert isinstance(task, SuctionToolTask)
+    scene = build_tool_scene(task)
+    handovers = find_handovers(scene.cell, scene.tool, HandoverSettings(axis_rolls=1))
+    reports = Reports()
+    SuctionToolPlanner(scene, ToolPlannerSettings(), handovers, reports).plan()
+    return reports.told
+
+
+@pytest.mark.parametrize("name", ["can_1", "can_2"])
+def test_every_part_of_planning_an_object_is_told(told: list[tuple[str, int, int]], name: str) -> None:
+    assert {f"{stage.value} {name}" for stage in ObjectStage} <= {stage for stage, _, _ in told}
+
+
+@pytest.mark.parametrize("name", ["can_1", "can_2"])
+def test_grasps_come_before_the_graph_and_the_graph_before_motion(told: list[tuple[str, int, int]], name: str) -> None:
+    first = {
+        stage: next(i for i, report in enumerate(told) if report[0] == f"{stage.value} {name}") for stage in ObjectStage
+    }
+    assert sorted(first, key=first.__getitem__) == [
+        ObjectStage.FIRST_REGRASP,
+        ObjectStage.SECOND_REGRASP,
+        ObjectStage.GRAPH,
+        ObjectStage.FIRST_MOTION,
+        ObjectStage.SECOND_MOTION,
+    ]
+
+
+def test_the_suction_poses_tried_never_exceed_those_there_are(told: list[tuple[str, int, int]]) -> None:
+    stages = tuple(stage.value for stage in ObjectStage)
+    parts = [(done, total) for stage, done, total in told if stage.startswith(stages)]
+    assert parts
+    assert all(0 <= done <= total for done, total in parts)
+
+
+def test_an_objects_name_follows_the_part() -> None:
+    reports = Reports()
+    tell = ObjectProgress(reports, "box", 40)
+    tell(ObjectStage.motion(0))
+    tell.tried = 8
+    tell(ObjectStage.motion(1))
+    assert reports.told == [("first motion box", 0, 40), ("second motion box", 8, 40)]

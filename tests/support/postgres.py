@@ -1,0 +1,146 @@
+"""A PostgreSQL server of our own for tests, on a free port of this machine, that may be killed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+import psycopg
+import pytest
+
+from .service import wait_for
+
+PLACES = (*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True), Path("/usr/bin"), Path("/usr/local/bin"))
+BINARIES = next((place for place in PLACES if (place / "initdb").exists() and (place / "postgres").exists()), None)
+NOBODY = "postgres"
+"""The server refuses to run as root; Debian's package brings this account."""
+needs_postgres = pytest.mark.skipif(
+    BINARIES is None and "CI" not in os.environ, reason="PostgreSQL is not installed (Debian: postgresql)"
+)
+STARTUP_SECONDS = 60.0
+
+
+class PostgresServer:
+    """One server with its files in a folder of its own."""
+
+    def __init__(self) -> None:
+        assert BINARIES is not None, "PostgreSQL is not installed"
+        self._binaries = BINARIES
+        # Not in a folder of the test: those are closed to the server's account.
+        self.folder = Path(tempfile.mkdtemp(prefix="liftwright-postgres-"))
+        """The server's account may write there."""
+        with socket.create_server(("127.0.0.1", 0)) as probe:
+            self.port = probe.getsockname()[1]
+        self.process: subprocess.Popen[bytes] | None = None
+        if self._account:
+            shutil.chown(self.folder, NOBODY)
+        self.run("initdb", "--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8", "-D", self.folder)
+
+    @property
+    def url(self) -> str:
+        """Of the database for the service; it makes it itself."""
+        return f"postgresql://liftwright@127.0.0.1:{self.port}/liftwright"
+
+    def run(self, program: str, *words: object) -> None:
+        """Run one of PostgreSQL's programs as the account of the server."""
+        command = [str(self._binaries / program), *map(str, words)]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/", **self._account)
+
+    def start(self) -> Self:
+        """Start, and wait until it answers."""
+        wait_for(self._runs_and_answers, STARTUP_SECONDS)
+        self._make_database()
+        return self
+
+    def answers(self) -> bool:
+        """Whether it takes connections."""
+        try:
+            self._connect("postgres").close()
+        except psycopg.OperationalError:
+            return False
+        return True
+
+    def kill(self) -> None:
+        """kill -9 of the server and all that serve connections, as a power failure would."""
+        assert self.process is not None
+        # The children notice within a moment that the postmaster is gone, and end.
+        self._end(signal.SIGKILL)
+        wait_for(self._quiet, 30.0)
+
+    def stop(self) -> None:
+        """Immediate shutdown: connections are cut."""
+        if self.process is not None:
+            self._end(signal.SIGQUIT)
+
+    def owner_of(self, plan_id: str) -> str | None:
+        """Return the worker that a job belongs to."""
+        query = "SELECT executor_id FROM dbos.workflow_status WHERE workflow_uuid = %s"
+        with self._connect("liftwright") as connection:
+            found = connection.execute(query, (plan_id,)).fetchone()
+        return None if found is None else found[0]
+
+    def cut(self, worker: str) -> None:
+        """End the session by which a worker proves that it lives, as a network failure would."""
+        query = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = %s"
+        with self._connect("liftwright") as connection:
+            assert connection.execute(query, (f"liftwright worker {worker}",)).fetchall() == [(True,)]
+
+    def _end(self, number: signal.Signals) -> None:
+        if self.process is not None:
+            self.process.send_signal(number)
+            self.process.wait(timeout=60)
+            self.process = None
+
+    def _quiet(self) -> bool:
+        """Whether nobody uses the files any more: a new server refuses to start before."""
+        found = subprocess.run(["pgrep", "-f", f"postgres.*{self.folder}"], capture_output=True, check=False).stdout
+        with socket.socket() as probe:
+            listening = probe.connect_ex(("127.0.0.1", self.port)) == 0
+        return not found and not listening
+
+    def _runs_and_answers(self) -> bool:
+        # It ends at once while anything is left of its last life.
+        if self.process is None or self.process.poll() is not None:
+            self._launch()
+        return self.answers()
+
+    def _launch(self) -> None:
+        settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
+        words = [word for setting in settings for word in ("-c", setting)]
+        with (self.folder / "server.log").open("ab") as told:
+            self.process = subprocess.Popen(
+                [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
+                stdout=told, stderr=told, cwd="/", **self._account,
+            )  # fmt: skip
+
+    def _make_database(self) -> None:
+        with self._connect("postgres") as connection:
+            connection.autocommit = True
+            if not connection.execute("SELECT 1 FROM pg_database WHERE datname = 'liftwright'").fetchone():
+                connection.execute("CREATE DATABASE liftwright")
+
+    def _connect(self, database: str) -> psycopg.Connection:
+        return psycopg.connect(host="127.0.0.1", port=self.port, user="liftwright", dbname=database, connect_timeout=5)
+
+    @property
+    def _account(self) -> dict[str, Any]:
+        return {"user": NOBODY, "group": NOBODY, "extra_groups": ()} if os.geteuid() == 0 else {}
+
+
+@contextmanager
+def running_postgres() -> Iterator[PostgresServer]:
+    """Run a server for the time of a test."""
+    server = PostgresServer()
+    try:
+        yield server.start()
+    finally:
+        server.stop()
+        shutil.rmtree(server.folder)

@@ -1,0 +1,37 @@
+"""The service in a thread of the test itself: what really goes over the wire, with settings of the test's own."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import uvicorn
+
+from app.create_app import create_app
+from app.settings import ServiceSettings
+
+
+@contextmanager
+def served(settings: ServiceSettings, *, with_worker: bool = True) -> Iterator[str]:
+    """Serve on a free port for as long as the context is open, and yield the address.
+
+    Not for longer than needed: the job engine draws random numbers, which tests of properties must not see.
+    """
+    app = create_app(settings, with_worker=with_worker)
+    config = uvicorn.Config(
+        app, port=0, http="h11", ws="websockets-sansio", log_level="warning", timeout_graceful_shutdown=1
+    )
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        assert thread.is_alive()
+        time.sleep(0.02)
+    try:
+        yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        thread.join(timeout=30)
+        assert not thread.is_alive()

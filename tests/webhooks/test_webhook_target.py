@@ -1,0 +1,161 @@
+"""Where webhooks may lead."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import ssl
+import time
+from ipaddress import ip_address, ip_network
+from typing import Any
+
+import pytest
+from standardwebhooks.webhooks import Webhook, WebhookVerificationError
+
+from workers.webhook_post import post
+from workers.webhook_signature import make_secret, signed_headers
+from workers.webhook_target import Target, TargetRefused, TargetRules
+
+PUBLIC_ONLY = TargetRules((), ())
+LOOPBACK = TargetRules((), (ip_network("127.0.0.0/8"),))
+INSIDE = [
+    "127.0.0.1",
+    "10.1.2.3",
+    "172.16.0.1",
+    "192.168.1.1",
+    "169.254.169.254",
+    "100.64.0.1",
+    "0.0.0.0",
+    "255.255.255.255",
+    "224.0.0.1",
+    "::1",
+    "::",
+    "fe80::1",
+    "fc00::1",
+    "ff02::1",
+    "::ffff:127.0.0.1",
+    "::ffff:10.0.0.1",
+    "64:ff9b::7f00:1",
+    "64:ff9b::a00:1",
+    "2002:7f00:1::",
+    "2002:c0a8:101::",
+]
+
+
+@pytest.mark.parametrize("address", INSIDE)
+def test_no_address_within_reach_of_the_service_alone_may_be_connected_to(address: str) -> None:
+    with pytest.raises(TargetRefused):
+        PUBLIC_ONLY.choose(Target.of("https://mes.example/hook"), [ip_address(address)])
+
+
+@pytest.mark.parametrize("address", ["8.8.8.8", "2606:4700:4700::1111", "::ffff:8.8.8.8", "64:ff9b::808:808"])
+def test_public_addresses_may_be_connected_to(address: str) -> None:
+    target = Target.of("https://mes.example/hook")
+    assert PUBLIC_ONLY.choose(target, [ip_address("10.0.0.1"), ip_address(address)]) == ip_address(address)
+
+
+def test_the_operator_may_allow_a_network_and_only_there_is_no_tls_needed() -> None:
+    rules = TargetRules((), (ip_network("10.1.0.0/16"),))
+    plain = Target.of("http://mes.factory/hook")
+    rules.check(plain)
+    assert rules.choose(plain, [ip_address("10.1.2.3")]) == ip_address("10.1.2.3")
+    for address in ("10.2.0.1", "8.8.8.8"):
+        with pytest.raises(TargetRefused):
+            rules.choose(plain, [ip_address(address)])
+
+
+def test_with_a_list_of_hosts_no_other_is_allowed() -> None:
+    rules = TargetRules(("mes.example", "*.plant.example"), ())
+    for host in ("mes.example", "MES.example", "a.plant.example"):
+        rules.check(Target.of(f"https://{host}/"))
+    for host in ("plant.example", "mes.example.evil.example", "evil.example", "evilplant.example"):
+        with pytest.raises(TargetRefused):
+            rules.check(Target.of(f"https://{host}/"))
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "mes.example",
+        "ftp://mes.example/",
+        "file:///etc/passwd",
+        "https://",
+        "https:///path",
+        "https://user:pw@mes.example/",
+        "https://mes.example/#part",
+        "https://mes.example:99999/",
+        "https://mes.example:x/",
+        "https://[::1/",
+        "https://mes.example/ a",
+        "https://mes.example/\r\nHost: b",
+        "https://a\\@b.example/",
+        "https://mäs.example/",
+        "https://mes.example/" + "a" * 3000,
+    ],
+)
+def test_what_is_no_plain_https_url_is_refused(url: str) -> None:
+    with pytest.raises(TargetRefused):
+        Target.of(url)
+
+
+@pytest.mark.parametrize(
+    "url", ["http://mes.example/", "https://127.0.0.1/", "https://[::1]:8443/", "https://10.0.0.1/"]
+)
+def test_what_can_be_refused_at_once_is(url: str) -> None:
+    with pytest.raises(TargetRefused):
+        PUBLIC_ONLY.check(Target.of(url))
+
+
+def posted(monkeypatch: pytest.MonkeyPatch, answers: list[list[str]], rules: TargetRules) -> tuple[Any, list[str], int]:
+    """Post to a name that has other addresses each time it is asked for; return the result and who was connected to."""
+    connected: list[str] = []
+    lookups = iter(answers)
+    asked = 0
+
+    async def getaddrinfo(*_: Any, **__: Any) -> list[Any]:
+        nonlocal asked
+        asked += 1
+        return [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, 443)) for address in next(lookups)]
+
+    async def open_connection(host: str, *_: Any, **__: Any) -> Any:
+        connected.append(host)
+        raise ConnectionRefusedError("nobody there")
+
+    async def run() -> Any:
+        monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)
+        monkeypatch.setattr(asyncio, "open_connection", open_connection)
+        return await post("https://mes.example/", {}, b"{}", rules, ssl.create_default_context(), 5.0)
+
+    return asyncio.run(run()), connected, asked
+
+
+def test_a_name_is_asked_for_once_and_the_address_that_was_checked_is_connected_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result, connected, asked = posted(monkeypatch, [["8.8.8.8"], ["127.0.0.1"]], PUBLIC_ONLY)
+    assert (connected, asked) == (["8.8.8.8"], 1)
+    assert "nobody there" in result.failure
+
+
+def test_a_name_that_leads_inside_is_not_connected_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    result, connected, _ = posted(monkeypatch, [["127.0.0.1", "10.0.0.1"]], PUBLIC_ONLY)
+    assert connected == []
+    assert "127.0.0.1" in result.failure
+
+
+def test_a_message_is_verified_by_the_standards_own_library() -> None:
+    secret, body = make_secret(), b'{"type":"plan.succeeded"}'
+    headers = signed_headers("msg_1", int(time.time()), body, [secret])
+    assert Webhook(secret).verify(body, headers) == {"type": "plan.succeeded"}
+    with pytest.raises(WebhookVerificationError):
+        Webhook(secret).verify(body + b" ", headers)
+    with pytest.raises(WebhookVerificationError):
+        Webhook(make_secret()).verify(body, headers)
+
+
+def test_while_a_secret_is_replaced_both_verify() -> None:
+    old, new = make_secret(), make_secret()
+    headers = signed_headers("msg_1", int(time.time()), b"{}", [new, old])
+    for secret in (old, new):
+        assert Webhook(secret).verify(b"{}", headers) == {}

@@ -1,0 +1,53 @@
+"""Forgets plans that ended long ago, with documents and events; meshes stay, since tasks may name them for ever."""
+
+from __future__ import annotations
+
+import asyncio
+
+import structlog
+
+from workers.database_loss import DATABASE_GONE
+from workers.job_queue import JobQueue
+from workers.plan_store import PlanStore
+from workers.time_stamp import now_us
+
+PAUSE_SECONDS = 3600.0
+"""Between two rounds [s]."""
+BATCH = 200
+US_PER_DAY = 86_400_000_000
+
+log = structlog.get_logger(__name__)
+
+
+class Retention:
+    """A scheduled job of every worker. Two that meet do no harm: what is gone is gone."""
+
+    def __init__(self, store: PlanStore, queue: JobQueue, days: float) -> None:
+        self._store, self._queue, self._days = store, queue, days
+
+    async def run(self) -> None:
+        """Sweep once an hour until cancelled."""
+        while True:
+            try:
+                await asyncio.to_thread(self.sweep)
+            except DATABASE_GONE as error:
+                log.warning("retention put off", error=str(error.args[0] if error.args else error))
+            await asyncio.sleep(PAUSE_SECONDS)
+
+    def sweep(self) -> int:
+        """Delete every plan that ended more than so many days ago, and return how many there were."""
+        before = now_us() - round(self._days * US_PER_DAY)
+        position, gone = (0, ""), 0
+        while batch := self._store.created_before(before, position, BATCH):
+            position = batch[-1]
+            jobs = self._queue.jobs([plan_id for _, plan_id in batch])
+            for _, plan_id in batch:
+                job = jobs.get(plan_id)
+                if job is None or (job.state.done and (job.ended_us or 0) < before):
+                    # In this order: a plan without a job is found again by the next round.
+                    self._queue.forget(plan_id)
+                    self._store.delete(plan_id)
+                    gone += 1
+        if gone:
+            log.info("old plans deleted", plans=gone, days=self._days)
+        return gone
