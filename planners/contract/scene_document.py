@@ -35,7 +35,7 @@ class PoseUncertainty(StrictModel):
     """[rad]"""
 
 
-class ToolPart(StrictModel):
+class SeenToolPart(StrictModel):
     """The tool as its markers show it."""
 
     name: str
@@ -93,7 +93,7 @@ class SceneDocument(StrictModel):
     schema_version: Literal["1.0"] = "1.0"
     cell: str
     external_id: str | None
-    tool: ToolPart | None
+    tool: SeenToolPart | None
     """None: not looked for, or not found; `notes` tells."""
     table: TablePart | None
     """None: there was neither depth nor cloud."""

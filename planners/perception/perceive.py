@@ -14,9 +14,9 @@ from planners.contract.scene_document import (
     ObjectPart,
     PoseUncertainty,
     SceneDocument,
+    SeenToolPart,
     SizeUncertainty,
     TablePart,
-    ToolPart,
     UnrecognisedPart,
 )
 from planners.errors import SceneError
@@ -168,12 +168,12 @@ def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) ->
     return Surroundings(cell.table_top, workspace, bodies)
 
 
-def _tool_part(scan: ScanSpec, board: SeenBoard, T_world_tool: Transform) -> ToolPart:
+def _tool_part(scan: ScanSpec, board: SeenBoard, T_world_tool: Transform) -> SeenToolPart:
     assert scan.tool is not None
     # The tool's origin is as far from the markers as an error of their orientation moves it.
     lever = float(np.linalg.norm(board.T_world_board[:3, 3] - T_world_tool[:3, 3]))
     position = math.hypot(board.position_std, lever * board.rotation_std)
-    return ToolPart(
+    return SeenToolPart(
         name=scan.tool,
         pose=_pose(T_world_tool),
         uncertainty=PoseUncertainty(position=position, rotation=board.rotation_std),

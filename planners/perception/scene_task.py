@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planners.contract.scene_document import ObjectPart, SceneDocument, ToolPart
+from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart
 from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform, from_pose7, rotation_z, to_pose7, transform
@@ -214,7 +214,7 @@ def _height(shape: Mapping[str, Any]) -> float:
     return float(shape["size"][2] if shape["type"] == "box" else shape["height"])
 
 
-def _settled_tool(tool: ToolPart, cell: Cell) -> Transform:
+def _settled_tool(tool: SeenToolPart, cell: Cell) -> Transform:
     """Stand a tool up that was seen nearly upright on the table; seen from above, its markers stay in their place."""
     T_seen = from_pose7(tool.pose)
     if abs(T_seen[2, 3] - cell.table_top) > STANDING or T_seen[2, 2] < math.cos(UPRIGHT):
