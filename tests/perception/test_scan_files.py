@@ -39,7 +39,9 @@ def pcd(points: np.ndarray, form: str, width: int | None = None, height: int = 1
 
 
 def ply(points: np.ndarray, encoding: str) -> bytes:
-    return trimesh.PointCloud(points).export(file_type="ply", encoding=encoding)
+    content = trimesh.PointCloud(points).export(file_type="ply", encoding=encoding)
+    assert isinstance(content, bytes)
+    return content
 
 
 @pytest.mark.parametrize(
