@@ -266,7 +266,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     MeshRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
-    BadUpload: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
+    BadUpload: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The upload cannot be used"),
     BadScan: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     ScanRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
