@@ -9,6 +9,7 @@ from functools import partial
 from importlib import resources
 from importlib.metadata import version
 
+from anyio import CapacityLimiter
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
@@ -25,7 +26,7 @@ from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
 from app.request_log import RequestLog
-from app.routes import audit, capabilities, login, meshes, plans, probes, viewer, webhooks
+from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
@@ -34,12 +35,13 @@ from workers.database import Database, open_database
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
+from workers.scene_store import SceneStore
 from workers.webhook_store import WebhookStore
 from workers.webhook_target import TargetRules
 from workers.worker import Worker
 
 REFERENCE_TASK = "ab1.json"
-PARTS = (plans, meshes, webhooks, login, viewer, audit, capabilities, probes)
+PARTS = (plans, scenes, meshes, webhooks, login, viewer, audit, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
@@ -57,6 +59,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         store = PlanStore(database)
         app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.meshes = MeshStore(database)
+        app.state.scenes = SceneStore(database)
+        app.state.perceivers = CapacityLimiter(settings.max_perceived)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
         rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
         app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)

@@ -6,6 +6,7 @@ Talks to the service as any client would, with the standard library alone.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import signal
 import socket
@@ -32,10 +33,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="make demo", description=__doc__)
     parser.add_argument("--once", action="store_true", help="stop after the result")
     parser.add_argument("--task", type=Path, default=TASK, metavar="FILE")
+    parser.add_argument(
+        "--scan", type=Path, metavar="DIR", help="what cameras saw, with the task of its objects, instead of a task"
+    )
     parser.add_argument("--data-dir", type=Path, default=Path("data"), metavar="DIR")
     given = parser.parse_args()
     with _service(given.data_dir) as (service, address):
-        plan = _follow(address, _post(address, given.task))
+        posted = _post(address, given.task) if given.scan is None else post_scan(address, given.scan)
+        plan = _follow(address, posted)
         certified = _tell(address, plan)
         if not given.once:
             print(f"\nserving on {address} until Ctrl-C")
@@ -77,6 +82,27 @@ def _post(address: str, task: Path) -> dict[str, Any]:
     with urlopen(Request(f"{address}/v1/plans", task.read_bytes(), headers)) as answer:
         plan = json.load(answer)
     print(f"posted {task} to {address}/v1/plans: plan {plan['id']}")
+    return plan
+
+
+def post_scan(address: str, folder: Path) -> dict[str, Any]:
+    """Post the scan in a folder, then the task beside it with the scene that the scan became; return the plan."""
+    parts = [(path.stem, path.read_bytes()) for path in sorted(folder.iterdir()) if path.stem != "task"]
+    boundary = hashlib.sha256(b"".join(content for _, content in parts)).hexdigest()
+    form = b"".join(
+        f'--{boundary}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n'.encode() + content + b"\r\n"
+        for name, content in parts
+    )
+    headers = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
+    with urlopen(Request(f"{address}/v1/scenes", form + f"--{boundary}--\r\n".encode(), headers)) as answer:
+        scene = json.load(answer)
+    names = ", ".join(each["name"] for each in scene["scene"]["objects"])
+    print(f"posted {folder} to {address}/v1/scenes: {names}; picture: {address}{scene['links']['preview']}")
+    task = json.loads((folder / "task.json").read_text()) | {"scene_id": scene["id"]}
+    headers = {"Content-Type": "application/json"}
+    with urlopen(Request(f"{address}/v1/plans", json.dumps(task).encode(), headers)) as answer:
+        plan = json.load(answer)
+    print(f"posted the task of the scene to {address}/v1/plans: plan {plan['id']}")
     return plan
 
 

@@ -21,6 +21,7 @@ from planners.contract.problems import Problem, json_pointer, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
+from planners.perception.refusal import ScanRefused
 from workers.database_loss import DATABASE_GONE
 from workers.webhook_target import TargetRefused
 
@@ -161,6 +162,26 @@ class MeshNotFound(ServiceError):
         super().__init__(f"there is no mesh {mesh_id[:100]!r}")
 
 
+class NotScanMedia(ServiceError):
+    """A body is declared as something else than a form."""
+
+    def __init__(self, given: str | None) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the Content-Type is {was}; it must be multipart/form-data")
+        self.headers = {"Accept-Post": "multipart/form-data"}
+
+
+class BadScan(ServiceError):
+    """A form does not hold the parts of a scan."""
+
+
+class SceneNotFound(ServiceError):
+    """No perceived scene has that id."""
+
+    def __init__(self, scene_id: str) -> None:
+        super().__init__(f"there is no scene {scene_id[:100]!r}")
+
+
 class EncodedBody(ServiceError):
     """A body is declared as compressed."""
 
@@ -232,6 +253,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
     WebhookUnusable: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook cannot be used"),
     MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
+    SceneNotFound: Answer(HTTPStatus.NOT_FOUND, "No such scene"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
     CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
     AlreadyFinished: Answer(HTTPStatus.CONFLICT, "Already finished"),
@@ -239,11 +261,14 @@ TABLE: Mapping[type[Exception], Answer] = {
     BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),
     NotJsonMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a JSON body"),
     NotMeshMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a mesh"),
+    NotScanMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a scan"),
     EncodedBody: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "An encoded body"),
     ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     MeshRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
-    BadUpload: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
+    BadUpload: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The upload cannot be used"),
+    BadScan: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
+    ScanRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any, Protocol
 
 import anyio
 from starlette.requests import ClientDisconnect, Request
 
 from app.errors import BodyStalled, BodyTooLarge, EncodedBody, NotJsonMedia
+from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import read_task, write_task
+from planners.errors import SceneError
+from planners.perception.scene_task import fill_from_scene
 from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads, no_uploads
 
+Scenes = Callable[[str], SceneDocument | None]
+"""Finds what was perceived in a scene, by its id; None if there is none."""
 DRAINED_BYTES = 32_000_000
 """So much of a body that is refused is still taken off the wire, so that the sender gets to read the answer."""
+
+
+def no_scenes(scene_id: str) -> SceneDocument | None:
+    """Know of no scene."""
+    return None
 
 
 class Patience(Protocol):
@@ -104,12 +114,32 @@ def _not_worth_reading(request: Request, limit: int) -> bool:
     return size > (limit if waits else limit + DRAINED_BYTES)
 
 
-def accept_task(body: bytes, cells: Mapping[str, Cell], uploads: Uploads = no_uploads) -> dict[str, Any]:
+def accept_task(
+    body: bytes, cells: Mapping[str, Cell], uploads: Uploads = no_uploads, scenes: Scenes = no_scenes
+) -> dict[str, Any]:
     """Return the task in a body with every default filled in, once it is known that it can be begun.
+
+    Args:
+        body: of the request.
+        cells: that there are, by name.
+        uploads: finds meshes.
+        scenes: finds perceived scenes, which a task may name in place of poses.
 
     Raises:
         NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
     """
-    task = read_task(parse_json(body))
+    task = read_task(_with_scene(parse_json(body), cells, scenes))
     build_scene(task, cells, uploads=uploads)
     return write_task(task)
+
+
+def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: Scenes) -> Any:
+    if not isinstance(body, dict) or body.get("kind") != "suction_tool" or body.get("scene_id") is None:
+        return body
+    scene_id = body["scene_id"]
+    scene = scenes(scene_id) if isinstance(scene_id, str) else None
+    if scene is None:
+        raise SceneError("/scene_id", "there is no such scene; POST a scan to /v1/scenes")
+    if scene.cell not in cells:
+        raise SceneError("/scene_id", f"the scene was perceived in the cell {scene.cell}, which there is not")
+    return fill_from_scene(body, scene, cells[scene.cell])

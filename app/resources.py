@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from planners.contract.scene_document import SceneDocument
 from workers.job_state import Job, JobState
 from workers.plan_store import PlanRecord
 
@@ -46,6 +47,23 @@ class MeshResource(Resource):
     hint: str | None
     """What to mind when it is used."""
     links: MeshLinks
+
+
+class SceneLinks(Resource):
+    """Where to go from here."""
+
+    self: str
+    preview: str
+
+
+class SceneResource(Resource):
+    """What was perceived, as tasks can name it."""
+
+    id: str
+    """Of the scan: the same scan has the same id."""
+    created_at: datetime
+    scene: SceneDocument
+    links: SceneLinks
 
 
 class PlanProgress(Resource):

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import sqlalchemy as sa
 
 from planners.errors import LiftwrightError
-from workers.tables import DOCUMENTS, METADATA, PLANS
+from workers.tables import DOCUMENTS, METADATA, PLANS, SCENES
 
 VERSION_TABLE = sa.Table(
     "liftwright_schema", sa.MetaData(), sa.Column("version", sa.Integer, primary_key=True, autoincrement=False)
@@ -41,12 +41,17 @@ def _give_plans_owners(connection: sa.Connection) -> None:
     _create_index(connection, PLANS, "liftwright_plans_newest_of_owner")
 
 
+def _keep_scenes(connection: sa.Connection) -> None:
+    """Perceived scenes are kept, and tasks name them: software that knows no scenes cannot read such tasks."""
+    SCENES.create(connection, checkfirst=True)
+
+
 def _create_index(connection: sa.Connection, table: sa.Table, name: str) -> None:
     next(index for index in table.indexes if index.name == name).create(connection, checkfirst=True)
 
 
 STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
-    {2: _index_what_is_searched, 3: _give_plans_owners}
+    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes}
 )
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.
 A step changes tables only so that the version before still runs on them: workers are upgraded one by one."""

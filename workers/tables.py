@@ -54,6 +54,15 @@ MESHES = sa.Table(
     sa.Column("gzip", sa.LargeBinary, nullable=False),
 )
 
+SCENES = sa.Table(
+    "liftwright_scenes",
+    METADATA,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("gzip", sa.LargeBinary, nullable=False),
+    sa.Column("preview", sa.LargeBinary, nullable=False),
+)
+
 API_KEYS = sa.Table(
     "liftwright_api_keys",
     METADATA,

@@ -11,7 +11,7 @@ class Scope(Enum):
     READ = "read"
     """Look at one's own plans."""
     WRITE = "write"
-    """Post, cancel and delete plans, and register webhooks."""
+    """Post, cancel and delete plans, post meshes and scans, and register webhooks."""
     ADMIN = "admin"
     """All of that with everybody's plans, and read the audit log."""
 

@@ -9,7 +9,8 @@ from fastapi import APIRouter, Depends, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import MeshNotFound
-from app.mesh_upload import FIELD, FORM, MEDIA_TYPES, read_mesh
+from app.form import FORM
+from app.mesh_upload import FIELD, MEDIA_TYPES, read_mesh
 from app.resources import MeshLinks, MeshResource, ProblemDocument
 from app.routes.given import Settings
 from planners.geometry.mesh_file import MeshFormat

@@ -74,7 +74,8 @@ async def post_plan(
     # There may be several, of which the framework would give one.
     wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
-    task = await run_in_threadpool(accept_task, body, request.app.state.cells, request.app.state.meshes.get)
+    state = request.app.state
+    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, state.scenes.document)
     plan = await run_in_threadpool(desk.submit, task, key, webhook)
     headers = {"Location": plan.links.self}
     if wait is not None:

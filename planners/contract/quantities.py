@@ -40,6 +40,7 @@ Angle = Annotated[float, Strict(), Field(ge=-100.0, le=100.0, allow_inf_nan=Fals
 Seed = Annotated[int, Strict(), Field(ge=0, le=LARGEST_SEED)]
 
 Name = Annotated[str, Strict(), StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+SceneId = Annotated[str, Strict(), StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 ExternalId = Annotated[str, Strict(), StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{1,128}$")]
 """The caller's own name for the task: up to 128 characters, none of them a control character."""
 

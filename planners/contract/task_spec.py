@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, TypeAdapter
+from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter
 
 from planners.contract.counted import Counted
 from planners.contract.quantities import (
@@ -23,6 +23,7 @@ from planners.contract.quantities import (
     Point2,
     Point3,
     Pose,
+    SceneId,
     Seed,
 )
 from planners.contract.shapes import PlateShape, Shape
@@ -195,8 +196,20 @@ def _default_symmetry(validated: dict[str, Any]) -> Literal["axis", "none"]:
     return "axis" if validated["shape"].type == "cylinder" else "none"
 
 
+def _perceived_may_be_left_out(schema: dict[str, Any]) -> None:
+    """Tell in the JSON schema that a task with a scene need not say what was perceived."""
+    schema["required"] = [name for name in schema["required"] if name not in ("name", "shape", "pose")]
+    schema["properties"]["detection"] = {
+        "type": "string",
+        "description": "Name of the perceived object, in a task with `scene_id`; default: its own name.",
+    }
+    schema["description"] += " Name, shape and pose may be left out in a task with `scene_id`."
+
+
 class ObjectToMove(StrictModel):
     """A body that is to be brought from its pose to its goal pose."""
+
+    model_config = ConfigDict(json_schema_extra=_perceived_may_be_left_out)
 
     name: Name
     shape: Shape
@@ -243,6 +256,8 @@ class SuctionToolTask(StrictModel):
     tool: Tool = "long_symmetric"
     tool_pose: Pose | None = None
     """None: the cell's tool rest."""
+    scene_id: SceneId | None = None
+    """The perceived scene that shapes and poses come from where a posted task leaves them out."""
     objects: Annotated[tuple[ObjectToMove, ...], Counted(1, 50)]
     friction: SuctionToolFriction = SuctionToolFriction()
     grip_force_limit: Force = 60.0

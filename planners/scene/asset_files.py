@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from assets import assets_folder
+from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
 from planners.errors import AssetError
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
@@ -200,6 +201,8 @@ class ToolFile(_Asset):
     """tools/*.yaml: a suction tool, as a task would describe its own."""
 
     tool: CustomTool
+    markers: MarkersSpec | None = None
+    """By which cameras find it."""
 
 
 class ArmMountFile(Placement):

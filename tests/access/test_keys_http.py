@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import time
 from typing import Any
@@ -19,6 +20,7 @@ from app.access.gate import PUBLIC
 from app.access.scope import Scope
 from app.create_app import PARTS
 from app.keys_command import issue_key, list_keys, revoke_key
+from tests.support.scan_frames import shipped
 
 PROBLEM = "application/problem+json"
 
@@ -109,6 +111,19 @@ def test_a_reader_may_look_but_not_touch(service: GuardedService) -> None:
         assert all(answer.headers["Content-Type"] == PROBLEM for answer in refused)
 
 
+def test_a_reader_may_see_a_scene_but_have_none_perceived(service: GuardedService) -> None:
+    scan = shipped()
+    form = {"scan": json.dumps({"colour": scan.description["colour"]}).encode(), "colour": scan.files["colour"]}
+    with service.client("writer") as writer, service.client("reader") as reader:
+        assert reader.post("/v1/scenes", files=form).status_code == 403
+        answer = writer.post("/v1/scenes", files=form)
+        assert answer.status_code == 201, answer.text
+        for link in answer.json()["links"].values():
+            assert reader.get(link).status_code == 200
+            with service.client(None) as nobody:
+                assert nobody.get(link).status_code == 401
+
+
 def test_the_plan_of_somebody_else_does_not_exist(service: GuardedService) -> None:
     with service.client("writer") as writer, service.client("stranger") as stranger, service.client("admin") as admin:
         plan = posted(writer)
@@ -180,10 +195,18 @@ def test_what_a_scope_forbids_is_in_the_audit_log(service: GuardedService) -> No
         assert (entry["action"], entry["target"], entry["status"]) == ("DELETE", "/v1/plans/some", 403)
 
 
-def test_a_body_that_stops_coming_is_given_up(service: GuardedService) -> None:
+@pytest.mark.parametrize(
+    ("path", "media_type"),
+    [
+        ("/v1/plans", "application/json"),
+        ("/v1/meshes", "model/stl"),
+        ("/v1/scenes", "multipart/form-data; boundary=x"),
+    ],
+)
+def test_a_body_that_stops_coming_is_given_up(service: GuardedService, path: str, media_type: str) -> None:
     url = urlsplit(service.address)
     head = (
-        f"POST /v1/plans HTTP/1.1\r\nHost: {url.netloc}\r\nContent-Type: application/json\r\nContent-Length: 100\r\n"
+        f"POST {path} HTTP/1.1\r\nHost: {url.netloc}\r\nContent-Type: {media_type}\r\nContent-Length: 100\r\n"
         f"Authorization: Bearer {service.keys['writer']}\r\n\r\n{{"
     )
     with socket.create_connection((url.hostname, url.port), timeout=10) as connection:

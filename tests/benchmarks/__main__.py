@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-from tests.benchmarks import kernel_part, lift_part, planning_part, service_part, suction_part
+from tests.benchmarks import kernel_part, lift_part, perception_part, planning_part, service_part, suction_part
 from tests.benchmarks.effort import FULL, QUICK
 from tests.benchmarks.machine import Circumstances
 from tests.benchmarks.part import Part, write_part
@@ -19,6 +19,7 @@ PARTS = {
         Part("planning", "Plate lifts: planning", planning_part.measure),
         Part("lifts", "Plate lifts: simulated", lift_part.measure),
         Part("suction", "The suction tool", suction_part.measure),
+        Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
         Part("service", "The service: faults, load, bad input", service_part.measure),
     )

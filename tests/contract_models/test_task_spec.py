@@ -68,6 +68,7 @@ def test_a_suction_tool_task_has_the_defaults_of_the_contract():
         "cell": "dual_ur3e_tool",
         "tool": "long_symmetric",
         "tool_pose": None,
+        "scene_id": None,
         "friction": {"grip": 0.5, "environment": 0.4},
         "grip_force_limit": 60.0,
         "obstacles": [],

@@ -1,0 +1,84 @@
+"""From the bytes of PNG and JPEG files to pictures and depth images; their sizes are looked at before they are read."""
+
+from __future__ import annotations
+
+import struct
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.geometry.pose import Array
+from planners.perception.refusal import ScanRefused
+
+MOST_PIXELS = 25_000_000
+"""Of a picture [1]."""
+PNG = b"\x89PNG\r\n\x1a\n"
+JPEG = b"\xff\xd8\xff"
+NPY = b"\x93NUMPY"
+
+
+def read_colour(content: bytes, part: str = "colour") -> NDArray[np.uint8]:
+    """Return (h, w, 3) blue, green, red of a PNG or JPEG file.
+
+    Raises:
+        ScanRefused: It is no such file, or too large.
+    """
+    _check_size(content, part)
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None:
+        raise ScanRefused(part, "the picture is damaged: it cannot be decoded")
+    return image.astype(np.uint8, copy=False)
+
+
+def read_depth_png(content: bytes, unit: float, part: str = "depth") -> Array:
+    """Return the (h, w) depths of a 16-bit PNG file, NaN where it is 0 [m].
+
+    Args:
+        content: of the file.
+        unit: of its numbers [m].
+        part: what the file is called.
+
+    Raises:
+        ScanRefused: It is no such file, or too large.
+    """
+    _check_size(content, part)
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise ScanRefused(part, "the picture is damaged: it cannot be decoded")
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise ScanRefused(part, "a depth image is a PNG of 16 bits with one channel")
+    return np.where(image > 0, unit * image.astype(float), np.nan)
+
+
+def _check_size(content: bytes, part: str) -> None:
+    size = _png_size(content) if content.startswith(PNG) else _jpeg_size(content) if content.startswith(JPEG) else None
+    if size is None:
+        raise ScanRefused(part, "the file is neither a PNG nor a JPEG picture, or is cut short")
+    width, height = size
+    if not 16 <= min(width, height) or width * height > MOST_PIXELS:
+        raise ScanRefused(
+            part, f"the picture has {width} x {height} pixels; at least 16 x 16, at most {MOST_PIXELS:,} are read"
+        )
+
+
+def _png_size(content: bytes) -> tuple[int, int] | None:
+    if len(content) < 24 or content[12:16] != b"IHDR":
+        return None
+    width, height = struct.unpack(">II", content[16:24])
+    return width, height
+
+
+def _jpeg_size(content: bytes) -> tuple[int, int] | None:
+    """Walk over a JPEG's segments up to the one that begins a frame."""
+    at = 2
+    while at + 9 <= len(content) and content[at] == 0xFF:
+        marker = content[at + 1]
+        if marker == 0xFF:
+            at += 1
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", content[at + 5 : at + 9])
+            return width, height
+        at += 2 + struct.unpack(">H", content[at + 2 : at + 4])[0]
+    return None

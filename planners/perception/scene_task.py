@@ -1,0 +1,304 @@
+"""From a perceived scene and what is wanted of its objects to a suction-tool task.
+
+A task that names a scene leaves out what was perceived: shapes and start poses of its objects, the tool's pose, and
+what else is there. An object of the task is found by its `detection`, or by its own name.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart
+from planners.errors import SceneError
+from planners.geometry import polygon
+from planners.geometry.pose import Array, Transform, from_pose7, rotation_z, to_pose7, transform
+from planners.perception.perceived_object import TABLE
+from planners.scene.cell import Cell
+
+CERTAINTY = 2.0
+"""Sides are moved out by so many of the standard deviations that are told; benchmarks tell how many are inside [1]."""
+SHARE_OF_GAP = 0.45
+"""... but by no more than this share of the gap to a neighbour [1]."""
+LEAST_GAP = 1e-3
+"""Between perceived things; what was seen closer together is made so much narrower [m]."""
+NARROWEST = 0.010
+"""No side is made narrower than this by it [m]."""
+TABLE_ERROR = 0.010
+"""If the table was seen farther off its height in the cell, the camera's pose is wrong [m]."""
+TABLE_LEAN = math.radians(1.5)
+"""... or more tilted [rad]."""
+UPRIGHT = math.radians(5.0)
+"""A tool that was seen less off the vertical stands upright [rad]."""
+STANDING = 0.010
+"""... and on the table, if its cup was seen within this [m]."""
+GOAL_REACH = 0.015
+"""A goal so near above or below what can carry it is meant to be on it [m]."""
+LOWEST_OBSTACLE = 0.005
+"""[m]"""
+OUTLINE_CORNERS = 24
+"""Of what was not recognised [1]."""
+NAMED = ("shape", "pose")
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A perceived object as a task has it: upright, with clearance, exactly on what carries it."""
+
+    part: ObjectPart
+    size: tuple[float, float, float]
+    """Sides with clearance, and height; of a cylinder the diameter twice."""
+    T_world_object: Transform
+
+    @property
+    def top(self) -> float:
+        """Z of its top [m]."""
+        return float(self.T_world_object[2, 3] + 0.5 * self.size[2])
+
+    @property
+    def shape(self) -> dict[str, Any]:
+        """As a task names it."""
+        if self.part.shape.type == "box":
+            return {"type": "box", "size": list(self.size)}
+        return {"type": "cylinder", "radius": 0.5 * self.size[0], "height": self.size[2]}
+
+
+def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> dict[str, Any]:
+    """Return a task's body with everything put in that it leaves to its scene; what it says itself stays.
+
+    Sizes have the clearance that their uncertainty asks for; poses rest on the cell's table. Detections that the task
+    does not name, and what was not recognised, become obstacles. Goals of upright objects are put down on what is less
+    than `GOAL_REACH` below or above them, since nobody knows perceived heights beforehand.
+
+    Args:
+        body: JSON data with the member `scene_id`; not validated.
+        scene: that it names.
+        cell: where it was perceived.
+
+    Raises:
+        SceneError: The scene does not fit the task or the cell, or has no such object.
+    """
+    _check_fit(body, scene, cell)
+    standing = stand_up(scene, cell)
+    filled = dict(body)
+    filled.setdefault("cell", scene.cell)
+    if scene.tool is not None and filled.get("tool", scene.tool.name) == scene.tool.name:
+        filled.setdefault("tool", scene.tool.name)
+        if filled.get("tool_pose") is None:
+            filled["tool_pose"] = to_pose7(_settled_tool(scene.tool, cell))
+    used: set[str] = set()
+    given = body.get("objects")
+    if isinstance(given, list):
+        objects = [_filled_object(i, each, standing, used) for i, each in enumerate(given)]
+        filled["objects"] = _with_goals_put_down(objects, cell.table_top)
+    left = [each for each in standing if each.part.name not in used]
+    extra = _obstacles(left, scene, cell)
+    obstacles = body.get("obstacles", [])
+    if extra and isinstance(obstacles, list):
+        filled["obstacles"] = [*obstacles, *extra]
+    return filled
+
+
+def stand_up(scene: SceneDocument, cell: Cell) -> list[Standing]:
+    """Put a scene's objects upright onto the cell's table and onto one another, with clearance all round."""
+    clearances = _clearances(scene.objects)
+    done: dict[str, Standing] = {}
+    for part in sorted(scene.objects, key=lambda each: each.pose[2]):
+        bottom = cell.table_top if part.supported_by == TABLE else done[part.supported_by].top
+        x, y, z = _size(part)
+        beyond = 2.0 * clearances[part.name]
+        size = (max(NARROWEST, x + beyond), max(NARROWEST, y + beyond), z)
+        T = from_pose7(part.pose)
+        yaw = math.atan2(T[1, 0], T[0, 0])
+        done[part.name] = Standing(
+            part, size, transform(rotation_z(yaw), [part.pose[0], part.pose[1], bottom + 0.5 * z])
+        )
+    return [done[part.name] for part in scene.objects]
+
+
+def _check_fit(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> None:
+    if body.get("cell", scene.cell) != scene.cell:
+        raise SceneError("/cell", f"the scene was perceived in the cell {scene.cell}", [scene.cell])
+    if scene.table is None:
+        if _needs_objects(body):
+            raise SceneError("/scene_id", "the scene was perceived without depth or cloud: it has no objects")
+        return
+    off = abs(scene.table.height - cell.table_top)
+    lean = math.acos(min(1.0, abs(scene.table.normal[2])))
+    if off > TABLE_ERROR or lean > TABLE_LEAN:
+        raise SceneError(
+            "/scene_id",
+            f"the table was seen {1e3 * off:.1f} mm off its height and {math.degrees(lean):.2f} degrees off level; up "
+            f"to {1e3 * TABLE_ERROR:g} mm and {math.degrees(TABLE_LEAN):.1f} degrees are taken for the camera's error",
+        )
+
+
+def _needs_objects(body: Mapping[str, Any]) -> bool:
+    given = body.get("objects")
+    return isinstance(given, list) and any(isinstance(each, dict) and _is_perceived(each) for each in given)
+
+
+def _is_perceived(given: Mapping[str, Any]) -> bool:
+    return "detection" in given or not all(name in given for name in NAMED)
+
+
+def _filled_object(index: int, given: Any, standing: Sequence[Standing], used: set[str]) -> Any:
+    if not isinstance(given, dict) or not _is_perceived(given):
+        return given
+    member = "detection" if "detection" in given else "name"
+    wanted = given.get(member)
+    known = [each.part.name for each in standing]
+    found = next((each for each in standing if each.part.name == wanted), None)
+    if found is None:
+        raise SceneError(f"/objects/{index}/{member}", "the scene has no such object", known)
+    if found.part.name in used:
+        raise SceneError(f"/objects/{index}/{member}", f"{found.part.name} is named twice")
+    used.add(found.part.name)
+    filled = {name: value for name, value in given.items() if name != "detection"}
+    filled.setdefault("name", found.part.name)
+    filled.setdefault("shape", found.shape)
+    filled.setdefault("pose", to_pose7(found.T_world_object))
+    return filled
+
+
+def _with_goals_put_down(objects: Sequence[Any], table_top: float) -> list[Any]:
+    """Put the goals of boxes and cylinders that stand upright onto what is just below them, from the bottom up."""
+    outlines = {i: _goal_outline(each) for i, each in enumerate(objects)}
+    tops: list[tuple[Array, float]] = []
+    settled = list(objects)
+    upright = [i for i, outline in outlines.items() if outline is not None]
+    for i in sorted(upright, key=lambda i: objects[i]["goal_pose"][2]):
+        outline = outlines[i]
+        assert outline is not None
+        pose, height = list(objects[i]["goal_pose"]), _height(objects[i]["shape"])
+        below = [table_top, *(top for other, top in tops if len(polygon.overlap(outline, other)) > 2)]
+        near = [z for z in below if abs(pose[2] - 0.5 * height - z) <= GOAL_REACH]
+        if near:
+            pose[2] = max(near) + 0.5 * height
+            settled[i] = {**objects[i], "goal_pose": pose}
+        tops.append((outline, pose[2] + 0.5 * height))
+    return settled
+
+
+def _goal_outline(given: Any) -> Array | None:
+    """Return the (n, 2) outline of an object at its goal; None if it is none of ours, or does not stand upright."""
+    shape, pose = (given.get("shape"), given.get("goal_pose")) if isinstance(given, dict) else (None, None)
+    if not isinstance(pose, list | tuple) or len(pose) != 7 or not all(_is_number(value) for value in pose):
+        return None
+    if not isinstance(shape, dict) or not np.linalg.norm(pose[3:]) > 0.5:
+        return None
+    T = from_pose7(pose)
+    if T[2, 2] < math.cos(UPRIGHT):
+        return None
+    match shape:
+        case {"type": "box", "size": [x, y, z]} if all(_is_number(side) for side in (x, y, z)):
+            corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) * 0.5
+        case {"type": "cylinder", "radius": r, "height": h} if _is_number(r) and _is_number(h):
+            angles = 2.0 * math.pi * np.arange(24) / 24
+            corners = r * np.column_stack([np.cos(angles), np.sin(angles)])
+        case _:
+            return None
+    return corners @ T[:2, :2].T + T[:2, 3]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e3
+
+
+def _height(shape: Mapping[str, Any]) -> float:
+    return float(shape["size"][2] if shape["type"] == "box" else shape["height"])
+
+
+def _settled_tool(tool: SeenToolPart, cell: Cell) -> Transform:
+    """Stand a tool up that was seen nearly upright on the table; seen from above, its markers stay in their place."""
+    T_seen = from_pose7(tool.pose)
+    if abs(T_seen[2, 3] - cell.table_top) > STANDING or T_seen[2, 2] < math.cos(UPRIGHT):
+        return T_seen
+    T = transform(rotation_z(math.atan2(T_seen[1, 0] - T_seen[0, 1], T_seen[0, 0] + T_seen[1, 1])))
+    markers_in_tool = T_seen[:3, :3].T @ (np.array(tool.markers_at) - T_seen[:3, 3])
+    T[:3, 3] = np.array(tool.markers_at) - T[:3, :3] @ markers_in_tool
+    T[2, 3] = cell.table_top
+    return T
+
+
+def _clearances(parts: Sequence[ObjectPart]) -> dict[str, float]:
+    """Return how far each object's sides are moved out, by name [m]: as uncertain as they are, where there is room."""
+    rings = {part.name: _ring(part) for part in parts}
+    clearances = {}
+    for part in parts:
+        # A side is as uncertain as the sum of both sides is, by the root of two.
+        wanted = CERTAINTY * max(part.uncertainty.size[:2]) / math.sqrt(2.0)
+        for other in parts:
+            if other.name != part.name and _share_height(part, other):
+                gap = _gap(rings[part.name], rings[other.name])
+                wanted = min(wanted, SHARE_OF_GAP * gap if gap > LEAST_GAP else 0.5 * (gap - LEAST_GAP))
+        clearances[part.name] = wanted
+    return clearances
+
+
+def _share_height(a: ObjectPart, b: ObjectPart) -> bool:
+    if a.supported_by == b.name or b.supported_by == a.name:
+        return False
+    return abs(a.pose[2] - b.pose[2]) < 0.5 * (_size(a)[2] + _size(b)[2])
+
+
+def _size(part: ObjectPart) -> tuple[float, float, float]:
+    shape = part.shape
+    return shape.size if shape.type == "box" else (2.0 * shape.radius, 2.0 * shape.radius, shape.height)
+
+
+def _ring(part: ObjectPart) -> Array:
+    x, y, _ = _size(part)
+    if part.shape.type == "box":
+        corners = 0.5 * np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+    else:
+        angles = 2.0 * math.pi * np.arange(48) / 48
+        corners = 0.5 * x * np.column_stack([np.cos(angles), np.sin(angles)])
+    T = from_pose7(part.pose)
+    return corners @ T[:2, :2].T + T[:2, 3]
+
+
+def _gap(a: Array, b: Array) -> float:
+    """Return how far two convex outlines are apart [m], negative by how deep they overlap."""
+    separation = max(_beyond(a, b), _beyond(b, a))
+    if separation <= 0.0:
+        return separation
+    sides = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in (a, b)]
+    return min(polygon.segment_distance(one, other) for one in sides[0] for other in sides[1])
+
+
+def _beyond(outline: Array, points: Array) -> float:
+    """Return how far the side of an outline that most of all keeps (n, 2) points away does so [m]."""
+    offsets = (points[:, None, :] - outline[None, :, :]) * polygon.inward_normals(outline)[None, :, :]
+    return float(-offsets.sum(axis=2).max(axis=0).min())
+
+
+def _obstacles(left: Sequence[Standing], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
+    obstacles = [{"name": each.part.name, "shape": each.shape, "pose": to_pose7(each.T_world_object)} for each in left]
+    for i, piece in enumerate(scene.unrecognised):
+        height = max(LOWEST_OBSTACLE, piece.top - cell.table_top)
+        outline = np.array(piece.outline)
+        center = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
+        shape = {"type": "prism", "outline": _simple(outline - center).tolist(), "height": height}
+        pose = [float(center[0]), float(center[1]), cell.table_top + 0.5 * height, 1.0, 0.0, 0.0, 0.0]
+        obstacles.append({"name": f"unrecognised_{i + 1}", "shape": shape, "pose": pose})
+    return obstacles
+
+
+def _simple(outline: Array) -> Array:
+    """Return a convex outline with few corners round a convex outline: the lines that touch it in even directions."""
+    angles = 2.0 * math.pi * np.arange(OUTLINE_CORNERS) / OUTLINE_CORNERS
+    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    reach = (outline @ normals.T).max(axis=0) + 1e-3
+    following, reached = np.roll(normals, -1, axis=0), np.roll(reach, -1)
+    determinant = normals[:, 0] * following[:, 1] - normals[:, 1] * following[:, 0]
+    x = (reach * following[:, 1] - reached * normals[:, 1]) / determinant
+    y = (normals[:, 0] * reached - following[:, 0] * reach) / determinant
+    corners = np.column_stack([x, y])
+    hull = corners[ConvexHull(np.round(corners, 4)).vertices]
+    return np.round(hull, 4).astype(float)

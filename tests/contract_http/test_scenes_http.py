@@ -1,0 +1,143 @@
+"""Posting scans over HTTP, and tasks that name the scenes."""
+
+from __future__ import annotations
+
+import json
+from http.client import HTTPConnection
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+
+from app.demo import post_scan
+from tests.support.scan_frames import SHIPPED, shipped
+
+SCAN = shipped()
+TASK = json.loads((SHIPPED / "tissue_boxes" / "task.json").read_text())
+
+
+def post(client: httpx.Client, description: Any = None, **files: bytes) -> httpx.Response:
+    described = description if isinstance(description, bytes) else json.dumps(description or SCAN.description).encode()
+    form = {"scan": ("scan.json", described, "application/json")}
+    return client.post("/v1/scenes", files=form | {name: (name, content) for name, content in files.items()})
+
+
+@pytest.fixture(scope="module")
+def scene(address: str) -> dict[str, Any]:
+    with httpx.Client(base_url=address, timeout=60.0) as client:
+        answer = post(client, **SCAN.files)
+    assert answer.status_code == 201, answer.text
+    assert answer.headers["location"] == answer.json()["links"]["self"]
+    return answer.json()
+
+
+def test_a_scan_becomes_a_scene_that_can_be_fetched(client: httpx.Client, scene: dict[str, Any]) -> None:
+    assert scene["scene"]["tool"]["name"] == "long_symmetric"
+    assert [each["shape"]["type"] for each in scene["scene"]["objects"]] == ["box"] * 3
+    assert {each["supported_by"] for each in scene["scene"]["objects"]} == {"table"}
+    assert all(each["support_points"] for each in scene["scene"]["objects"])
+    assert client.get(scene["links"]["self"]).json() == scene
+
+
+def test_the_same_scan_gives_the_same_scene(client: httpx.Client, scene: dict[str, Any]) -> None:
+    assert post(client, **SCAN.files).json() == scene
+
+
+def test_a_scene_has_a_picture_with_the_detections_drawn_in(client: httpx.Client, scene: dict[str, Any]) -> None:
+    answer = client.get(scene["links"]["preview"])
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/png")
+    image = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    green = (image[..., 1] > 180) & (image[..., 2] < 120)
+    assert green.sum() > 500
+
+
+def test_a_task_may_name_a_scene_in_place_of_shapes_and_poses(client: httpx.Client, scene: dict[str, Any]) -> None:
+    answer = client.post("/v1/plans", json={**TASK, "scene_id": scene["id"]})
+    assert answer.status_code == 202, answer.text
+
+
+def test_the_demo_posts_a_scan_and_the_task_of_its_scene(address: str, scene: dict[str, Any]) -> None:
+    plan = post_scan(address, SHIPPED / "tissue_boxes")
+    assert plan["kind"] == "suction_tool"
+    assert scene["scene"]["objects"]
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"scene_id": "unknown"}, "/scene_id"),
+        ({"scene_id": 7}, "/scene_id"),
+        ({"cell": "dual_ur3e_lift"}, "/cell"),
+        ({"objects": [{**TASK["objects"][0], "detection": "object_9"}]}, "/objects/0/detection"),
+        ({"objects": [TASK["objects"][0], {**TASK["objects"][0], "name": "b"}]}, "/objects/1/detection"),
+        ({"objects": [{"detection": "object_1", "goal_pose": TASK["objects"][0]["goal_pose"]}]}, "/objects/0/mass"),
+        ({"objects": [7]}, "/objects/0"),
+        ({"objects": {}}, "/objects"),
+        ({"objects": [{**TASK["objects"][0], "goal_pose": "here"}]}, "/objects/0/goal_pose"),
+    ],
+)
+def test_a_task_that_does_not_fit_its_scene_is_refused_where_it_is_wrong(
+    client: httpx.Client, scene: dict[str, Any], change: dict[str, Any], pointer: str
+) -> None:
+    answer = client.post("/v1/plans", json={**TASK, "scene_id": scene["id"], **change})
+    assert answer.status_code == 422, answer.text
+    assert pointer in [error["pointer"] for error in answer.json()["errors"]]
+
+
+DEPTH_ONLY = {"depth": SCAN.description["depth"]}
+CLOUD_ONLY = {"cloud": {"pose": SCAN.description["depth"]["pose"]}}
+PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
+
+
+@pytest.mark.parametrize(
+    ("description", "files", "status", "said"),
+    [
+        (b"{", SCAN.files, 400, "not JSON"),
+        ({}, {}, 422, "at least one of colour, depth and cloud"),
+        (DEPTH_ONLY, {}, 422, "no such file"),
+        (DEPTH_ONLY, {"depth": b""}, 422, "neither a PNG nor a JPEG"),
+        (DEPTH_ONLY, {"depth": b"\x89PNG\r\n\x1a\n" + b"x" * 100}, 422, "neither a PNG nor a JPEG"),
+        (DEPTH_ONLY, {"depth": SCAN.files["depth"][:2000]}, 422, "depth"),
+        (DEPTH_ONLY, {"depth": SCAN.files["colour"]}, 422, "16 bits"),
+        (DEPTH_ONLY, SCAN.files, 422, "does not say what camera"),
+        ({**DEPTH_ONLY, "cell": "nowhere"}, {"depth": SCAN.files["depth"]}, 422, "no cell"),
+        (CLOUD_ONLY, {"cloud": PLY % 50_000_000 + b"end_header\n"}, 422, "50,000,000 points"),
+        (CLOUD_ONLY, {"cloud": PLY % 0 + b"end_header\n"}, 422, "0 points"),
+        (CLOUD_ONLY, {"cloud": PLY % 9 + b"end_header\n" + b"\0" * 20}, 422, "cut short"),
+        (CLOUD_ONLY, {"cloud": PLY % 900 + b"end_header\n" + b"\xff" * 10800}, 422, "0 points"),
+        (CLOUD_ONLY, {"cloud": b"solid"}, 422, "neither PLY, PCD nor NPY"),
+    ],
+)  # fmt: skip
+def test_a_scan_that_cannot_be_read_is_refused_with_the_reason(
+    client: httpx.Client, description: Any, files: dict[str, bytes], status: int, said: str
+) -> None:
+    described = description if isinstance(description, bytes) else json.dumps(description).encode()
+    answer = post(client, described, **files)
+    assert answer.status_code == answer.json()["status"] == status, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert said in answer.text
+
+
+def test_a_scan_that_is_no_form_is_refused(client: httpx.Client) -> None:
+    assert client.post("/v1/scenes", json={}).status_code == 415
+    assert client.post("/v1/scenes", files={"depth": b"x"}).status_code == 422
+    assert client.post("/v1/scenes", files=[("scan", b"{}"), ("scan", b"{}")]).status_code == 422
+    assert client.post("/v1/scenes", files={"film": b"x"}).status_code == 422
+
+
+def test_a_scan_that_is_too_large_is_refused_unread(address: str) -> None:
+    connection = HTTPConnection(address.removeprefix("http://"), timeout=30.0)
+    connection.putrequest("POST", "/v1/scenes")
+    for name, value in (("Content-Type", "multipart/form-data; boundary=x"), ("Content-Length", str(600_000_000))):
+        connection.putheader(name, value)
+    connection.endheaders()
+    assert connection.getresponse().status == 413
+    connection.close()
+
+
+@pytest.mark.parametrize("path", ["/v1/scenes/unknown", "/v1/scenes/unknown/preview.png"])
+def test_a_scene_that_does_not_exist_is_a_404(client: httpx.Client, path: str) -> None:
+    assert client.get(path).status_code == 404

@@ -1,0 +1,119 @@
+"""Files of pictures and points: what was written is read, what lies is refused before it is believed."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from planners.perception.cloud_file import MOST_POINTS, read_cloud, read_npy
+from planners.perception.picture_file import read_colour, read_depth_png
+from planners.perception.refusal import ScanRefused
+
+POINTS = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
+
+
+def npy(array: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array, allow_pickle=True)
+    return stream.getvalue()
+
+
+def pcd(points: np.ndarray, form: str, width: int | None = None, height: int = 1) -> bytes:
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
+        f"WIDTH {len(points) if width is None else width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\n"
+        f"POINTS {len(points)}\nDATA {form}\n"
+    ).encode()
+    if form == "ascii":
+        return head + "\n".join(f"{x} {y} {z} 7" for x, y, z in points.tolist()).encode()
+    rows = np.zeros(len(points), dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
+    for i, name in enumerate("xyz"):
+        rows[name] = points[:, i]
+    return head + rows.tobytes()
+
+
+def ply(points: np.ndarray, encoding: str) -> bytes:
+    content = trimesh.PointCloud(points).export(file_type="ply", encoding=encoding)
+    assert isinstance(content, bytes)
+    return content
+
+
+@pytest.mark.parametrize(
+    "content",
+    [npy(POINTS), ply(POINTS, "binary"), ply(POINTS, "ascii"), pcd(POINTS, "binary"), pcd(POINTS, "ascii")],
+    ids=["npy", "ply", "ply ascii", "pcd", "pcd ascii"],
+)
+def test_the_points_of_a_file_are_those_that_were_written(content: bytes) -> None:
+    np.testing.assert_allclose(read_cloud(content, 1.0), POINTS, atol=1e-6)
+    np.testing.assert_allclose(read_cloud(content, 0.001), 0.001 * POINTS, atol=1e-9)
+
+
+def test_an_organised_cloud_keeps_its_rows() -> None:
+    np.testing.assert_allclose(read_cloud(pcd(POINTS, "binary", 10, 5), 1.0), POINTS.reshape(5, 10, 3))
+    np.testing.assert_allclose(read_cloud(npy(POINTS.reshape(5, 10, 3)), 1.0), POINTS.reshape(5, 10, 3))
+
+
+def test_what_is_not_finite_becomes_not_measured() -> None:
+    wild = np.array([[np.inf, 0.0, 1.0], [1e300, 0.0, 1e308], [0.0, np.nan, 1.0]])
+    read = read_cloud(npy(wild), 1.0)
+    assert not np.isinf(read).any()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (npy(np.array([{}, {}], dtype=object)), "real numbers"),
+        (npy(np.zeros((5, 4))), "shape"),
+        (npy(POINTS)[:-1], "cut short"),
+        (b"\x93NUMPY\x01\x00\xff\xff" + b" " * 300, "header"),
+        (ply(POINTS, "binary")[:-1], "cut short"),
+        (ply(POINTS, "ascii")[:-600], "cut short"),
+        (ply(POINTS, "ascii").replace(b".", b"x"), "PLY|numbers"),
+        (pcd(POINTS, "binary", MOST_POINTS + 1), "at most"),
+        (pcd(POINTS, "binary", 10**11), "at most"),
+        (pcd(POINTS, "binary_compressed"), "save them as binary"),
+        (pcd(POINTS, "binary").replace(b"FIELDS x y z", b"FIELDS x y y"), "x, y and z"),
+        (b"ply\n" + b"comment x\n" * 5000, "does not end"),
+        (b"", "neither"),
+    ],
+)
+def test_a_cloud_that_is_no_cloud_is_refused(content: bytes, said: str) -> None:
+    with pytest.raises(ScanRefused, match=said):
+        read_cloud(content, 1.0)
+
+
+def test_a_depth_image_is_read_in_its_unit_and_zeros_are_no_measurements() -> None:
+    numbers = np.random.default_rng(0).integers(0, 3, (20, 30)).astype(np.uint16) * 500
+    read = read_depth_png(cv2.imencode(".png", numbers)[1].tobytes(), 0.001)
+    np.testing.assert_array_equal(np.isnan(read), numbers == 0)
+    np.testing.assert_allclose(np.nan_to_num(read), 0.001 * numbers)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_picture_is_read_and_a_damaged_one_refused(suffix: str) -> None:
+    image = np.full((20, 30, 3), 100, np.uint8)
+    content = cv2.imencode(suffix, image)[1].tobytes()
+    assert read_colour(content).shape == (20, 30, 3)
+    with pytest.raises(ScanRefused):
+        read_colour(content[:30])
+
+
+def test_a_picture_that_says_it_is_huge_is_refused_before_it_is_decoded() -> None:
+    head = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    chunk = b"IHDR" + head
+    bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    with pytest.raises(ScanRefused, match="60000 x 60000"):
+        read_colour(bomb)
+
+
+def test_an_array_that_is_too_large_is_refused_by_its_header() -> None:
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"shape": (50_000_000, 3), "fortran_order": False, "descr": "<f4"})
+    with pytest.raises(ScanRefused, match="50,000,000 points"):
+        read_npy(stream.getvalue(), "cloud")

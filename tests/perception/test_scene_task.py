@@ -1,0 +1,150 @@
+"""Tasks that are filled in from perceived scenes, and the scenes that are shipped."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planners.contract.scan_spec import read_scan
+from planners.contract.scene_document import SceneDocument
+from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.errors import SceneError
+from planners.geometry.pose import from_pose7
+from planners.perception.perceive import PerceivedScene, perceive
+from planners.perception.scene_task import fill_from_scene
+from planners.scene.cell import Cell, load_cell
+from planners.scene.scene import build_scene
+from tests.support.scan_frames import SHIPPED, shipped
+
+GOAL = [0.38, 0.0, 1.124, 1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return load_cell("dual_ur3e_tool")
+
+
+@pytest.fixture(scope="module")
+def perceived(cell: Cell) -> PerceivedScene:
+    scan = shipped()
+    return perceive(read_scan(scan.description), scan.files, cell)
+
+
+@pytest.fixture(scope="module")
+def scene(perceived: PerceivedScene) -> SceneDocument:
+    return perceived.document
+
+
+def task(*detections: str, **members: Any) -> dict[str, Any]:
+    objects = [{"detection": name, "mass": 0.3, "goal_pose": GOAL} for name in detections]
+    return {"kind": "suction_tool", "scene_id": "seen", "objects": objects, **members}
+
+
+def changed(scene: SceneDocument, **members: Any) -> SceneDocument:
+    return SceneDocument.model_validate({**scene.model_dump(), **members})
+
+
+def test_the_shipped_scan_shows_three_tissue_boxes_and_the_tool_in_its_rest(scene: SceneDocument, cell: Cell) -> None:
+    assert [each.name for each in scene.objects] == ["object_1", "object_2", "object_3"]
+    for each in scene.objects:
+        assert each.shape.type == "box"
+        np.testing.assert_allclose(each.shape.size, (0.24, 0.115, 0.06), atol=0.004)
+    assert scene.tool is not None
+    assert cell.tool_rest is not None
+    assert np.linalg.norm(np.subtract(scene.tool.markers_at[:2], cell.tool_rest.T_world_tool[:2, 3])) < 0.004
+    assert scene.unrecognised == ()
+
+
+def test_the_same_scan_gives_the_same_scene(perceived: PerceivedScene, cell: Cell) -> None:
+    scan = shipped()
+    again = perceive(read_scan(scan.description), scan.files, cell)
+    assert again.document == perceived.document
+    assert again.preview == perceived.preview
+
+
+def test_a_filled_task_can_be_begun_and_filling_it_again_changes_nothing(scene: SceneDocument, cell: Cell) -> None:
+    body = json.loads((SHIPPED / "tissue_boxes" / "task.json").read_text()) | {"scene_id": "seen"}
+    filled = fill_from_scene(body, scene, cell)
+    accepted = read_task(filled)
+    assert isinstance(accepted, SuctionToolTask)
+    assert accepted.obstacles == ()
+    build_scene(accepted, {cell.name: cell})
+    assert fill_from_scene(filled, scene, cell)["objects"] == filled["objects"]
+
+
+def test_sides_have_their_uncertainty_as_clearance_and_heights_have_none(scene: SceneDocument, cell: Cell) -> None:
+    filled = fill_from_scene(task("object_1"), scene, cell)["objects"][0]
+    seen = scene.objects[0]
+    assert seen.shape.type == "box"
+    np.testing.assert_array_less(seen.shape.size[:2], filled["shape"]["size"][:2])
+    wanted = 2.0 * 2.0 * max(seen.uncertainty.size[:2]) / math.sqrt(2.0)
+    np.testing.assert_allclose(np.subtract(filled["shape"]["size"][:2], seen.shape.size[:2]), wanted)
+    assert filled["shape"]["size"][2] == seen.shape.size[2]
+
+
+def test_neighbours_get_no_more_clearance_than_there_is_room(scene: SceneDocument, cell: Cell) -> None:
+    one = scene.objects[0]
+    assert one.shape.type == "box"
+    width = one.shape.size[1]
+    side = from_pose7(one.pose)[:3, 1]
+    for gap in (0.0015, 0.0002, -0.001):
+        pose = (*(np.array(one.pose[:3]) + (width + gap) * side).tolist(), *one.pose[3:])
+        other = one.model_copy(update={"name": "object_2", "pose": pose})
+        crowded = changed(scene, objects=[one.model_dump(), other.model_dump()])
+        body = task("object_1", "object_2")
+        body["objects"][1]["goal_pose"] = [0.6, -0.3, *GOAL[2:]]
+        build_scene(read_task(fill_from_scene(body, crowded, cell)), {cell.name: cell})
+
+
+def test_goals_are_put_down_on_what_is_below_them(scene: SceneDocument, cell: Cell) -> None:
+    body = task("object_1", "object_2", "object_3")
+    for i, given in enumerate(body["objects"]):
+        given["goal_pose"] = [0.38, 0.0, 1.124 + 0.063 * i, *GOAL[3:]]
+    filled = fill_from_scene(body, scene, cell)["objects"]
+    top = cell.table_top
+    for given in filled:
+        height = given["shape"]["size"][2]
+        assert given["goal_pose"][2] == pytest.approx(top + 0.5 * height)
+        top += height
+
+
+def test_what_a_task_says_itself_stays(scene: SceneDocument, cell: Cell) -> None:
+    pose = [0.3, 0.0, 1.124, 1.0, 0.0, 0.0, 0.0]
+    body = task("object_1", tool_pose=[0.25, 0.0, cell.table_top, 1.0, 0.0, 0.0, 0.0])
+    body["objects"][0] |= {"name": "mine", "pose": pose}
+    filled = fill_from_scene(body, scene, cell)
+    assert filled["objects"][0]["pose"] == pose
+    assert filled["objects"][0]["name"] == "mine"
+    assert filled["tool_pose"] == body["tool_pose"]
+
+
+def test_what_the_task_does_not_name_is_in_the_way(scene: SceneDocument, cell: Cell) -> None:
+    outline = [[0.6, -0.1], [0.7, -0.1], [0.7, 0.0], [0.6, 0.0]]
+    cluttered = changed(scene, unrecognised=[{"reason": "it has no level top", "outline": outline, "top": 1.2}])
+    filled = fill_from_scene(task("object_1"), cluttered, cell)
+    accepted = read_task(filled)
+    assert [each.name for each in accepted.obstacles] == ["object_2", "object_3", "unrecognised_1"]
+    build_scene(accepted, {cell.name: cell})
+    kept = np.array(filled["obstacles"][2]["shape"]["outline"]) + filled["obstacles"][2]["pose"][:2]
+    assert np.all(kept.min(axis=0) <= np.min(outline, axis=0))
+    assert np.all(kept.max(axis=0) >= np.max(outline, axis=0))
+
+
+def test_the_tool_stands_up_with_its_markers_where_they_were_seen(scene: SceneDocument, cell: Cell) -> None:
+    filled = fill_from_scene(task("object_1"), scene, cell)
+    T = from_pose7(filled["tool_pose"])
+    assert scene.tool is not None
+    np.testing.assert_allclose(T[:3, 2], [0.0, 0.0, 1.0], atol=1e-9)
+    assert T[2, 3] == pytest.approx(cell.table_top)
+    np.testing.assert_allclose((T @ [0.0, 0.0, 0.25, 1.0])[:2], scene.tool.markers_at[:2], atol=1e-6)
+
+
+def test_a_table_that_was_seen_elsewhere_is_refused(scene: SceneDocument, cell: Cell) -> None:
+    assert scene.table is not None
+    moved = changed(scene, table={**scene.table.model_dump(), "height": scene.table.height + 0.02})
+    with pytest.raises(SceneError, match="mm off its height"):
+        fill_from_scene(task("object_1"), moved, cell)
