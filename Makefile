@@ -6,10 +6,10 @@ ONCE ?=
 PART ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format openapi bench clean
+.PHONY: help setup demo test test-slow check format openapi bench clean
 
 help: ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (minutes the first time, no time after that)
 
@@ -23,8 +23,11 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 demo: setup ## start the service, plan a lift over HTTP, keep serving; ONCE=1 stops after the result
 	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
 
-test: setup ## all tests, on all cores
-	@$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile
+test: setup ## all tests but the slow ones, on all cores
+	@$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile -m 'not slow'
+
+test-slow: setup ## tests that take minutes: faults at random, bad input in quantity, the whole interface fuzzed
+	@$(BIN)/python -m pytest -q -m slow
 
 check: setup ## format, lint, types
 	@$(BIN)/ruff format --check .

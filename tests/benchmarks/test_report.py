@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.benchmarks.results_file import replace_part
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +41,7 @@ SECTIONS = {
 }
 
 
+@pytest.mark.slow
 def test_a_quick_run_writes_a_well_formed_report_with_all_sections_and_pictures(tmp_path):
     words = [sys.executable, "-m", "tests.benchmarks", "--quick", "--out", str(tmp_path)]
     subprocess.run(words, cwd=ROOT, check=True, capture_output=True)

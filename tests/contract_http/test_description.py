@@ -113,6 +113,7 @@ def guarded(tmp_path: Path) -> Any:
         yield address, key
 
 
+@pytest.mark.slow
 def test_schemathesis_finds_no_answer_that_the_description_does_not_allow(guarded: tuple[str, str]) -> None:
     """All checks on all operations of the running service."""
     address, key = guarded

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.benchmarks.fuzz import fuzz, watched_service
 
 CASES = 300
 
 
+@pytest.mark.slow
 def test_bad_input_is_answered_in_little_memory_and_touches_nothing_outside_the_data_directory(tmp_path: Path) -> None:
     with watched_service(tmp_path) as target:
         fuzz(target, CASES)

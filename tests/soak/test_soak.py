@@ -16,6 +16,7 @@ def body(number: int) -> dict[str, Any]:
     return task(external_id=f"steps-{10 + number % 3 * 10}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("postgres", "jobs", "kills"),
     [pytest.param(False, 8, 4, id="sqlite"), pytest.param(True, 10, 6, id="postgres", marks=needs_postgres)],
