@@ -36,6 +36,7 @@ SECTIONS = {
         "Handover databases, cold and warm",
         "Quality of motion",
     ),
+    "Perception": ("Aimed at and reached", "Boards of markers", "Objects on the table"),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
     "The service: faults, load, bad input": ("Aimed at and reached",),
 }
