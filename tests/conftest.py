@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 LONG_FIRST = (
-    "viewer/test_viewer_in_browser", "acceptance/", "integration/", "simulation/", "certify/", "contract_http/",
-)  # fmt: skip
     "viewer/test_viewer_in_browser",
     "acceptance/",
     "integration/",
