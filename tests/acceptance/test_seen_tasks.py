@@ -27,6 +27,7 @@ def scan() -> Scan:
     return tissue_boxes(seed=7)
 
 
+@pytest.mark.slow
 def test_three_boxes_and_a_tool_that_cameras_see_are_piled_up_by_a_certified_plan(
     service: ServiceProcess, scan: Scan
 ) -> None:

@@ -257,6 +257,7 @@ def test_keys_move_through_time_and_leave_the_camera_alone(page: Page) -> None:
     wait_until_it_is_as_before(page, before)
 
 
+@pytest.mark.slow
 def test_layers_are_shown_on_demand(page: Page) -> None:
     page.evaluate("player.seek(0.95 * player.source.duration)")
     far = settled(page)
@@ -385,6 +386,7 @@ def test_what_was_considered_is_told_and_drawn_on_demand(
         page.locator(f"#layer-{layer}").click()
 
 
+@pytest.mark.slow
 def test_a_recording_plays_plan_and_simulation_with_no_server(
     service: ServiceProcess, plans: dict[str, Any], loaded_page: Page, open_page: Callable[..., Page], tmp_path: Path
 ) -> None:

@@ -1,19 +1,41 @@
 /* The recording: the scene is viser's player, which this page's clock drives. */
 "use strict";
 
+/** After so long without another wish a step back is made once more. */
+const QUIET_MILLISECONDS = 400;
+
 /** Drives the player inside the frame through the field that shows its time. */
 class RecordedScene {
   constructor(frame) {
     this.frame = frame;
+    this.wanted = this.written = 0;
   }
 
   show(source, time) {
-    const wanted = RECORDED.begins[source] + time;
+    this.wanted = RECORDED.begins[source] + time;
+    // One wish a picture: of several, the last counts.
+    this.next ??= requestAnimationFrame(() => {
+      this.next = null;
+      // While the player still works on an earlier wish, its messages can come after those of a step back.
+      this.back ||= this.wanted < this.written;
+      this.write(this.wanted + 0.00013);
+    });
+    clearTimeout(this.quiet);
+    this.quiet = setTimeout(() => this.settle(), QUIET_MILLISECONDS);
+  }
+
+  settle() {
+    if (this.back) this.write(this.wanted + 0.00007);
+    this.back = false;
+  }
+
+  write(wanted) {
     const field = this.frame.contentDocument?.querySelector("input");
     if (!field) return;
+    this.written = wanted;
     // The field shows tenths and ignores what it shows already: a little more is never what it shows.
     const write = Object.getOwnPropertyDescriptor(this.frame.contentWindow.HTMLInputElement.prototype, "value").set;
-    write.call(field, (wanted + 0.00013).toFixed(5));
+    write.call(field, wanted.toFixed(5));
     field.dispatchEvent(new this.frame.contentWindow.Event("input", { bubbles: true }));
   }
 }
