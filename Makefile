@@ -24,7 +24,7 @@ demo: setup ## start the service, plan a lift over HTTP, keep serving; ONCE=1 st
 	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
 
 test: setup ## all tests but the slow ones, on all cores
-	@$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile -m 'not slow'
+	@$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile --no-loadscope-reorder -m 'not slow'
 
 test-slow: setup ## tests that take minutes: faults at random, bad input in quantity, the whole interface fuzzed
 	@$(BIN)/python -m pytest -q -m slow
