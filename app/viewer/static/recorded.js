@@ -8,7 +8,7 @@ const QUIET_MILLISECONDS = 400;
 class RecordedScene {
   constructor(frame) {
     this.frame = frame;
-    this.wanted = this.written = 0;
+    this.wanted = this.shown = 0;
   }
 
   show(source, time) {
@@ -17,11 +17,12 @@ class RecordedScene {
     this.next ??= requestAnimationFrame(() => {
       this.next = null;
       // While the player still works on an earlier wish, its messages can come after those of a step back.
-      this.back ||= this.wanted < this.written;
+      this.back ||= this.wanted < this.shown;
+      this.shown = this.wanted;
       this.write(this.wanted + 0.00013);
+      clearTimeout(this.quiet);
+      this.quiet = setTimeout(() => this.settle(), QUIET_MILLISECONDS);
     });
-    clearTimeout(this.quiet);
-    this.quiet = setTimeout(() => this.settle(), QUIET_MILLISECONDS);
   }
 
   settle() {
@@ -32,7 +33,6 @@ class RecordedScene {
   write(wanted) {
     const field = this.frame.contentDocument?.querySelector("input");
     if (!field) return;
-    this.written = wanted;
     // The field shows tenths and ignores what it shows already: a little more is never what it shows.
     const write = Object.getOwnPropertyDescriptor(this.frame.contentWindow.HTMLInputElement.prototype, "value").set;
     write.call(field, wanted.toFixed(5));
