@@ -10,7 +10,7 @@ from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection
 from planners.progress import Progress
 from planners.regrasp.object_order import ObjectOrder
-from planners.regrasp.object_planner import ObjectPlanner
+from planners.regrasp.object_planner import Following, ObjectPlanner
 from planners.regrasp.object_report import ObjectReport
 from planners.regrasp.set_aside import SetAside
 from planners.regrasp.suction_poses import SuctionLoad, SuctionPoses, SuctionSettings, suction_poses
@@ -109,14 +109,20 @@ class PilePlanner:
     def _moved(self, course: Course, target: MovedObject, aside: bool) -> Course | None:
         self.planned += 1
         suctions = self.suctions.between(target) if aside else self.suctions.to_goal(target)
-        last = not aside and len(course.moved) + 1 == len(course.objects)
-        stage, report = self.objects.plan(course.stage, target, suctions, last)
+        stage, report = self.objects.plan(course.stage, target, suctions, self._following(course, target, aside))
         report.aside = aside
         self.counts.update(report.counts)
         if stage is None:
             self.failed.append(report)
             return None
         return course.after(stage, report)
+
+    def _following(self, course: Course, target: MovedObject, aside: bool) -> Following | None:
+        """Return what is likely moved after a target, if anything is."""
+        moved = course.moved if aside else course.moved | {target.name}
+        order = ObjectOrder.of(tuple(course.objects.values()))
+        name = next((name for name in order.next(moved) if name != target.name), None)
+        return None if name is None else Following(course.objects[name], self.suctions.to_goal(course.objects[name]))
 
     def _moves(self, course: Course, order: ObjectOrder) -> Iterator[tuple[MovedObject, bool]]:
         """Yield what can be moved next, and whether it is only put aside."""

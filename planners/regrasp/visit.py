@@ -10,6 +10,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.branch import follow_branch
+from planners.regrasp.tool_stage import HeldGrasp
 from planners.scene.arm import Arm
 
 _TURN = 2.0 * math.pi
@@ -43,6 +44,16 @@ class StraightLeg:
 
 
 @dataclass(frozen=True, eq=False)
+class Onward:
+    """Where an arm goes after a visit: whoever has a choice of postures and turns looks that far ahead."""
+
+    positions: Array
+    """(k, 6) any of them [rad]."""
+    held: HeldGrasp | None = None
+    """What it carries there."""
+
+
+@dataclass(frozen=True, eq=False)
 class Posture:
     """Joint positions along the legs of a visit, in one branch and with one choice of whole turns."""
 
@@ -54,6 +65,11 @@ class Posture:
     def start(self) -> Array:
         """(6,) where the visit begins [rad]."""
         return self.ways[0][0]
+
+    @property
+    def end(self) -> Array:
+        """(6,) where the visit ends [rad]."""
+        return self.ways[-1][-1]
 
     def turned(self, turns: Array) -> Posture:
         """Return the posture after whole turns (6,) [rad]."""
