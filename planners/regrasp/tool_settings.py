@@ -31,6 +31,11 @@ class CarrySettings:
     """Between the places of a straight way that is followed [m]."""
     continuity: float = 0.25
     """Largest joint step between those that still counts as continuous [rad]."""
+    level: float = math.radians(75.0)
+    """A tool with an object that is tilted by more is reached and left in a turn about the object's centre of mass
+    [rad]; as for handovers."""
+    reliefs: tuple[float, ...] = (math.radians(68.0), math.radians(80.0))
+    """Tilts from which such turns begin, or at which they end; the next where one is not possible [rad]."""
     executed_share: float = 0.5
     """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
 
