@@ -34,6 +34,13 @@ class Rejections:
         self._counts: Counter[tuple[str, str]] = Counter()
         self._nearest: dict[tuple[str, str], Rejection] = {}
 
+    @staticmethod
+    def of(rejection: Rejection) -> Rejections:
+        """Return the tally of one rejection."""
+        tally = Rejections()
+        tally.add(rejection)
+        return tally
+
     def add(self, rejection: Rejection, count: int = 1) -> None:
         """Count a rejection; of equal reasons the one that missed by least is remembered."""
         if count <= 0:

@@ -21,6 +21,7 @@ from planners.regrasp.suction_route import RouteCosts, SuctionRoute
 from planners.regrasp.tool_choreography import ToolChoreographer
 from planners.regrasp.tool_motion import Stuck
 from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep
+from planners.regrasp.tool_room import ToolRoom
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import ToolStage
 from planners.scene.moved_object import MovedObject
@@ -43,6 +44,7 @@ class ObjectPlanner:
             progress: told of what is being done; may raise to stop.
         """
         self.choreographer, self.routes = choreographer, routes
+        self.room = ToolRoom(choreographer.traffic, settings.carry.descent)
         self.settings, self.progress = settings, progress
 
     def plan(
@@ -57,7 +59,10 @@ class ObjectPlanner:
             last: whether no object follows: then any grasp is good to end with.
         """
         report = ObjectReport(target.name)
-        poses = suctions.poses[: self.settings.suction_poses]
+        poses = self.room.poses(stage, target, suctions.poses, self.settings.suction_poses, report.rejections)
+        if not poses:
+            report.rejections.include(suctions.rejections)
+            return None, report
         tell = ObjectProgress(self.progress, target.name, len(poses))
         tell(ObjectStage.FIRST_REGRASP)
         start = self.routes.start(stage)

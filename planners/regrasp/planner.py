@@ -12,11 +12,11 @@ from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.hose import hose_turns
 from planners.regrasp.object_order import ObjectOrder
 from planners.regrasp.object_planner import ObjectPlanner
-from planners.regrasp.object_report import ObjectReport
+from planners.regrasp.object_report import ObjectReport, Stopover
 from planners.regrasp.park_pose import park_poses, start_clash
 from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
 from planners.regrasp.route_maker import RouteMaker
-from planners.regrasp.set_aside import SetAside
+from planners.regrasp.stopover import Stopovers
 from planners.regrasp.suction_poses import SuctionCandidate
 from planners.regrasp.tool_capacity import impossibilities
 from planners.regrasp.tool_choreography import ToolChoreographer
@@ -73,7 +73,7 @@ class SuctionToolPlanner:
         self.pile = PilePlanner(
             ObjectPlanner(self.choreographer, routes, settings, progress),
             self.suctions,
-            SetAside(StillBodies.of(scene.cell, scene.obstacles), settings.set_aside),
+            Stopovers(StillBodies.of(scene.cell, scene.obstacles), settings.stopover),
             len(scene.objects) + settings.orders,
         )
         self._targets = {each.name: each for each in scene.objects}
@@ -113,9 +113,9 @@ class SuctionToolPlanner:
             reason = Rejection("grasp", "no grasp of the tool was found that is free of collision")
             return "No grasp of the tool was found.", (reason,)
         for target in to_move:
-            found = self.suctions.to_goal(target)
-            if not found.poses:
-                causes = tuple(rejection for rejection, _ in found.rejections.most_common(_MOST_CAUSES))
+            anywhere = self.suctions.at_start(target)
+            if not anywhere.poses:
+                causes = tuple(rejection for rejection, _ in anywhere.rejections.most_common(_MOST_CAUSES))
                 return f"No place was found where the cup can sit on {target.name}.", causes
         return None
 
@@ -126,16 +126,21 @@ class SuctionToolPlanner:
         order = tuple(report.name for report in reports)
         if not order:
             return self._plan(ToolOutcome.SOLVED, "Every object is at its goal already.", (), course)
-        aside = [report.name for report in reports if report.aside]
-        how = "nearest to its goal first" if order == self._nearest_order() else "in another order than nearest first"
         handovers = sum(report.counts["handovers"] for report in reports)
-        summary = (
-            f"{_counted(len(order) - len(aside), 'object')} moved, {how} ({', '.join(order)}), "
-            f"with {_counted(handovers, 'handover') if handovers else 'no handover'}"
-        )
-        if aside:
-            summary += f"; {' and '.join(aside)} put aside first, out of the way of others"
+        summary = f"{self._order_told(order)}, with {_counted(handovers, 'handover') if handovers else 'no handover'}"
+        for why in Stopover:
+            names = [report.name for report in reports if report.stopover is why]
+            if names:
+                summary += f"; {' and '.join(names)} {why.value}"
         return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
+
+    def _order_told(self, order: tuple[str, ...]) -> str:
+        """Say which objects were moved, and in what order where there is more than one."""
+        names = set(order)
+        if len(names) == 1:
+            return f"{order[0]} moved"
+        how = "nearest to its goal first" if order == self._nearest_order() else "in another order than nearest first"
+        return f"{_counted(len(names), 'object')} moved, {how} ({', '.join(order)})"
 
     def _nearest_order(self) -> tuple[str, ...]:
         """Return the objects that have to be moved in the order that is tried first."""
@@ -210,7 +215,7 @@ class SuctionToolPlanner:
         counts = self.pile.counts
         return {
             "objects_planned": self.pile.planned,
-            "put_aside": sum(report.aside for report in reports),
+            "put_aside": sum(report.stopover is not None for report in reports),
             "suction_poses": counts["suction poses"],
             "sequences": counts["tries"],
             "edges_deleted": counts["edges deleted"],

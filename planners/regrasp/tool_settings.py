@@ -9,7 +9,7 @@ from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.handovers import HandoverSettings
-from planners.regrasp.set_aside import SetAsideSettings
+from planners.regrasp.stopover import StopoverSettings
 from planners.regrasp.suction_poses import SuctionSettings
 
 
@@ -71,7 +71,7 @@ class ToolPlannerSettings:
     carried: CarriedPace = field(default_factory=CarriedPace)
     motion: MotionSettings = field(default_factory=lambda: MotionSettings(max_iterations=500))
     timing: TimingSettings = field(default_factory=TimingSettings)
-    set_aside: SetAsideSettings = field(default_factory=SetAsideSettings)
+    stopover: StopoverSettings = field(default_factory=StopoverSettings)
     most_handovers: int = 2
     """In each of the two rounds."""
     suction_group: int = 8
@@ -89,7 +89,7 @@ class ToolPlannerSettings:
     orientations: int = 6
     """Handover orientations of one pair of grasps whose motion is tried."""
     orders: int = 8
-    """Moves that are planned because another order is tried or an object is put aside, beyond one for each object."""
+    """Moves that are planned because another order is tried or an object makes a stopover, beyond one an object."""
     carried_tilt: float = math.radians(40.0)
     """Most tilt of the tool while an object hangs on it, unless an end of the motion is tilted more [rad]."""
     handover_tilt: float = math.radians(75.0)
