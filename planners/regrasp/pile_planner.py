@@ -71,11 +71,6 @@ class SuctionFinder:
         found = self.to_goal(target)
         return found if found.poses else self._find(target, to_goals=False)
 
-    def by_way_of(self, target: MovedObject, stopover: MovedObject) -> bool:
-        """Tell whether the cup can take an object to a stopover, and from there to its goal."""
-        body = replace(target.body, T_world_body=stopover.T_world_goal)
-        return bool(self.between(stopover).poses and self.between(replace(target, body=body)).poses)
-
     def _find(self, target: MovedObject, *, to_goals: bool = True) -> SuctionPoses:
         body = target.body
         assert body.mass is not None
@@ -152,14 +147,28 @@ class PilePlanner:
     def _stopovers(self, course: Course, name: str, why: Stopover) -> Iterator[MovedObject]:
         """Yield free places for an object, in poses from which the cup can take it to its goal."""
         target, others = course.objects[name], _others(course, name)
-        reason = f"{name} could be put down on the way to its goal, and there is no room for it"
+        reason = f"{name} cannot be put down on the way to its goal: there is no room for it"
         for stopover in self.stopovers.targets(target, others):
-            reason = f"{name} has no pose to be put down in on the way, between which and its goal the cup can hold it"
-            if self.suctions.by_way_of(target, stopover):
+            leading_on = self._leading_on(course, target, stopover)
+            if leading_on:
                 reason = ""
-                yield stopover
+                yield stopover.to(leading_on)
+            elif reason:
+                reason = f"{name} cannot be put down on the way to its goal: the cup would not have it there and back"
         if reason:
             self._fail(name, why, Rejections.of(Rejection("order", reason, name)))
+
+    def _leading_on(self, course: Course, target: MovedObject, stopover: MovedObject) -> list[Transform]:
+        """Return the poses at a stopover from which the cup can take an object to its goal, hands left out."""
+        if not self.suctions.between(stopover).poses:
+            return []
+        leading_on = []
+        for T in stopover.goals:
+            there = replace(target, body=replace(target.body, T_world_body=stopover.T_world_goal))
+            stage = replace(course.stage, T_world_objects={**course.stage.T_world_objects, target.name: T})
+            if self.objects.room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
+                leading_on.append(T)
+        return leading_on
 
     def _fail(self, name: str, stopover: Stopover | None, rejections: Rejections) -> None:
         self.failed.append(ObjectReport(name, stopover))

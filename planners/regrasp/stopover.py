@@ -12,16 +12,20 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array, Transform, inverse, rotation_z, transform
+from planners.geometry.pose import Array, Transform, rotation_from_vector, rotation_z, transform
 from planners.scene.body import Body
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body
-from planners.scene.footing import Footing, find_footing
+from planners.scene.footing import SAME_PLANE, Footing, find_footing
 from planners.scene.moved_object import MovedObject
-from planners.scene.rest import Surface, lowest_face, settled
+from planners.scene.rest import Surface, lowest_face
 from planners.scene.solid import FlatFace
 from planners.scene.tool_placements import StillBodies
+
+_SAME_NORMAL = 1.0 - 1e-9
+"""Cosine of the angle between normals that are one."""
 
 
 @dataclass(frozen=True)
@@ -68,19 +72,23 @@ class Stopovers:
         upright = [rotation_z(k * math.pi / settings.turns) @ here[:3, :3] for k in range(settings.turns)]
         near = self._goals(body, upright, lambda point: math.dist(point, here[:3, 3]), occupied, settings.most)
         if near:
-            yield _going_to(moved, near)
+            yield moved.to(near)
         for face in self._other_faces(body):
             step = 2.0 * math.pi / settings.turns_on_others
-            laid = settled(face, here, 0.0)[:3, :3]
+            laid = _laid_on(face, here[:3, :3])
             turned = [rotation_z(k * step) @ laid for k in range(settings.turns_on_others)]
             between = self._goals(body, turned, lambda point: _detour(point, moved), occupied, settings.most_on_others)
             if between:
-                yield _going_to(moved, between)
+                yield moved.to(between)
 
     def _other_faces(self, body: Body) -> list[FlatFace]:
         """Return the faces on which a body would rest steadily but for the one it rests on, the steadiest first."""
-        own = lowest_face(body.solid, body.T_world_body)
-        steadiness = [(steadiness_on(face, body.com), face) for face in body.solid.flat_faces() if face is not own]
+        own = lowest_face(body.solid, body.T_world_body).normal
+        steadiness = [
+            (steadiness_on(standing, body.com), face)
+            for face in body.solid.flat_faces()
+            if face.normal @ own < _SAME_NORMAL and (standing := _standing_on(body, face)) is not None
+        ]
         steadiness.sort(key=lambda entry: -round(entry[0], 6))
         return [face for angle, face in steadiness if angle >= self.settings.steady][: self.settings.faces]
 
@@ -125,6 +133,32 @@ class Stopovers:
         yield from ((float(a), float(b)) for a in x for b in y)
 
 
+def _standing_on(body: Body, face: FlatFace) -> FlatFace | None:
+    """Return the hull of the flat places of a body that lie in one of its hull's faces; None where there are none."""
+    corners = [
+        piece.corners
+        for piece in body.solid.flat_pieces()
+        if piece.normal @ face.normal > _SAME_NORMAL
+        and np.abs((piece.corners - face.corners[0]) @ face.normal).max() <= SAME_PLANE
+    ]
+    if not corners:
+        return None
+    points = np.vstack(corners)
+    across = face.corners[1] - face.corners[0]
+    across /= np.linalg.norm(across)
+    plane = np.column_stack([points @ across, points @ np.cross(face.normal, across)])
+    return FlatFace(face.normal, points[ConvexHull(plane).vertices])
+
+
+def _laid_on(face: FlatFace, R_world_body: Array) -> Array:
+    """Return the orientation (3, 3) of a body once a face of it is turned down, the shortest way."""
+    normal = R_world_body @ face.normal
+    across = np.array([normal[1], -normal[0], 0.0])
+    sine = float(np.linalg.norm(across))
+    axis = across / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
+    return rotation_from_vector(-math.atan2(sine, -normal[2]) * axis) @ R_world_body
+
+
 def steadiness_on(face: FlatFace, com: Array) -> float:
     """Return the tilt at which a body topples over an edge of a face it rests on; negative where it topples [rad].
 
@@ -143,12 +177,6 @@ def steadiness_on(face: FlatFace, com: Array) -> float:
 def _detour(point: Sequence[float], moved: MovedObject) -> float:
     """Return how long the way from where an object is to a point and on to its goal is [m]."""
     return math.dist(point, moved.body.T_world_body[:3, 3]) + math.dist(point, moved.T_world_goal[:3, 3])
-
-
-def _going_to(moved: MovedObject, goals: Sequence[Transform]) -> MovedObject:
-    back = inverse(goals[0])
-    turns = np.array([back @ T for T in goals])
-    return replace(moved, T_world_goal=goals[0], symmetry="none", goal_turns=turns, goal_supports=())
 
 
 def _grown(body: PlacedBody, clearance: float) -> PlacedBody:
