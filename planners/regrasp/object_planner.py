@@ -95,7 +95,7 @@ class ObjectPlanner:
     ) -> tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None:
         """Try the sequences of several suction poses, those with the fewest handovers first."""
         realised: dict[tuple[int | Edge, ...], ToolStage] = {}
-        for number, sequence in self._sequences(routes):
+        for number, sequence in islice(self._sequences(routes), self.settings.group_tries):
             route = routes[number]
             route.sequences += 1
             report.counts["tries"] += 1

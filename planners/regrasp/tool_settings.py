@@ -84,6 +84,8 @@ class ToolPlannerSettings:
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
     """Sequences of one suction pose whose motion is tried before the next suction pose."""
+    group_tries: int = 16
+    """Sequences of one group of suction poses whose motion is tried before the next group."""
     tries: int = 40
     """Sequences of one object whose motion is tried, over all suction poses."""
     orientations: int = 6
