@@ -59,6 +59,6 @@ class Rejections:
         """Return `{"stage: reason": count}`, most frequent first."""
         return {f"{stage}: {reason}": count for (stage, reason), count in self._counts.most_common()}
 
-    def most_common(self, limit: int) -> list[tuple[Rejection, int]]:
-        """Return the most frequent rejections with their counts."""
+    def most_common(self, limit: int | None = None) -> list[tuple[Rejection, int]]:
+        """Return the most frequent rejections with their counts; all of them without a limit."""
         return [(self._nearest[key], count) for key, count in self._counts.most_common(limit)]

@@ -147,7 +147,7 @@ class PilePlanner:
     def _stopovers(self, course: Course, name: str, why: Stopover) -> Iterator[MovedObject]:
         """Yield free places for an object, in poses from which the cup can take it to its goal."""
         target, others = course.objects[name], _others(course, name)
-        reason = f"{name} cannot be put down on the way to its goal: there is no room for it"
+        reason = f"{name} cannot be put down on the way to its goal: it rests on no other face, or nowhere is room"
         for stopover in self.stopovers.targets(target, others):
             leading_on = self._leading_on(course, target, stopover)
             if leading_on:
