@@ -159,14 +159,17 @@ class PilePlanner:
             self._fail(name, why, Rejections.of(Rejection("order", reason, name)))
 
     def _leading_on(self, course: Course, target: MovedObject, stopover: MovedObject) -> list[Transform]:
-        """Return the poses at a stopover from which the cup can take an object to its goal, hands left out."""
+        """Return the poses at a stopover from which the cup can take an object to its goal.
+
+        Hands are left out, and for the way on the other objects too: they may have been moved by then.
+        """
         room = self.objects.room
         if not room.poses(course.stage, stopover, self.suctions.between(stopover).poses, 1, Rejections()):
             return []
         leading_on = []
         for T in stopover.goals:
             there = replace(target, body=replace(target.body, T_world_body=stopover.T_world_goal))
-            stage = replace(course.stage, T_world_objects={**course.stage.T_world_objects, target.name: T})
+            stage = replace(course.stage, T_world_objects={target.name: T})
             if room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
                 leading_on.append(T)
         return leading_on

@@ -35,7 +35,7 @@ class ToolRoom:
         """Return the first `most` suction poses at which the tool has room at the start and at a goal.
 
         Args:
-            stage: where everything is.
+            stage: where everything is; an object that it does not name is not there.
             target: the object.
             poses: in the order in which they are to be tried.
             most: that are returned.
@@ -67,7 +67,8 @@ class ToolRoom:
         """Return what the tool overlaps on the object, or is too close to where its straight way there begins."""
         workcell = self._traffic.workcell
         away = moved_by(T_world_tool, self._descent * T_world_tool[:3, 2])
-        placements: dict[str, Placement | None] = {key: Fixed(T) for key, T in stage.T_world_objects.items()}
+        placements: dict[str, Placement | None] = {body.name: None for body in workcell.objects}
+        placements |= {key: Fixed(T) for key, T in stage.T_world_objects.items()}
         for T, share in ((T_world_tool, 0.0), (away, 1.0)):
             placements[TOOL_FRAME] = Fixed(T)
             query = workcell.query(stage.widths, placements, share=share, only=self._pairs(name))

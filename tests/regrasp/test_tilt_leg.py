@@ -38,5 +38,5 @@ def test_the_length_is_the_way_of_the_flange() -> None:
     points = leg.at(np.linspace(0.0, 1.0, 2000))[:, :3, 3]
     way = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     assert way <= leg.length + 1e-9
-    square = TiltLeg(transform(None, PIVOT + [0.3, 0.0, 0.0]), PIVOT, np.array([0.0, 0.0, 0.4]))
+    square = TiltLeg(transform(None, PIVOT + np.array([0.3, 0.0, 0.0])), PIVOT, np.array([0.0, 0.0, 0.4]))
     assert square.length == pytest.approx(0.12)
