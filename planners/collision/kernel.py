@@ -93,7 +93,8 @@ class Scratch(NamedTuple):
 def make_scratch(kernel: CollisionKernel) -> Scratch:
     """Return fresh work space for queries of this kernel."""
     n_shapes, n_pairs = len(kernel.radius), len(kernel.pairs)
-    frames = np.zeros((1 + 7 * len(kernel.dh) + len(kernel.followers), 4, 4))
+    # Frames whose bodies are not there keep their numbers.
+    frames = np.zeros((max(1 + 7 * len(kernel.dh), kernel.shape_frame.max() + 1), 4, 4))
     for i in range(len(frames)):
         for k in range(4):
             frames[i, k, k] = 1.0

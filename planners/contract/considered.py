@@ -108,7 +108,7 @@ class Considered(StrictModel):
     """What was looked at, and why what was not used fell."""
 
     order: list[str]
-    """Objects as they are moved; one that is put aside first comes twice."""
+    """Objects as they are moved; one that makes a stopover comes twice."""
     steps: list[RegraspStep]
     places: dict[str, list[ConsideredPlace]]
     """By object."""

@@ -8,6 +8,7 @@ from typing import Any, NotRequired, TypedDict
 
 from pydantic import ValidationError
 
+from planners.contract.known_members import known_members
 from planners.contract.task_spec import KINDS, UNION_TAGS
 from planners.errors import SceneError
 from planners.scene.clashes import BodiesOverlap
@@ -27,7 +28,7 @@ class Problem(TypedDict):
     """RFC 6901, from the body's root."""
     detail: str
     allowed: NotRequired[list[str]]
-    """The valid choices, where they can be listed."""
+    """The valid choices, where they can be listed: values, or the members of the object that has an unknown one."""
 
 
 def problems_of(error: ValidationError | SceneError) -> list[Problem]:
@@ -71,6 +72,8 @@ def _problem(fault: Mapping[str, Any]) -> Problem:
     problem = Problem(pointer=json_pointer(path), detail=_detail(kind, context, fault["msg"], path))
     if path == ["kind"]:
         problem["allowed"] = list(KINDS)
+    if kind == "extra_forbidden" and fault["loc"][0] in KINDS and (known := known_members(fault["loc"][:-1])):
+        problem["allowed"] = known
     choices = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
     if choices:
         problem["allowed"] = _quoted(choices)

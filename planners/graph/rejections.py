@@ -34,6 +34,13 @@ class Rejections:
         self._counts: Counter[tuple[str, str]] = Counter()
         self._nearest: dict[tuple[str, str], Rejection] = {}
 
+    @staticmethod
+    def of(rejection: Rejection) -> Rejections:
+        """Return the tally of one rejection."""
+        tally = Rejections()
+        tally.add(rejection)
+        return tally
+
     def add(self, rejection: Rejection, count: int = 1) -> None:
         """Count a rejection; of equal reasons the one that missed by least is remembered."""
         if count <= 0:
@@ -52,6 +59,6 @@ class Rejections:
         """Return `{"stage: reason": count}`, most frequent first."""
         return {f"{stage}: {reason}": count for (stage, reason), count in self._counts.most_common()}
 
-    def most_common(self, limit: int) -> list[tuple[Rejection, int]]:
-        """Return the most frequent rejections with their counts."""
+    def most_common(self, limit: int | None = None) -> list[tuple[Rejection, int]]:
+        """Return the most frequent rejections with their counts; all of them without a limit."""
         return [(self._nearest[key], count) for key, count in self._counts.most_common(limit)]

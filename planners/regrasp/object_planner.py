@@ -25,6 +25,7 @@ from planners.regrasp.suction_route import RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_choreography import ToolChoreographer
 from planners.regrasp.tool_motion import Stuck
 from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep
+from planners.regrasp.tool_room import ToolRoom
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import ToolStage
 from planners.scene.moved_object import MovedObject
@@ -55,6 +56,7 @@ class ObjectPlanner:
             progress: told of what is being done; may raise to stop.
         """
         self.choreographer, self.routes = choreographer, routes
+        self.room = ToolRoom(choreographer.traffic, settings.carry.descent)
         self.settings, self.progress = settings, progress
 
     def plan(
@@ -69,7 +71,10 @@ class ObjectPlanner:
             following: what is likely moved next; without it any grasp is good to end with.
         """
         report = ObjectReport(target.name)
-        poses = suctions.poses[: self.settings.suction_poses]
+        poses = self.room.poses(stage, target, suctions.poses, self.settings.suction_poses, report.rejections)
+        if not poses:
+            report.rejections.include(suctions.rejections)
+            return None, report
         tell = ObjectProgress(self.progress, target.name, len(poses))
         tell(ObjectStage.FIRST_REGRASP)
         start = self.routes.start(stage)
@@ -115,7 +120,7 @@ class ObjectPlanner:
     ) -> tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None:
         """Try the sequences of several suction poses, those with the fewest handovers first."""
         realised: dict[tuple[int | Edge, ...], ToolStage] = {}
-        for number, sequence in self._sequences(routes):
+        for number, sequence in islice(self._sequences(routes), self.settings.group_tries):
             route = routes[number]
             route.sequences += 1
             report.counts["tries"] += 1

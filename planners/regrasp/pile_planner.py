@@ -1,4 +1,4 @@
-"""Move objects one after the other, in an order that works; put one aside where all orders are blocked."""
+"""Move objects one after the other, in an order that works, some of them by way of a stopover."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from planners.geometry.pose import Transform
-from planners.graph.rejections import Rejection
+from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
 from planners.regrasp.object_order import ObjectOrder
 from planners.regrasp.object_planner import Following, ObjectPlanner
-from planners.regrasp.object_report import ObjectReport
-from planners.regrasp.set_aside import SetAside
+from planners.regrasp.object_report import ObjectReport, Stopover
+from planners.regrasp.stopover import Stopovers
 from planners.regrasp.suction_poses import SuctionLoad, SuctionPoses, SuctionSettings, suction_poses
 from planners.regrasp.tool_stage import ToolStage
 from planners.scene.body import Body
@@ -29,20 +29,20 @@ class Course:
     """All of them, those that wait where they stand now."""
     moved: frozenset[str]
     """Those that are at their goals."""
-    aside: frozenset[str] = frozenset()
-    """Those that were put aside; none is put aside twice."""
+    on_the_way: frozenset[str] = frozenset()
+    """Those that made a stopover; none makes two."""
     reports: tuple[ObjectReport, ...] = ()
     """Of what was moved, in order."""
 
     def after(self, stage: ToolStage, report: ObjectReport) -> Course:
         """Return the course with one more move."""
         name, reports = report.name, (*self.reports, report)
-        if not report.aside:
+        if report.stopover is None:
             return replace(self, stage=stage, moved=self.moved | {name}, reports=reports)
         target = self.objects[name]
         body = replace(target.body, T_world_body=stage.T_world_objects[name])
         objects = {**self.objects, name: replace(target, body=body)}
-        return replace(self, stage=stage, objects=objects, aside=self.aside | {name}, reports=reports)
+        return replace(self, stage=stage, objects=objects, on_the_way=self.on_the_way | {name}, reports=reports)
 
 
 class SuctionFinder:
@@ -50,21 +50,32 @@ class SuctionFinder:
 
     def __init__(self, cup: CupData, settings: SuctionSettings, progress: Progress) -> None:
         self.found: dict[str, SuctionPoses] = {}
-        """By object, from its start to its goal."""
+        """By object, the last that were found from where it stood to its goal."""
+        self._known: dict[tuple[str, bytes, bytes], SuctionPoses] = {}
         self._cup, self._settings, self._progress = cup, settings, progress
 
     def to_goal(self, target: MovedObject) -> SuctionPoses:
-        """Return the poses of an object on its way to its goal; put aside, it stands as upright as before."""
-        if target.name not in self.found:
-            self.found[target.name] = self.between(target)
+        """Return the poses of an object on its way to its goal."""
+        self.found[target.name] = self.between(target)
         return self.found[target.name]
 
     def between(self, target: MovedObject) -> SuctionPoses:
         """Return the poses with which an object can be taken where it stands and put down at its goals."""
+        key = (target.name, target.body.T_world_body.tobytes(), target.goals.tobytes())
+        if key not in self._known:
+            self._known[key] = self._find(target)
+        return self._known[key]
+
+    def at_start(self, target: MovedObject) -> SuctionPoses:
+        """Return the poses with which an object can be lifted where it stands, or to its goal where there are some."""
+        found = self.to_goal(target)
+        return found if found.poses else self._find(target, to_goals=False)
+
+    def _find(self, target: MovedObject, *, to_goals: bool = True) -> SuctionPoses:
         body = target.body
         assert body.mass is not None
         self._progress(f"suction {target.name}", 0, 1)
-        load = SuctionLoad(body.mass, body.com, body.T_world_body, target.goals)
+        load = SuctionLoad(body.mass, body.com, body.T_world_body, target.goals if to_goals else None)
         return suction_poses(body.solid.surface(), load, self._cup, self._settings)
 
 
@@ -75,7 +86,7 @@ class PilePlanner:
         self,
         objects: ObjectPlanner,
         suctions: SuctionFinder,
-        set_aside: SetAside,
+        stopovers: Stopovers,
         most_plans: int,
     ) -> None:
         """Take what all orders share.
@@ -83,10 +94,10 @@ class PilePlanner:
         Args:
             objects: plans one move.
             suctions: suction poses.
-            set_aside: free places.
+            stopovers: free places.
             most_plans: moves that are planned at all, whatever becomes of them.
         """
-        self.objects, self.suctions, self.set_aside, self.most_plans = objects, suctions, set_aside, most_plans
+        self.objects, self.suctions, self.stopovers, self.most_plans = objects, suctions, stopovers, most_plans
         self.failed: list[ObjectReport] = []
         """Of moves that were not found, and of those that led nowhere."""
         self.counts = Counter[str]()
@@ -97,46 +108,81 @@ class PilePlanner:
         if len(course.moved) == len(course.objects):
             return course
         order = ObjectOrder.of(tuple(course.objects.values()))
-        for target, aside in self._moves(course, order):
+        for target, stopover in self._moves(course, order):
             if self.planned >= self.most_plans:
                 return None
-            after = self._moved(course, target, aside)
+            after = self._moved(course, target, stopover)
             found = None if after is None else self.plan(after)
             if found is not None:
                 return found
         return None
 
-    def _moved(self, course: Course, target: MovedObject, aside: bool) -> Course | None:
+    def _moved(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Course | None:
         self.planned += 1
-        suctions = self.suctions.between(target) if aside else self.suctions.to_goal(target)
-        stage, report = self.objects.plan(course.stage, target, suctions, self._following(course, target, aside))
-        report.aside = aside
+        suctions = self.suctions.between(target)
+        stage, report = self.objects.plan(course.stage, target, suctions, self._following(course, target, stopover))
+        report.stopover = stopover
         self.counts.update(report.counts)
         if stage is None:
             self.failed.append(report)
             return None
         return course.after(stage, report)
 
-    def _following(self, course: Course, target: MovedObject, aside: bool) -> Following | None:
-        """Return what is likely moved after a target, if anything is."""
-        moved = course.moved if aside else course.moved | {target.name}
+    def _following(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Following | None:
+        """Return what is likely moved after a target, if another object is."""
+        moved = course.moved if stopover else course.moved | {target.name}
         order = ObjectOrder.of(tuple(course.objects.values()))
         name = next((name for name in order.next(moved) if name != target.name), None)
         return None if name is None else Following(course.objects[name], self.suctions.to_goal(course.objects[name]))
 
-    def _moves(self, course: Course, order: ObjectOrder) -> Iterator[tuple[MovedObject, bool]]:
-        """Yield what can be moved next, and whether it is only put aside."""
-        for name in order.next(course.moved):
-            yield course.objects[name], False
-        for name in order.next_aside(course.moved):
-            if name not in course.aside:
-                target = self.set_aside.target(course.objects[name], _others(course, name))
-                if target is None:
-                    report = ObjectReport(name, aside=True)
-                    report.rejections.add(Rejection("order", f"{name} is in the way and there is no room beside it"))
-                    self.failed.append(report)
-                else:
-                    yield target, True
+    def _moves(self, course: Course, order: ObjectOrder) -> Iterator[tuple[MovedObject, Stopover | None]]:
+        """Yield what can be moved next: to its goal, then to a stopover, those first that the cup cannot take there."""
+        possible = order.next(course.moved)
+        for name in possible:
+            suctions = self.suctions.to_goal(course.objects[name])
+            if suctions.poses:
+                yield course.objects[name], None
+            else:
+                self._fail(name, None, suctions.rejections)
+        waiting = [name for name in order.next_aside(course.moved) if name not in course.on_the_way]
+        for name in sorted(waiting, key=lambda name: bool(self.suctions.to_goal(course.objects[name]).poses)):
+            why = Stopover.TAKEN_ANEW if name in possible else Stopover.ASIDE
+            for target in self._stopovers(course, name, why):
+                yield target, why
+
+    def _stopovers(self, course: Course, name: str, why: Stopover) -> Iterator[MovedObject]:
+        """Yield free places for an object, in poses from which the cup can take it to its goal."""
+        target, others = course.objects[name], _others(course, name)
+        reason = f"{name} cannot be put down on the way to its goal: it rests on no other face, or nowhere is room"
+        for stopover in self.stopovers.targets(target, others):
+            leading_on = self._leading_on(course, target, stopover)
+            if leading_on:
+                reason = ""
+                yield stopover.to(leading_on)
+            elif reason:
+                reason = f"{name} cannot be put down on the way to its goal: the cup would not have it there and back"
+        if reason:
+            self._fail(name, why, Rejections.of(Rejection("order", reason, name)))
+
+    def _leading_on(self, course: Course, target: MovedObject, stopover: MovedObject) -> list[Transform]:
+        """Return the poses at a stopover from which the cup can take an object to its goal.
+
+        Hands are left out, and for the way on the other objects too: they may have been moved by then.
+        """
+        room = self.objects.room
+        if not room.poses(course.stage, stopover, self.suctions.between(stopover).poses, 1, Rejections()):
+            return []
+        leading_on = []
+        for T in stopover.goals:
+            there = replace(target, body=replace(target.body, T_world_body=stopover.T_world_goal))
+            stage = replace(course.stage, T_world_objects={target.name: T})
+            if room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
+                leading_on.append(T)
+        return leading_on
+
+    def _fail(self, name: str, stopover: Stopover | None, rejections: Rejections) -> None:
+        self.failed.append(ObjectReport(name, stopover))
+        self.failed[-1].rejections.include(rejections)
 
 
 def _others(course: Course, name: str) -> list[tuple[Body, Transform]]:

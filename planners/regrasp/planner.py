@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from planners.geometry.pose import Transform
@@ -12,12 +14,12 @@ from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.hose import hose_turns
 from planners.regrasp.object_order import ObjectOrder
 from planners.regrasp.object_planner import ObjectPlanner
-from planners.regrasp.object_report import ObjectReport
+from planners.regrasp.object_report import ObjectReport, Stopover
 from planners.regrasp.park_pose import park_poses, start_clash
 from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
 from planners.regrasp.route_maker import RouteMaker
-from planners.regrasp.set_aside import SetAside
-from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.stopover import Stopovers
+from planners.regrasp.suction_poses import SuctionCandidate, SuctionFault
 from planners.regrasp.tool_capacity import impossibilities
 from planners.regrasp.tool_choreography import ToolChoreographer
 from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
@@ -28,11 +30,14 @@ from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.moved_object import MovedObject
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
+from planners.segment import SegmentKind
 
 _SAME_PLACE = 5e-4
 """An object nearer to its goal than this is there already [m]: half of what the contract allows."""
 _SAME_TURN = 4e-3
 """The same for its orientation [rad]."""
+_STILL = 0.2
+"""A plan of nothing to do stands still so long: a solved plan has segments [s]."""
 _MOST_CAUSES = 5
 """Reasons that are told where there is no plan; all of them are counted."""
 
@@ -73,7 +78,7 @@ class SuctionToolPlanner:
         self.pile = PilePlanner(
             ObjectPlanner(self.choreographer, routes, settings, progress),
             self.suctions,
-            SetAside(StillBodies.of(scene.cell, scene.obstacles), settings.set_aside),
+            Stopovers(StillBodies.of(scene.cell, scene.obstacles), settings.stopover),
             len(scene.objects) + settings.orders,
         )
         self._targets = {each.name: each for each in scene.objects}
@@ -113,10 +118,9 @@ class SuctionToolPlanner:
             reason = Rejection("grasp", "no grasp of the tool was found that is free of collision")
             return "No grasp of the tool was found.", (reason,)
         for target in to_move:
-            found = self.suctions.to_goal(target)
-            if not found.poses:
-                causes = tuple(rejection for rejection, _ in found.rejections.most_common(_MOST_CAUSES))
-                return f"No place was found where the cup can sit on {target.name}.", causes
+            anywhere = self.suctions.at_start(target)
+            if not anywhere.poses:
+                return f"No place was found where the cup can sit on {target.name}.", _causes(anywhere.rejections)
         return None
 
     # What came out.
@@ -125,17 +129,24 @@ class SuctionToolPlanner:
         reports = course.reports
         order = tuple(report.name for report in reports)
         if not order:
-            return self._plan(ToolOutcome.SOLVED, "Every object is at its goal already.", (), course)
-        aside = [report.name for report in reports if report.aside]
-        how = "nearest to its goal first" if order == self._nearest_order() else "in another order than nearest first"
+            still = self.choreographer.motion.writer.still(course.stage, SegmentKind.TRANSIT, _STILL, {})
+            course = replace(course, stage=still)
+            return self._plan(ToolOutcome.SOLVED, "Every object is at its goal already: nothing moves.", (), course)
         handovers = sum(report.counts["handovers"] for report in reports)
-        summary = (
-            f"{_counted(len(order) - len(aside), 'object')} moved, {how} ({', '.join(order)}), "
-            f"with {_counted(handovers, 'handover') if handovers else 'no handover'}"
-        )
-        if aside:
-            summary += f"; {' and '.join(aside)} put aside first, out of the way of others"
+        summary = f"{self._order_told(order)}, with {_counted(handovers, 'handover') if handovers else 'no handover'}"
+        for why in Stopover:
+            names = [report.name for report in reports if report.stopover is why]
+            if names:
+                summary += f"; {' and '.join(names)} {why.value}"
         return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
+
+    def _order_told(self, order: tuple[str, ...]) -> str:
+        """Say which objects were moved, and in what order where there is more than one."""
+        names = set(order)
+        if len(names) == 1:
+            return f"{order[0]} moved"
+        how = "nearest to its goal first" if order == self._nearest_order() else "in another order than nearest first"
+        return f"{_counted(len(names), 'object')} moved, {how} ({', '.join(order)})"
 
     def _nearest_order(self) -> tuple[str, ...]:
         """Return the objects that have to be moved in the order that is tried first."""
@@ -151,13 +162,20 @@ class SuctionToolPlanner:
         if not failed:
             causes = ObjectOrder.of(self.scene.objects).deadlock(there)
             return self._unsolved(ToolOutcome.NOT_FOUND, "No object can be moved first.", causes)
-        causes = tuple(rejection for rejection, _ in failed[0].rejections.most_common(_MOST_CAUSES))
-        names = sorted({report.name for report in failed})
-        summary = (
-            f"No way was found to move {' or '.join(names)}: {self.pile.counts['suction poses']} suction poses and "
-            f"{self.pile.counts['tries']} grasp sequences were tried."
+        everything = Rejections()
+        for report in failed:
+            if report.name == failed[0].name:
+                everything.include(report.rejections)
+        names, counts = sorted({report.name for report in failed}), self.pile.counts
+        tried = (
+            f"{_counted(counts['suction poses'], 'suction pose')} and {_counted(counts['tries'], 'grasp sequence')} "
+            "were tried"
         )
-        return self._plan(ToolOutcome.NOT_FOUND, summary, causes, None)
+        if not counts["suction poses"]:
+            tried = "the cup has no place that it can hold, with room for the tool, both at the start and at the goal"
+        return self._plan(
+            ToolOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(everything), None
+        )
 
     def _unsolved(self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
         for cause in causes:
@@ -210,7 +228,7 @@ class SuctionToolPlanner:
         counts = self.pile.counts
         return {
             "objects_planned": self.pile.planned,
-            "put_aside": sum(report.aside for report in reports),
+            "put_aside": sum(report.stopover is not None for report in reports),
             "suction_poses": counts["suction poses"],
             "sequences": counts["tries"],
             "edges_deleted": counts["edges deleted"],
@@ -223,6 +241,19 @@ def _thinned(candidates: tuple[SuctionCandidate, ...], most: int) -> tuple[Sucti
     """Return an even choice of candidates, in order."""
     chosen = np.unique(np.linspace(0, len(candidates) - 1, min(most, len(candidates))).astype(int))
     return tuple(candidates[number] for number in chosen)
+
+
+def _causes(rejections: Rejections) -> tuple[Rejection, ...]:
+    """Return the commonest reasons: of every stage one at least, and last that pads would reach over a border.
+
+    Every flat place has a border, whatever else is wrong with it.
+    """
+    told = [rejection for rejection, _ in rejections.most_common()]
+    told.sort(key=lambda rejection: rejection.reason == SuctionFault.BORDER)
+    first = {rejection.stage: rejection for rejection in reversed(told)}
+    others = [rejection for rejection in told if rejection not in first.values()]
+    kept = [*first.values(), *others][:_MOST_CAUSES]
+    return tuple(rejection for rejection in told if rejection in kept)
 
 
 def _counted(count: int, noun: str) -> str:

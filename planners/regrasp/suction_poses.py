@@ -41,6 +41,7 @@ class SuctionFault(StrEnum):
     NO_FACET = "No flat place of the object is as large as the pad."
     BORDER = "The pad would reach over the border of the flat place."
     CURVED = "The surface under the pad is not flat enough to seal."
+    DOWN = "The flat place looks down at the start or at the goal, and the cup cannot push the object up."
     WEAK = "The cup alone cannot hold the object's weight there."
     COVERED = "Another part of the object is where the pad would be."
 
@@ -115,6 +116,13 @@ class SuctionLoad:
             return start
         goals = [self._margins_at(T, T_object_tools, cup) for T in self.T_world_goals]
         return np.minimum(start, np.max(goals, axis=0))
+
+    def looks_down(self, normals: Array) -> NDArray[np.bool_]:
+        """Return whether a pad with one of these outward normals (n, 3) looks down at the start or at all goals."""
+        upward = normals @ self.T_world_start[2, :3]
+        if self.T_world_goals is not None:
+            upward = np.minimum(upward, (normals @ self.T_world_goals[:, 2, :3].T).max(axis=1))
+        return upward < -_ROUNDING
 
     def _margins_at(self, T_world_object: Transform, T_object_tools: Array, cup: Cup) -> Array:
         return suction_margin(cup_wrenches(weight(self.mass), T_world_object, self.com, T_object_tools), cup)
@@ -249,6 +257,7 @@ class _Places:
             SuctionFault.BORDER: (self.clearances, settings.clearance(cup), "m"),
             SuctionFault.CURVED: (-self.deviations, -settings.flatness, "m"),
             SuctionFault.WEAK: (self.margins, 0.0, None),
+            SuctionFault.DOWN: (None, None, None),
             SuctionFault.COVERED: (None, None, None),
         }
         for fault, (available, needed, unit) in measures.items():
@@ -273,7 +282,13 @@ class _Places:
                 yield SuctionPose(T_object_tool, number, roll, central, margin)
 
 
-_FAULTS = (SuctionFault.BORDER, SuctionFault.CURVED, SuctionFault.WEAK, SuctionFault.COVERED)
+_FAULTS = (
+    SuctionFault.BORDER,
+    SuctionFault.CURVED,
+    SuctionFault.DOWN,
+    SuctionFault.WEAK,
+    SuctionFault.COVERED,
+)
 _FAULT_OF_FIT = np.full(len(PadFit), -1)
 """Place among `_FAULTS` of each `PadFit`; -1 for a pad that seals."""
 _FAULT_OF_FIT[[PadFit.BORDER, PadFit.CURVED]] = 0, 1
@@ -322,7 +337,10 @@ class _Sampler:
     def _faults(self, facet: Facet, points: Array, normals: Array, fits: Indices, margins: Array) -> Indices:
         """Return the first thing wrong with each place, as in `_Places`, the cheapest question first."""
         faults = _FAULT_OF_FIT[fits]
-        faults[(faults < 0) & (margins < 0.0)] = _FAULTS.index(SuctionFault.WEAK)
+        weak = (faults < 0) & (margins < 0.0)
+        down = self.load.looks_down(normals)
+        faults[weak & down] = _FAULTS.index(SuctionFault.DOWN)
+        faults[weak & ~down] = _FAULTS.index(SuctionFault.WEAK)
         left = np.flatnonzero(faults < 0)
         covered = self.pads.covered(facet, points[left], normals[left], self._pad)
         faults[left[covered]] = _FAULTS.index(SuctionFault.COVERED)

@@ -67,7 +67,7 @@ class ToolPlan:
     graph: dict[str, int]
     search: dict[str, int | float | str | None]
     order: tuple[str, ...]
-    """Objects as they are moved; one that is put aside first comes twice."""
+    """Objects as they are moved; one that makes a stopover comes twice."""
     steps: tuple[RegraspStep, ...]
     """The grasps of the tool, one after the other."""
     considered: Considered

@@ -9,7 +9,7 @@ from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.handovers import HandoverSettings
-from planners.regrasp.set_aside import SetAsideSettings
+from planners.regrasp.stopover import StopoverSettings
 from planners.regrasp.suction_poses import SuctionSettings
 
 
@@ -31,6 +31,11 @@ class CarrySettings:
     """Between the places of a straight way that is followed [m]."""
     continuity: float = 0.25
     """Largest joint step between those that still counts as continuous [rad]."""
+    level: float = math.radians(75.0)
+    """A tool with an object that is tilted by more is reached and left in a turn about the object's centre of mass
+    [rad]; as for handovers."""
+    reliefs: tuple[float, ...] = (math.radians(68.0), math.radians(80.0))
+    """Tilts from which such turns begin, or at which they end; the next where one is not possible [rad]."""
     executed_share: float = 0.5
     """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
 
@@ -68,7 +73,7 @@ class ToolPlannerSettings:
         default_factory=lambda: MotionSettings(max_iterations=500, searches=3, near_share=1.5)
     )
     timing: TimingSettings = field(default_factory=TimingSettings)
-    set_aside: SetAsideSettings = field(default_factory=SetAsideSettings)
+    stopover: StopoverSettings = field(default_factory=StopoverSettings)
     most_handovers: int = 2
     """In each of the two rounds."""
     suction_group: int = 8
@@ -81,12 +86,14 @@ class ToolPlannerSettings:
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
     """Sequences of one suction pose whose motion is tried before the next suction pose."""
+    group_tries: int = 16
+    """Sequences of one group of suction poses whose motion is tried before the next group."""
     tries: int = 40
     """Sequences of one object whose motion is tried, over all suction poses."""
     orientations: int = 6
     """Handover orientations of one pair of grasps whose motion is tried."""
     orders: int = 8
-    """Moves that are planned because another order is tried or an object is put aside, beyond one for each object."""
+    """Moves that are planned because another order is tried or an object makes a stopover, beyond one an object."""
     carried_tilt: float = math.radians(40.0)
     """Most tilt of the tool while an object hangs on it, unless an end of the motion is tilted more [rad]."""
     handover_tilt: float = math.radians(75.0)

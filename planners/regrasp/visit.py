@@ -1,4 +1,4 @@
-"""Straight ways of a hand, one after the other, that one branch of the inverse kinematics follows all along."""
+"""Ways of a hand, one after the other, that one branch of the inverse kinematics follows all along."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.branch import follow_branch
+from planners.regrasp.tilt_leg import TiltLeg
 from planners.regrasp.tool_stage import HeldGrasp
 from planners.scene.arm import Arm
 
@@ -41,6 +42,9 @@ class StraightLeg:
         poses = np.repeat(self.T_world_flange[None], len(part), axis=0)
         poses[:, :3, 3] += part[:, None] * self.way
         return poses
+
+
+Leg = StraightLeg | TiltLeg
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +92,7 @@ class Visit:
     """Legs of one arm's hand; each begins where the one before ended."""
 
     arm: Arm
-    legs: tuple[StraightLeg, ...]
+    legs: tuple[Leg, ...]
 
     def postures(self, branches: int, step: float, continuity: float) -> Iterator[Posture]:
         """Yield the joint positions of each branch in a bit set that reaches all of the way without a jump.

@@ -23,7 +23,7 @@ from planners.scene.rest import (
     rests_level,
     settled,
 )
-from planners.scene.solid import FlatFace, Solid
+from planners.scene.solid import ExtrudedSolid, FlatFace, Solid
 
 SMALLEST_OVERLAP = 1e-9
 """Places that share less are beside one another, not above [m²]."""
@@ -31,6 +31,8 @@ SAME_HEIGHT = 1e-5
 """Places no farther apart in height carry a body together [m]."""
 SAME_PLANE = 1e-5
 """How far a flat piece may be off the plane of the face that rests and still belong to it [m]."""
+_LYING = math.radians(45.0)
+"""A cylinder whose ends are steeper lies on its side [rad]."""
 TIP_SLACK = 1e-6
 """How far beyond what carries it a centre of mass may be: rounding [m]."""
 
@@ -78,9 +80,7 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
     tilt = face_tilt(face, T_world_body)
     below = [place for place in places if _shares(footprint(face, T_world_body), place.outline)]
     if tilt > REST_TILT:
-        degrees = math.degrees(tilt)
-        reason = f"is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees"
-        return Unsupported(reason + _advice(solid, T_world_body, com, below))
+        return Unsupported(_why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below))
     if not below:
         return Unsupported("rests on nothing: nothing level is below it")
     fitting = [place for place in below if rests_level(face, T_world_body, place.height)]
@@ -123,6 +123,16 @@ def _beyond(points: Array, center: Array) -> float:
     except (QhullError, ValueError):
         return math.inf
     return -float(polygon.depth_inside(hull, center[None])[0])
+
+
+def _why_tilted(solid: Solid, tilt: float) -> str:
+    if isinstance(solid, ExtrudedSolid) and solid.is_round and tilt > _LYING:
+        return "lies on its round side, on which it would roll; it can rest on a flat face only"
+    degrees = math.degrees(tilt)
+    return (
+        f"is tilted by {degrees:.3g} degrees, on an edge or a rounding; "
+        "a resting face is flat, and level within 0.1 degrees"
+    )
 
 
 def _why_apart(face: FlatFace, T_world_body: Transform, below: Sequence[Surface]) -> str:

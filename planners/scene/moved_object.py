@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.geometry.pose import Array, Transform, inverse, rotation_x, rotation_z, transform
 from planners.geometry.symmetry import rotations
 from planners.scene.body import Body
 from planners.scene.solid import ExtrudedSolid, Solid
@@ -41,6 +42,12 @@ class MovedObject:
     def name(self) -> str:
         """The name of its body."""
         return self.body.name
+
+    def to(self, poses: Sequence[Transform]) -> MovedObject:
+        """Return the object with other goals, the first of them the goal; nothing is said of what carries it there."""
+        back = inverse(poses[0])
+        turns = np.array([back @ T for T in poses])
+        return replace(self, T_world_goal=poses[0], symmetry="none", goal_turns=turns, goal_supports=())
 
     @property
     def goals(self) -> Array:

@@ -15,7 +15,7 @@ from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import rotation_from_vector, transform
 from planners.geometry.shapes import box, convex_hull, sphere
 from tests.collision.coal_scene import CoalScene, world_frames
-from tests.collision.synthetic_cell import ARMS, BOXES, HOME, build_model, held, resting
+from tests.collision.synthetic_cell import ARMS, BOXES, HOME, build_model, excluded_pairs, held, resting
 
 TOLERANCE = 1e-6
 """Coal and the kernel may differ about distances this close to the margin [m]."""
@@ -198,6 +198,25 @@ def test_a_choice_may_be_made_once_and_used_often(model):
 
     by_mask = model.scene(resting(), only=model.pair_mask(only))
     assert np.array_equal(by_mask.first_collision(Q), model.scene(resting(), only=only).first_collision(Q))
+
+
+@pytest.mark.parametrize("absent", ["plate", "cup", "cable"])
+def test_frames_keep_their_places_whichever_are_absent(model, absent):
+    """Frames are numbered with those that are absent; work space that only counted the others was too short."""
+    placements = {name: None if name == absent else Fixed(np.eye(4)) for name in ("plate", "cup", "cable")}
+    query = model.scene(placements, margin=0.003)
+    scratch = make_scratch(query.kernel)
+    assert len(scratch.frames) == len(model.frames)
+    Q = configurations(np.random.default_rng(6), 500, 0.8)
+    bodies = [body for body in model.bodies if body.frame != absent]
+    names = {body.name for body in bodies}
+    excluded = {pair for pair in excluded_pairs(bodies) if names >= set(pair)}
+    without = CollisionModel.build(ARMS, bodies, excluded).scene(
+        {name: Fixed(np.eye(4)) for name in placements if name != absent}, margin=0.003
+    )
+    touching = [query.first_collision(Q) >= 0, without.first_collision(Q) >= 0]
+    assert 0 < touching[0].sum() < len(Q)
+    np.testing.assert_array_equal(*touching)
 
 
 def test_absent_frames_collide_with_nothing(model):

@@ -47,7 +47,33 @@ def test_each_fault_is_pointed_at(case):
     assert sorted(problem["pointer"] for problem in found) == sorted(each["pointer"] for each in case["problems"])
     assert all(problem["detail"] for problem in found)
     choices = {each["pointer"]: each["allowed"] for each in case["problems"] if "allowed" in each}
-    assert {problem["pointer"]: problem["allowed"] for problem in found if "allowed" in problem} == choices
+    listed = {problem["pointer"]: problem["allowed"] for problem in found if "allowed" in problem}
+    assert {
+        pointer: names for pointer, names in listed.items() if pointer in choices or not unknown(found, pointer)
+    } == choices
+
+
+def unknown(found, pointer):
+    return any(problem["pointer"] == pointer and problem["detail"] == "is not known here" for problem in found)
+
+
+def refused_as_unknown(body):
+    try:
+        read_task(body)
+    except ValidationError as error:
+        return {problem["pointer"] for problem in problems_of(error) if problem["detail"] == "is not known here"}
+    return set()
+
+
+@pytest.mark.parametrize("place", ["", "/cup", "/plate", "/plate/shape"])
+def test_an_unknown_member_comes_with_those_that_are_known_there(place):
+    (problem,) = problems(changed({f"{place}/colour": "red"}))
+    given = changed({})
+    for step in place.split("/")[1:]:
+        given = given[step]
+    assert set(given) <= set(problem["allowed"])
+    for name in problem["allowed"]:
+        assert f"{place}/{name}" not in refused_as_unknown(changed({f"{place}/{name}": None}))
 
 
 @pytest.mark.parametrize("body", [None, 3, "plate", [], [AB1], True])

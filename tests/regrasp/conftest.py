@@ -52,3 +52,8 @@ def long_workcell(cell: Cell, long_tool: SuctionTool) -> ToolWorkcell:
 @pytest.fixture(scope="session")
 def short_handovers(cell: Cell, short_tool: SuctionTool, short_grasps: ToolGrasps) -> HandoverDatabase:
     return build_handovers(cell, short_tool, short_grasps, HandoverSettings())
+
+
+@pytest.fixture(scope="session")
+def long_handovers(cell: Cell, long_tool: SuctionTool, long_grasps: ToolGrasps) -> HandoverDatabase:
+    return build_handovers(cell, long_tool, long_grasps, HandoverSettings())

@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 
 from planners.progress import silent
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, build_handovers
+from planners.regrasp.handovers import HandoverDatabase
 from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.pile_planner import SuctionFinder
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.regrasp_figures import EdgeKind, EdgeState, LayerName
-from planners.regrasp.set_aside import SetAside, SetAsideSettings
+from planners.regrasp.stopover import Stopovers, StopoverSettings
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.cell import Cell
 from planners.scene.clashes import gap, placed_body
-from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
 from tests.regrasp.tool_tasks import box, pose, scene_of
@@ -30,9 +27,9 @@ ANGLE = {"type": "prism", "outline": [[-0.06, -0.05], [0.06, -0.05], [0.06, 0.05
 TALL = {"shape": {"type": "cylinder", "radius": 0.03, "height": 0.12}, "goal_symmetry": "axis"}
 
 
-@pytest.fixture(scope="module")
-def handovers(cell: Cell, long_tool: SuctionTool, long_grasps: ToolGrasps) -> HandoverDatabase:
-    return build_handovers(cell, long_tool, long_grasps, HandoverSettings())
+@pytest.fixture
+def handovers(long_handovers: HandoverDatabase) -> HandoverDatabase:
+    return long_handovers
 
 
 def planned(scene: SuctionToolScene, handovers: HandoverDatabase) -> ToolPlan:
@@ -71,19 +68,19 @@ def test_objects_that_stand_on_each_others_goals_change_places_by_way_of_a_third
     assert "put aside" in plan.summary
 
 
-def test_a_place_to_stand_aside_is_clear_of_everything_now_and_later() -> None:
+def test_a_stopover_is_clear_of_everything_now_and_later() -> None:
     obstacle = {"name": "post", "shape": {"type": "box", "size": [0.05, 0.05, 0.2]}, "pose": pose([0.45, -0.3], 0.1)}
     scene = scene_of(
         box("one", [0.35, 0.2], [0.35, -0.2]), box("other", [0.35, -0.2], [0.35, 0.2]), obstacles=[obstacle]
     )
     one, other = scene.objects
-    still, settings = StillBodies.of(scene.cell, scene.obstacles), SetAsideSettings()
+    still, settings = StillBodies.of(scene.cell, scene.obstacles), StopoverSettings()
     others = [(other.body, other.body.T_world_body), (other.body, other.T_world_goal)]
-    target = SetAside(still, settings).target(one, others)
-    assert target is not None
+    upright, *turned = Stopovers(still, settings).targets(one, others)
+    assert len(turned) == 5
     around = [placed_body(body.collision_body(), T, None) for body, T in others]
     around += [body for body in still.bodies if body.name != "table"]
-    for T in target.goals:
+    for T in np.concatenate([target.goals for target in (upright, *turned)]):
         standing = placed_body(one.body.collision_body(), T, None)
         assert min(gap(standing, body) for body in around) >= min(settings.clearances) - 1e-9
 
