@@ -19,6 +19,9 @@ from planners.scene.body import Body
 from planners.scene.moved_object import MovedObject
 from planners.scene.suction_tool import CupData
 
+_HOPELESS = 3
+"""Moves of an object for which there was no sequence of grasps at all, after which no stopover is tried any more [1]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Course:
@@ -149,6 +152,8 @@ class PilePlanner:
         target, others = course.objects[name], _others(course, name)
         reason = f"{name} cannot be put down on the way to its goal: it rests on no other face, or nowhere is room"
         for stopover in self.stopovers.targets(target, others):
+            if self._is_hopeless(name):
+                return
             leading_on = self._leading_on(course, target, stopover)
             if leading_on:
                 reason = ""
@@ -157,6 +162,11 @@ class PilePlanner:
                 reason = f"{name} cannot be put down on the way to its goal: the cup would not have it there and back"
         if reason:
             self._fail(name, why, Rejections.of(Rejection("order", reason, name)))
+
+    def _is_hopeless(self, name: str) -> bool:
+        """Tell whether an object was asked for often enough where no sequence of grasps leads anywhere."""
+        counts = [report.counts for report in self.failed if report.name == name]
+        return sum(bool(each["suction poses"] and not each["tries"]) for each in counts) >= _HOPELESS
 
     def _leading_on(self, course: Course, target: MovedObject, stopover: MovedObject) -> list[Transform]:
         """Return the poses at a stopover from which the cup can take an object to its goal.
