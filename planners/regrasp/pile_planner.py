@@ -20,7 +20,7 @@ from planners.scene.moved_object import MovedObject
 from planners.scene.suction_tool import CupData
 
 _HOPELESS = 3
-"""Moves of an object for which there was no sequence of grasps at all, after which no stopover is tried any more [1]."""
+"""Moves of an object without any sequence of grasps, after which no stopover is tried any more [1]."""
 
 
 @dataclass(frozen=True, eq=False)
