@@ -57,11 +57,11 @@ class ToolRoom:
         touched = self._touched(stage, target.name, stage.T_world_objects[target.name] @ T_object_tool)
         if touched is not None:
             return f"With its cup on the object at its start, the tool has no room beside {touched}."
-        for T_world_goal in target.goals:
-            touched = self._touched(stage, target.name, T_world_goal @ T_object_tool)
-            if touched is None:
-                return None
-        return f"With its cup on the object at its goal, the tool has no room beside {touched}."
+        at_goals = (self._touched(stage, target.name, T_world_goal @ T_object_tool) for T_world_goal in target.goals)
+        first = next(at_goals)
+        if first is None or any(touched is None for touched in at_goals):
+            return None
+        return f"With its cup on the object at its goal, the tool has no room beside {first}."
 
     def _touched(self, stage: ToolStage, name: str, T_world_tool: Transform) -> str | None:
         """Return what the tool overlaps on the object, or is too close to where its straight way there begins."""

@@ -161,4 +161,5 @@ def test_a_part_is_the_same_in_every_format_and_is_moved(client: httpx.Client) -
     end = [rows["part"][-1] for rows in (segment["body_poses"] for segment in document["segments"]) if "part" in rows][
         -1
     ]
-    np.testing.assert_allclose(end, part["goal_pose"], atol=1e-6)
+    np.testing.assert_allclose(end[:3], part["goal_pose"][:3], atol=1e-6)
+    assert abs(np.dot(end[3:], part["goal_pose"][3:])) == pytest.approx(1.0)
