@@ -8,6 +8,7 @@ import numpy as np
 
 from planners.certify.certificate import Certificate, Check
 from planners.certify.document_view import MalformedDocument, PlanView, read_document, read_member, read_text
+from planners.certify.evidence import Evidence
 from planners.certify.lift_checks import LiftExamination
 from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
@@ -40,7 +41,7 @@ def certify(
     try:
         plan = read_document(document)
         kind = read_text(read_member(plan.task, "kind", "/task"), "/task/kind", tuple(_EXAMINATIONS))
-        examination = _EXAMINATIONS[kind](plan, document, surfaces, reference, settings)
+        examination = _EXAMINATIONS[kind](Evidence(plan, document, surfaces, reference, settings))
         _refuse_nonsense(plan)
     except MalformedDocument as problem:
         return Certificate((Check("structure", False, -1.0, "1", str(problem)),))

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
-from typing import Any
 
 from planners.certify.balances import balance_checks, contact_sets
 from planners.certify.certificate import Check
 from planners.certify.collision import CollisionCheck
 from planners.certify.cones import ConeChecks
 from planners.certify.contact_states import contact_state_checks, needs_sets
-from planners.certify.document_view import MalformedDocument, PlanView
+from planners.certify.evidence import Evidence
 from planners.certify.holds import hold_checks
 from planners.certify.infeasibility import infeasibility_check
 from planners.certify.joins import join_checks
@@ -23,56 +21,42 @@ from planners.certify.lift_pairs import LiftTouchRule
 from planners.certify.lift_task import read_lift_task
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
-from planners.certify.scene_facts import CellReference, scene_checks
-from planners.certify.settings import CertifySettings
 from planners.certify.solids import solids_of
-from planners.certify.surfaces import RobotSurfaces
 
 
 class LiftExamination:
     """The second opinion on one plate lift."""
 
-    def __init__(
-        self,
-        plan: PlanView,
-        document: Mapping[str, Any],
-        surfaces: RobotSurfaces,
-        reference: CellReference | None,
-        settings: CertifySettings,
-    ) -> None:
+    def __init__(self, evidence: Evidence) -> None:
         """Read the task.
 
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
-        self._plan, self._document, self._surfaces = plan, document, surfaces
-        self._reference, self._settings = reference, settings
-        self._task = read_lift_task(plan.task)
-        for name in ("plate", plan.support):
-            if name not in plan.bodies:
-                raise MalformedDocument(f"/bodies/{name}", "is missing")
+        self._evidence = evidence
+        self._task = read_lift_task(evidence.plan.task)
+        evidence.require_bodies(("plate", evidence.plan.support))
 
     def scene(self) -> list[Check]:
         """Check bodies and cell."""
-        plan, settings = self._plan, self._settings
-        bodies = lift_bodies_check(plan, self._task, settings)
-        return [*scene_checks(plan, self._document, self._reference, settings), bodies]
+        bodies = lift_bodies_check(self._evidence.plan, self._task, self._evidence.settings)
+        return [*self._evidence.cell_checks(), bodies]
 
     def proof(self) -> Check:
         """Check that there is no plan."""
-        return infeasibility_check(self._plan, self._task, self._settings)
+        return infeasibility_check(self._evidence.plan, self._task, self._evidence.settings)
 
     def motion(self) -> list[Check]:
         """Check everything that happens."""
-        plan, task, settings = self._plan, self._task, self._settings
+        plan, task, settings = self._evidence.plan, self._task, self._evidence.settings
         motions = motions_of(plan)
         sets = [contact_sets(motion) for motion in motions]
-        home = None if self._reference is None else self._reference.home
-        solids = solids_of(plan, self._surfaces)
+        start = self._evidence.start_positions(task.start_positions)
+        solids = solids_of(plan, self._evidence.surfaces)
         return [
             *joint_checks(plan, settings),
             kind_check(motions, PLATE_LIFT, settings),
-            *join_checks(plan, motions, home if task.start_positions is None else task.start_positions, settings),
+            *join_checks(plan, motions, start, settings),
             *lift_attachment_checks(plan, motions, settings),
             *hold_checks(plan, motions, settings),
             *contact_state_checks(plan, motions, task, settings),

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from planners.certify.balances import balance_checks, contact_sets
 from planners.certify.certificate import Check
 from planners.certify.collision import CollisionCheck
 from planners.certify.cones import ConeChecks
-from planners.certify.document_view import MalformedDocument, PlanView
+from planners.certify.evidence import Evidence
 from planners.certify.goals import goal_checks
 from planners.certify.holds import hold_checks
 from planners.certify.joins import join_checks
 from planners.certify.kinds import SUCTION_TOOL, kind_check
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
-from planners.certify.scene_facts import CellReference, scene_checks
-from planners.certify.settings import CertifySettings
 from planners.certify.solids import solids_of
-from planners.certify.surfaces import RobotSurfaces
 from planners.certify.tool_attachments import tool_attachment_checks
 from planners.certify.tool_bodies import tool_bodies_check
 from planners.certify.tool_contact_places import ToolContactPlaces
@@ -32,50 +26,39 @@ from planners.certify.tool_task import TOOL, read_tool_task
 class ToolExamination:
     """The second opinion on one suction-tool plan."""
 
-    def __init__(
-        self,
-        plan: PlanView,
-        document: Mapping[str, Any],
-        surfaces: RobotSurfaces,
-        reference: CellReference | None,
-        settings: CertifySettings,
-    ) -> None:
+    def __init__(self, evidence: Evidence) -> None:
         """Read the task.
 
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
-        self._plan, self._document, self._surfaces = plan, document, surfaces
-        self._reference, self._settings = reference, settings
-        self._task = read_tool_task(plan.task, reference)
-        for name in (TOOL, *(stated.body.name for stated in self._task.objects)):
-            if name not in plan.bodies:
-                raise MalformedDocument(f"/bodies/{name}", "is missing")
+        self._evidence = evidence
+        self._task = read_tool_task(evidence.plan.task, evidence.reference)
+        evidence.require_bodies((TOOL, *(stated.body.name for stated in self._task.objects)))
 
     def scene(self) -> list[Check]:
         """Check bodies and cell."""
-        plan, settings = self._plan, self._settings
-        bodies = tool_bodies_check(plan, self._task, settings)
-        return [*scene_checks(plan, self._document, self._reference, settings), bodies]
+        bodies = tool_bodies_check(self._evidence.plan, self._task, self._evidence.settings)
+        return [*self._evidence.cell_checks(), bodies]
 
     def proof(self) -> Check:
         """Check that there is no plan."""
-        return tool_infeasibility_check(self._plan, self._task, self._settings)
+        return tool_infeasibility_check(self._evidence.plan, self._task, self._evidence.settings)
 
     def motion(self) -> list[Check]:
         """Check everything that happens."""
-        plan, task, settings = self._plan, self._task, self._settings
+        plan, task, settings = self._evidence.plan, self._task, self._evidence.settings
         motions = motions_of(plan)
         sets = [contact_sets(motion) for motion in motions]
-        solids = solids_of(plan, self._surfaces)
+        solids = solids_of(plan, self._evidence.surfaces)
         course = ToolCourse(plan, settings)
         followed = course.follow(motions, sets, solids)
         steps = course.steps
-        home = None if self._reference is None else self._reference.home
+        start = self._evidence.start_positions(task.start_positions)
         return [
             *joint_checks(plan, settings),
             kind_check(motions, SUCTION_TOOL, settings),
-            *join_checks(plan, motions, home if task.start_positions is None else task.start_positions, settings),
+            *join_checks(plan, motions, start, settings),
             *followed,
             *tool_attachment_checks(plan, motions, course, settings),
             *hold_checks(plan, motions, settings),

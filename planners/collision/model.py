@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from planners.collision.distance import Indices
@@ -30,8 +29,6 @@ NamePair = tuple[str, str]
 _FLANGE = 6
 _DRAWN_RIGHT = 1e-9
 """Bounding balls and boxes are drawn this much too large, beyond rounding [m]."""
-_BALL_STEPS = 200
-"""Leaves a bounding ball less than 1 % too large."""
 
 
 class CollisionModelError(LiftwrightError):
@@ -390,30 +387,4 @@ def _bounding_box(shape: ConvexShape) -> Array:
 
 def _bounding_sphere(shape: ConvexShape) -> Array:
     """Return the centre and radius of a ball around a shape."""
-    ball = _enclosing_ball(np.ascontiguousarray(shape.vertices, dtype=float))
-    ball[3] += shape.radius + _DRAWN_RIGHT
-    return ball
-
-
-@njit(cache=True, nogil=True)
-def _enclosing_ball(vertices: Array) -> Array:
-    """Return a ball (centre, radius) around points, close to the least one.
-
-    Badoiu, Clarkson, "Smaller core-sets for balls" (2003): walk towards the farthest point by ever smaller steps.
-    """
-    center = np.zeros(3)
-    for k in range(3):
-        center[k] = 0.5 * (vertices[:, k].min() + vertices[:, k].max())
-    best = np.zeros(4)
-    best[3] = np.inf
-    for step in range(_BALL_STEPS):
-        farthest, square = 0, -1.0
-        for i in range(len(vertices)):
-            x, y, z = vertices[i, 0] - center[0], vertices[i, 1] - center[1], vertices[i, 2] - center[2]
-            if x * x + y * y + z * z > square:
-                farthest, square = i, x * x + y * y + z * z
-        if square < best[3]:
-            best[:3], best[3] = center, square
-        center += (vertices[farthest] - center) / (step + 2)
-    best[3] = np.sqrt(best[3])
-    return best
+    return shape.ball + np.array([0.0, 0.0, 0.0, shape.radius + _DRAWN_RIGHT])

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from planners.geometry.pose import Array
+from planners.geometry.enclosing_ball import enclosing_ball
+from planners.geometry.pose import Array, Transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,20 @@ class ConvexShape:
         # Triangles of one face share a normal.
         _, first = np.unique(planes.round(6), axis=0, return_index=True)
         return planes[first]
+
+    @cached_property
+    def ball(self) -> Array:
+        """(4,) centre and radius of a ball around the vertices [m]."""
+        return enclosing_ball(np.ascontiguousarray(self.vertices, dtype=float))
+
+    def placed(self, T_body_shape: Transform) -> ConvexShape:
+        """Return the shape, given in its own frame, in the frame of a body; what is known of it goes along."""
+        R, p = T_body_shape[:3, :3], T_body_shape[:3, 3]
+        moved = ConvexShape(self.vertices @ R.T + p, self.radius)
+        # Hulls take long, and fingers are placed anew for every opening.
+        moved.__dict__["face_normals"] = self.face_normals @ R.T
+        moved.__dict__["ball"] = np.append(R @ self.ball[:3] + p, self.ball[3])
+        return moved
 
 
 @dataclass(frozen=True, eq=False)

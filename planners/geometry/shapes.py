@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array, Transform
+from planners.geometry.pose import Array
 
 MAX_VERTICES = 60
 """Support queries walk all vertices; more of them cost time and change one verdict in four hundred."""
@@ -102,8 +102,3 @@ def _farthest_from_hull(corners: Array, hull: Array) -> float:
         nearest = weights @ hull / weights.sum()
         farthest = max(farthest, float(np.linalg.norm(nearest - corner)))
     return farthest
-
-
-def placed(shape: ConvexShape, T_body_shape: Transform) -> ConvexShape:
-    """Return the shape, given in its own frame, in the frame of the body."""
-    return ConvexShape(shape.vertices @ T_body_shape[:3, :3].T + T_body_shape[:3, 3], shape.radius)

@@ -11,7 +11,6 @@ from planners.collision.model import CollisionModel, CollisionQuery, PairChoice,
 from planners.collision.placement import Attached, Fixed, Placement, Upright
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, transform
-from planners.geometry.shapes import placed
 from planners.manipulation.reach import PlateQuery
 from planners.scene.arm import Arm
 from planners.scene.clashes import arm_frames, gaps_below, placed_body
@@ -222,7 +221,7 @@ class LiftWorkcell:
     def _scene_bodies(self) -> list[CollisionBody]:
         """Plate, cup, cable, support and obstacles. The cup is rigid on the plate; the cable stays upright above it."""
         scene = self.scene
-        cup = tuple(placed(part, scene.cup.T_plate_cup_body) for part in scene.cup.body.solid.convex_parts)
+        cup = tuple(part.placed(scene.cup.T_plate_cup_body) for part in scene.cup.body.solid.convex_parts)
         resting = [body.collision_body_in_world() for body in (scene.support, *scene.obstacles) if body is not None]
         return [
             scene.plate.collision_body(),

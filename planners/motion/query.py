@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -45,6 +46,8 @@ class MotionQuery:
     edge_checker: EdgeChecker
     velocity_max: NDArray[np.float64] | None = None
     """(n,) [rad/s]: distances count a joint by the time it needs. None: all joints count the same."""
+    goal_costs: NDArray[np.float64] | None = None
+    """(k,) of going straight to each goal, in any unit: the cheapest are tried first. None: the nearest are."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,13 @@ class MotionSettings:
     """Samples stay in the box around start and goals, grown by this [rad] and cut at the joint limits."""
     shortcut_attempts: int = 60
     """Random cuts tried on a path that was found by search."""
+    searches: int = 1
+    """How often a goal is searched for, until a path is at most `good_share` times as long as the cheapest straight."""
+    good_share: float = 1.2
+    """See `searches`."""
+    near_share: float = math.inf
+    """Goals that cost at most so many times as much as the cheapest are tried first, by straight lines and search:
+    a free straight line to a goal far away is no better than a short way round an obstacle."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,15 @@ class MotionStatistics:
     length: float = 0.0
     """Length of the path returned [rad of the slowest joint]."""
 
+    def after(self, earlier: MotionStatistics) -> MotionStatistics:
+        """Return what both took together; lengths are those of the later."""
+        return replace(
+            self,
+            straight_attempts=earlier.straight_attempts + self.straight_attempts,
+            iterations=earlier.iterations + self.iterations,
+            edges_checked=earlier.edges_checked + self.edges_checked,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class MotionResult:
@@ -96,7 +115,7 @@ class MotionQueryError(LiftwrightError):
 
 
 def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Generator) -> MotionResult:
-    """Find a free polyline to one of the goals: straight lines to the nearest first, then OMPL's RRT-Connect.
+    """Find a free polyline to one of the goals: straight lines to the cheapest first, then OMPL's RRT-Connect.
 
     Every edge of the path was found free by the query's checker. The same query, settings and state of `rng` give the
     same path.
@@ -109,9 +128,26 @@ def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Gen
     if refusal is not None:
         return MotionResult(refusal)
     metric = JointMetric.from_velocity_limits(query.velocity_max, query.start.size)
-    order, refusal = _goals_within_limits(query, metric)
+    costs = metric.distances(query.start, query.goals) if query.goal_costs is None else query.goal_costs
+    order, refusal = _goals_within_limits(query, costs)
     if refusal is not None:
         return MotionResult(refusal)
+    near = order[: _near_count(costs[order], settings.near_share)]
+    result = _to_any(query, settings, rng, metric, near, costs)
+    if result.path is None and near.size < order.size:
+        everywhere = _to_any(query, settings, rng, metric, order, costs)
+        result = replace(everywhere, statistics=everywhere.statistics.after(result.statistics))
+    return result
+
+
+def _to_any(
+    query: MotionQuery,
+    settings: MotionSettings,
+    rng: np.random.Generator,
+    metric: JointMetric,
+    order: NDArray[np.int64],
+    costs: NDArray[np.float64],
+) -> MotionResult:
     attempts = order[: settings.straight_attempts]
     for tried, index in enumerate(attempts, start=1):
         if query.edge_checker.edge_free(query.start, query.goals[index]):
@@ -122,10 +158,41 @@ def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Gen
     free = _free_goals(query, order, settings.max_goals)
     if free.size == 0:
         return MotionResult(MotionOutcome.GOALS_IN_COLLISION, statistics=MotionStatistics(attempts.size))
-    return _search(query, settings, rng, metric, free)
+    return _search(query, settings, rng, metric, free, costs)
+
+
+def _near_count(costs: NDArray[np.float64], share: float) -> int:
+    """Return how many of ascending costs are at most `share` times the first."""
+    return max(1, int(np.searchsorted(costs, share * costs[0], side="right"))) if math.isfinite(share) else costs.size
 
 
 def _search(
+    query: MotionQuery,
+    settings: MotionSettings,
+    rng: np.random.Generator,
+    metric: JointMetric,
+    order: NDArray[np.int64],
+    costs: NDArray[np.float64],
+) -> MotionResult:
+    """Search and shorten as often as the settings say, and return the path of least cost."""
+    attempts = min(settings.straight_attempts, order.size)
+    best = MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED, statistics=MotionStatistics(attempts))
+    least = math.inf
+    for _ in range(settings.searches):
+        found = _search_once(query, settings, rng, metric, order)
+        spent = found.statistics.after(best.statistics)
+        if found.path is not None and found.goal_index is not None:
+            straight = metric.distances(query.start, found.path[-1:])[0]
+            detour = found.statistics.length / straight if straight > 0.0 else 1.0
+            if costs[found.goal_index] * detour < least:
+                best, least = found, costs[found.goal_index] * detour
+        best = replace(best, statistics=replace(spent, **_lengths(best.statistics)))
+        if least <= settings.good_share * costs[order[0]]:
+            break
+    return best
+
+
+def _search_once(
     query: MotionQuery,
     settings: MotionSettings,
     rng: np.random.Generator,
@@ -142,19 +209,16 @@ def _search(
         max_iterations=settings.max_iterations,
         seed=int(rng.integers(1, 2**31)),
     )
-    attempts = min(settings.straight_attempts, order.size)
+    statistics = MotionStatistics(iterations=growth.iterations, edges_checked=growth.edges_checked)
     if growth.path is None:
-        statistics = MotionStatistics(attempts, growth.iterations, growth.edges_checked)
         return MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED, statistics=statistics)
     path = shorten(growth.path, query.edge_checker, metric, settings.shortcut_attempts, rng)
-    statistics = MotionStatistics(
-        attempts,
-        growth.iterations,
-        growth.edges_checked,
-        metric.length(growth.path),
-        metric.length(path),
-    )
+    statistics = replace(statistics, length_found=metric.length(growth.path), length=metric.length(path))
     return MotionResult(MotionOutcome.FOUND, path, int(order[growth.goal_index]), statistics)
+
+
+def _lengths(statistics: MotionStatistics) -> dict[str, float]:
+    return {"length_found": statistics.length_found, "length": statistics.length}
 
 
 def _check_shapes(query: MotionQuery) -> None:
@@ -175,8 +239,10 @@ def _refuse_start(query: MotionQuery) -> MotionOutcome | None:
     return None
 
 
-def _goals_within_limits(query: MotionQuery, metric: JointMetric) -> tuple[NDArray[np.int64], MotionOutcome | None]:
-    """Indices of the goals within the joint limits, nearest first, or why there are none."""
+def _goals_within_limits(
+    query: MotionQuery, costs: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], MotionOutcome | None]:
+    """Indices of the goals within the joint limits, cheapest first, or why there are none."""
     if query.goals.shape[0] == 0:
         return np.empty(0, dtype=np.int64), MotionOutcome.NO_GOAL
     within = np.all(
@@ -185,8 +251,7 @@ def _goals_within_limits(query: MotionQuery, metric: JointMetric) -> tuple[NDArr
     )
     if not within.any():
         return np.empty(0, dtype=np.int64), MotionOutcome.GOALS_OUT_OF_LIMITS
-    distances = np.where(within, metric.distances(query.start, query.goals), np.inf)
-    return np.argsort(distances, kind="stable")[: int(within.sum())], None
+    return np.argsort(np.where(within, costs, np.inf), kind="stable")[: int(within.sum())], None
 
 
 def _free_goals(query: MotionQuery, order: NDArray[np.int64], max_goals: int) -> NDArray[np.int64]:

@@ -22,7 +22,6 @@ from planners.contract.scene_document import (
 from planners.errors import SceneError
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, to_pose7
-from planners.geometry.shapes import placed
 from planners.perception.camera import Camera
 from planners.perception.cloud_file import read_cloud, read_npy
 from planners.perception.depth_view import LARGEST_IMAGE, DepthView
@@ -164,7 +163,7 @@ def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) ->
     if T_world_tool is None and cell.tool_rest is not None:
         T_world_tool = cell.tool_rest.T_world_tool
     if scan.tool is not None and T_world_tool is not None:
-        bodies += [placed(part, T_world_tool) for part in load_tool(scan.tool).body.solid.convex_parts]
+        bodies += [part.placed(T_world_tool) for part in load_tool(scan.tool).body.solid.convex_parts]
     return Surroundings(cell.table_top, workspace, bodies)
 
 

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform
 from planners.regrasp.bearing import Bearing, CarriedLoad
-from planners.regrasp.carried import CarriedPace
 from planners.regrasp.grasp_reach import REACH_FAULTS, Branches, GraspReach
 from planners.regrasp.tool_segment import SuckedObject
-from planners.regrasp.travel import least_travel, solutions
+from planners.regrasp.travel import solutions
 
 NodeMask = NDArray[np.bool_]
 TOO_WEAK = "The tool needs a harder squeeze than fingers may exert."
@@ -104,13 +103,4 @@ class GraspLayer:
             branches = self.branches[number * self.count : (number + 1) * self.count]
             arm = reach.workcell.arm(reach.arm)
             parts.append(solutions(arm, self.T_world_tool, reach.T_tool_flange, branches))
-        return np.concatenate(parts)
-
-    def travel_from(self, other: Array, pace: CarriedPace) -> Array:
-        """Return (2 n,) least seconds to carry the tool here from (2 n, k, 6) of the same nodes [rad]."""
-        parts = []
-        for number, reach in enumerate(self._reach.values()):
-            part = slice(number * self.count, (number + 1) * self.count)
-            arm = reach.workcell.arm(reach.arm)
-            parts.append(least_travel(arm, other[part], self.solutions[part], reach.T_tool_flange, pace))
         return np.concatenate(parts)

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from itertools import islice
 
-from planners.geometry.pose import inverse
+import numpy as np
+
+from planners.geometry.pose import Array, inverse
 from planners.graph.rejections import Rejection
 from planners.progress import Progress
 from planners.regrasp.grasp_layer import GraspLayer
-from planners.regrasp.object_progress import ObjectProgress, ObjectStage
+from planners.regrasp.object_progress import ObjectProgress, ObjectStage, Tell
 from planners.regrasp.object_report import ObjectReport
+from planners.regrasp.prospect import Prospect
 from planners.regrasp.regrasp_graph import Edge, Handover, Pick, Sequence, Transfer
 from planners.regrasp.route_figures import route_figures
 from planners.regrasp.route_maker import RouteMaker
 from planners.regrasp.suction_poses import SuctionPoses
-from planners.regrasp.suction_route import RouteCosts, SuctionRoute
+from planners.regrasp.suction_route import RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_choreography import ToolChoreographer
 from planners.regrasp.tool_motion import Stuck
 from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep
@@ -27,6 +31,14 @@ from planners.regrasp.tool_stage import ToolStage
 from planners.scene.moved_object import MovedObject
 
 _NOT_NEEDED = Rejection("suction", "Another suction pose was found first.")
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """The object that is likely moved next."""
+
+    target: MovedObject
+    suctions: SuctionPoses
 
 
 class ObjectPlanner:
@@ -48,7 +60,7 @@ class ObjectPlanner:
         self.settings, self.progress = settings, progress
 
     def plan(
-        self, stage: ToolStage, target: MovedObject, suctions: SuctionPoses, last: bool
+        self, stage: ToolStage, target: MovedObject, suctions: SuctionPoses, following: Following | None
     ) -> tuple[ToolStage | None, ObjectReport]:
         """Move an object to its goal, or tell why not.
 
@@ -56,7 +68,7 @@ class ObjectPlanner:
             stage: where everything is.
             target: the object.
             suctions: in the order in which they are to be tried.
-            last: whether no object follows: then any grasp is good to end with.
+            following: what is likely moved next; without it any grasp is good to end with.
         """
         report = ObjectReport(target.name)
         poses = self.room.poses(stage, target, suctions.poses, self.settings.suction_poses, report.rejections)
@@ -71,11 +83,10 @@ class ObjectPlanner:
             for reason, mask in reasons.items():
                 report.rejections.add(Rejection("grasp", f"Where the tool rests: {reason}"), int(mask.sum()))
             return None, report
-        partnerless = (0.0 if last else self.settings.partner_weight) * self.routes.partnerless
-        costs = RouteCosts(partnerless, self.settings.carried)
-        following = self.routes.routes(stage, target, poses, start, costs, tell)
+        costs = RouteCosts(self._prospect(stage, target, following, tell).seconds, self.routes.travel)
+        possible = self.routes.routes(stage, target, poses, start, costs, tell)
         tried: list[SuctionRoute] = []
-        while routes := list(islice(following, self.settings.suction_group)):
+        while routes := list(islice(possible, self.settings.suction_group)):
             tell.tried = len(tried)
             tell(ObjectStage.FIRST_REGRASP)
             tried += routes
@@ -87,6 +98,20 @@ class ObjectPlanner:
                 break
         self._tell(stage, tried, None, report)
         return None, report
+
+    def _prospect(self, stage: ToolStage, target: MovedObject, following: Following | None, tell: Tell) -> Prospect:
+        """Look at what follows, with the target at its goal."""
+        settings, maker = self.settings, self.routes
+        if following is None:
+            return Prospect((), 0, maker.travel, np.zeros_like(maker.partnerless))
+        placed = {**stage.T_world_objects, target.name: target.T_world_goal}
+        after = replace(stage, T_world_objects=placed)
+        poses = following.suctions.poses[: settings.suction_group]
+        nowhere = RouteStart.nowhere(len(maker.partnerless))
+        costs = RouteCosts(lambda positions: np.zeros(len(positions)), maker.travel)
+        routes = tuple(maker.routes(after, following.target, poses, nowhere, costs, tell))
+        otherwise = settings.handover_seconds + settings.partner_weight * maker.partnerless
+        return Prospect(routes, settings.prospect_goals, maker.travel, otherwise)
 
     # One group of suction poses.
 
@@ -170,23 +195,21 @@ class ObjectPlanner:
         Raises:
             Stuck: it cannot be moved.
         """
-        plan = self.choreographer
+        plan, ahead = self.choreographer, _ahead(route, goal, following)
         match edge:
             case Pick(node=node):
                 if stage.holder is not None:
                     return stage
                 assert route.start.layer is not None
-                after = route.suction if isinstance(following, Transfer) else None
-                held, choices = self.routes.held(node), self.routes.on_the_way(stage, node, route.start.layer, after)
-                return _first_not_stuck(lambda branches: plan.pick_up(stage, held, branches), choices)
+                held, choices = self.routes.held(node), self.routes.on_the_way(stage, node, route.start.layer, ahead)
+                return _first_not_stuck(lambda branches: plan.pick_up(stage, held, branches, ahead), choices)
             case Handover(receiver=receiver):
-                held = self.routes.held(receiver)
-                return plan.hand_over(stage, held, self.routes.places(stage, held))
+                places = self.routes.places(stage, receiver, ahead)
+                return plan.hand_over(stage, self.routes.held(receiver), places, ahead)
             case Transfer(round=0, node=node):
-                after = goal if isinstance(following, Transfer) else None
-                choices = self.routes.on_the_way(stage, node, route.suction, after)
+                choices = self.routes.on_the_way(stage, node, route.suction, ahead)
                 pose = route.pose.T_object_tool
-                return _first_not_stuck(lambda branches: plan.suck(stage, target.name, pose, branches), choices)
+                return _first_not_stuck(lambda branches: plan.suck(stage, target.name, pose, branches, ahead), choices)
             case Transfer(node=node):
                 T_world_goal = goal.T_world_tool @ inverse(route.pose.T_object_tool)
                 return plan.put_down(stage, T_world_goal, int(goal.branches[node]))
@@ -234,6 +257,20 @@ class ObjectPlanner:
                 held = self.routes.held(edge.node)
                 report.steps.append(RegraspStep(report.name, 0, held.arm, held.grasp, by))
         report.counts["handovers"] += sequence.handovers
+
+
+def _ahead(route: SuctionRoute, goal: GraspLayer, following: Edge | None) -> Array:
+    """Return (k, 6) where the arm that has the tool goes along the edge that follows [rad]."""
+    match following:
+        case Transfer(round=0, node=node):
+            positions = route.suction.solutions[node]
+        case Transfer(node=node):
+            positions = goal.solutions[node]
+        case Handover(round=number, giver=giver, receiver=receiver):
+            positions = route.handovers.given_at(number, giver, receiver)
+        case _:
+            return np.empty((0, 6))
+    return positions[np.isfinite(positions[:, 0])]
 
 
 def _first_not_stuck(move: Callable[[int], ToolStage], choices: tuple[int, ...]) -> ToolStage:

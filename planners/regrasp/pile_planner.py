@@ -10,7 +10,7 @@ from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
 from planners.regrasp.object_order import ObjectOrder
-from planners.regrasp.object_planner import ObjectPlanner
+from planners.regrasp.object_planner import Following, ObjectPlanner
 from planners.regrasp.object_report import ObjectReport, Stopover
 from planners.regrasp.stopover import Stopovers
 from planners.regrasp.suction_poses import SuctionLoad, SuctionPoses, SuctionSettings, suction_poses
@@ -123,14 +123,20 @@ class PilePlanner:
     def _moved(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Course | None:
         self.planned += 1
         suctions = self.suctions.between(target)
-        last = stopover is None and len(course.moved) + 1 == len(course.objects)
-        stage, report = self.objects.plan(course.stage, target, suctions, last)
+        stage, report = self.objects.plan(course.stage, target, suctions, self._following(course, target, stopover))
         report.stopover = stopover
         self.counts.update(report.counts)
         if stage is None:
             self.failed.append(report)
             return None
         return course.after(stage, report)
+
+    def _following(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Following | None:
+        """Return what is likely moved after a target, if anything is."""
+        moved = course.moved | {target.name} if stopover is None else course.moved
+        order = ObjectOrder.of(tuple(course.objects.values()))
+        name = next((name for name in order.next(moved) if name != target.name), None)
+        return None if name is None else Following(course.objects[name], self.suctions.to_goal(course.objects[name]))
 
     def _moves(self, course: Course, order: ObjectOrder) -> Iterator[tuple[MovedObject, Stopover | None]]:
         """Yield what can be moved next: to its goal, then to a stopover, those first that the cup cannot take there."""

@@ -131,13 +131,15 @@ class RegraspGraph:
         return transfers + handovers
 
     def delete(self, edge: Edge) -> None:
-        """Take an edge out: no sequence uses it again."""
+        """Take an edge out: no sequence uses it again. A graph with fewer handovers may not have it."""
         if isinstance(edge, Pick):
             self._start[edge.node] = np.inf
             return
         if isinstance(edge, Transfer):
             costs = self._arriving if edge.after_handover else self._direct
             costs[edge.round][edge.end, edge.node] = np.inf
+            return
+        if edge.number >= self.most_handovers:
             return
         arm, giver = divmod(edge.giver, self.grasps)
         self._handovers[edge.round][edge.number][arm][giver, edge.receiver % self.grasps] = False

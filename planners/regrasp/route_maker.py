@@ -6,26 +6,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.model import NamePair
 from planners.collision.placement import Fixed, Placement, Riding
 from planners.geometry.pose import Array, Transform, inverse
 from planners.regrasp.bearing import Bearing
 from planners.regrasp.grasp_layer import GraspLayer, LayerLoad
-from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
+from planners.regrasp.grasp_reach import GraspReach, Surroundings
 from planners.regrasp.grasps import TOOL_FRAME, ToolGraspSettings
+from planners.regrasp.handover_ways import HandoverWays, LoadHandovers
 from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.node_travel import NodeTravel
 from planners.regrasp.object_progress import Tell
 from planners.regrasp.suction_poses import SuctionPose
-from planners.regrasp.suction_route import HandoverMasks, RouteCosts, RouteStart, SuctionRoute
+from planners.regrasp.suction_route import RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.tool_exchange import HandoverPlace
 from planners.regrasp.tool_motion import moved_by
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
 from planners.regrasp.tool_traffic import ToolTraffic
-from planners.regrasp.travel import least_travel, solutions
 from planners.scene.moved_object import MovedObject
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -58,7 +58,9 @@ class RouteMaker:
         self._tool_flange = {arm: self.grasps.T_tool_flange(workcell.gripper(arm)) for arm in self.arms}
         self._grasp_settings = settings.handovers.grasps
         self._layer_settings = replace(self._grasp_settings, approach=0.0, step=settings.carry.layer_step)
-        self._masks: dict[bytes, HandoverMasks] = {}
+        flanges = [self._tool_flange[arm] for arm in self.arms]
+        self.travel = NodeTravel([workcell.arm(arm) for arm in self.arms], flanges, settings.carried)
+        self.ways = HandoverWays(handovers, workcell, bearing, park, self.travel, settings.handover_tilt)
         partners = handovers.partners
         counts = np.concatenate([partners.sum(axis=1), partners.sum(axis=0)])
         self.partnerless = 1.0 - counts / max(1, counts.max(initial=0))
@@ -73,7 +75,7 @@ class RouteMaker:
         """Return the grasps the tool can be held in: the one it is held in, or all with which it can be picked up."""
         count = len(self.grasps)
         if stage.holder is not None:
-            node = self.arms.index(stage.holder.arm) * count + stage.holder.grasp
+            node = self.node(stage.holder)
             nodes = np.zeros(2 * count, dtype=bool)
             nodes[node] = True
             positions = np.full((2 * count, 1, 6), np.nan)
@@ -107,79 +109,32 @@ class RouteMaker:
             load = LayerLoad.of(self.bearing, sucked)
             suction = GraspLayer(T_world_object @ pose.T_object_tool, here, lift, load)
             goals = tuple(GraspLayer(T @ pose.T_object_tool, there, lift, load) for T in target.goals)
-            masks = (self._handover_masks(None), self._handover_masks(sucked))
-            yield SuctionRoute(pose, start, (suction, goals), masks, costs, self.settings.most_handovers, tell)
+            passing = LoadHandovers(self.ways, sucked)
+            yield SuctionRoute(pose, start, (suction, goals), passing, costs, self.settings.most_handovers, tell)
 
-    def places(self, stage: ToolStage, receiver: HeldGrasp) -> list[HandoverPlace]:
-        """Return where the holder can hand the tool to a receiver, those with the shortest way for both first."""
-        giver, base = stage.holder, self.handovers
-        assert giver is not None
-        numbers = base.orientations(giver.arm, giver.grasp, receiver.arm, receiver.grasp)
-        borne = self._borne_at_handovers(stage.sucked)
-        numbers = numbers[borne[numbers, giver.grasp] & borne[numbers, receiver.grasp]]
-        places = [
-            (
-                self._way(giver, stage.q, T := base.T_world_tool[o], base.reached(giver.arm)[o], carries=True)
-                + self._way(receiver, stage.q, T, base.reached(receiver.arm)[o], carries=False),
-                int(o),
-            )
-            for o in numbers
-        ]
-        return [
-            HandoverPlace(
-                base.T_world_tool[o],
-                int(base.reached(giver.arm)[o, giver.grasp]),
-                int(base.reached(receiver.arm)[o, receiver.grasp]),
-            )
-            for _, o in sorted(places)
-        ]
+    def node(self, held: HeldGrasp) -> int:
+        """Return the node of an arm and a grasp."""
+        return self.arms.index(held.arm) * len(self.grasps) + held.grasp
 
-    def on_the_way(self, stage: ToolStage, node: int, between: GraspLayer, after: GraspLayer | None) -> tuple[int, ...]:
-        """Return the branches of a grasp in a layer: those on a shortest way to the next layer first, then all."""
-        branches, held = int(between.branches[node]), self.held(node)
-        if after is None:
+    def places(self, stage: ToolStage, receiver: int, ahead: Array) -> list[HandoverPlace]:
+        """Return where the holder can hand the tool to a node that goes on to `ahead` (k, 6), shortest way first."""
+        q = {arm: stage.q[self.workcell.joints(arm)] for arm in self.arms}
+        return self.ways.places(q, self.node(stage.held), receiver, stage.sucked, ahead)
+
+    def on_the_way(self, stage: ToolStage, node: int, between: GraspLayer, ahead: Array) -> tuple[int, ...]:
+        """Return the branches of a grasp in a layer: those on a shortest way to `ahead` (k, 6) first, then all."""
+        branches = int(between.branches[node])
+        if not len(ahead):
             return (branches,)
-        arm, T_tool_flange = self.workcell.arm(held.arm), self._tool_flange[held.arm][held.grasp][None]
-        here = stage.q[self.workcell.joints(held.arm)][None, None]
-        carries = None if stage.holder is None else T_tool_flange
-        through = between.solutions[node][:, None, None]
-        there, pace = after.solutions[node][None], self.settings.carried
+        here = stage.q[self.workcell.joints(self.held(node).arm)][None]
+        carries = stage.holder is not None
         seconds = [
-            float(least_travel(arm, here, q, carries, pace)[0] + least_travel(arm, q, there, T_tool_flange, pace)[0])
-            for q in through
+            self.travel.of(node, here, q, carries=carries) + self.travel.of(node, q, ahead)
+            for q in between.solutions[node][:, None]
         ]
         near = [b for b, each in enumerate(seconds) if each <= min(seconds) + self.settings.detour]
         chosen = sum(1 << b for b in near) & branches
         return (branches,) if chosen in (0, branches) else (chosen, branches)
-
-    def _handover_masks(self, sucked: SuckedObject | None) -> HandoverMasks:
-        """Return which grasps pass the tool on in any orientation in which cup and both hands bear it."""
-        borne = self._borne_at_handovers(sucked)
-        key = np.packbits(borne).tobytes()
-        if key not in self._masks:
-            some = borne.any(axis=1)
-            base, held = self.handovers.compatible[some], borne[some]
-            there = np.asarray((base & held[:, :, None] & held[:, None, :]).any(axis=0))
-            self._masks[key] = (there, np.ascontiguousarray(there.T))
-        return self._masks[key]
-
-    def _borne_at_handovers(self, sucked: SuckedObject | None) -> NDArray[np.bool_]:
-        """Return (o, n) in which orientations cup and fingers bear the load in which grasp."""
-        load, poses = self.bearing.load(sucked), self.handovers.T_world_tool
-        borne = self.bearing.borne(load, self.grasps, poses)
-        if sucked is None:
-            return borne
-        level = poses[:, 2, 2] >= np.cos(self.settings.handover_tilt)
-        return borne & (level & self.bearing.hanging(load, poses))[:, None]
-
-    def _way(self, held: HeldGrasp, q: Array, T_world_tool: Transform, branches: Branches, *, carries: bool) -> float:
-        """Return the least seconds that an arm needs from where it is to a grasp of the tool at a pose."""
-        arm = self.workcell.arm(held.arm)
-        one = slice(held.grasp, held.grasp + 1)
-        T_tool_flange = self._tool_flange[held.arm][one]
-        there = solutions(arm, T_world_tool, T_tool_flange, branches[one])
-        here = q[self.workcell.joints(held.arm)][None, None]
-        return float(least_travel(arm, here, there, T_tool_flange if carries else None, self.settings.carried)[0])
 
     def _beside(self, stage: ToolStage, name: str, T_world_object: Transform) -> dict[NamePair, float]:
         """Return margins of the pairs that an object is closer in than usual where it stands, but for what is below."""

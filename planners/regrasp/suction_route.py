@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, rotation_angle
 from planners.graph.rejections import Rejection
-from planners.regrasp.carried import CarriedPace
 from planners.regrasp.grasp_layer import GraspLayer, NodeMask
+from planners.regrasp.handover_ways import HandoverMasks, LoadHandovers
+from planners.regrasp.node_travel import NodeTravel
 from planners.regrasp.object_progress import ObjectStage, Tell
 from planners.regrasp.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
 from planners.regrasp.suction_poses import SuctionPose
-
-HandoverMasks = tuple[NDArray[np.bool_], NDArray[np.bool_]]
-"""(n, n) left to right, and right to left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,15 +28,20 @@ class RouteStart:
     layer: GraspLayer | None
     """What was found out where the tool rests; None where a hand holds it already."""
 
+    @staticmethod
+    def nowhere(nodes: int) -> RouteStart:
+        """Return the start of routes whose layers alone are of interest."""
+        return RouteStart(np.zeros(nodes, dtype=bool), np.full((nodes, 1, 6), np.nan), None)
+
 
 @dataclass(frozen=True, eq=False)
 class RouteCosts:
     """What makes one sequence better than another with as many handovers, in seconds."""
 
-    last_grasp: Array
-    """(2 n,) cost of ending with a grasp."""
-    pace: CarriedPace
-    """Of what is carried."""
+    onward: Callable[[Array], Array]
+    """From joint positions (2 n, k, 6) at the end to the cost (2 n,) of ending with each grasp."""
+    travel: NodeTravel
+    """From place to place."""
 
 
 class SuctionRoute:
@@ -49,7 +52,7 @@ class SuctionRoute:
         pose: SuctionPose,
         start: RouteStart,
         layers: tuple[GraspLayer, tuple[GraspLayer, ...]],
-        handovers: tuple[HandoverMasks, HandoverMasks],
+        handovers: LoadHandovers,
         costs: RouteCosts,
         most_handovers: int,
         tell: Tell,
@@ -60,14 +63,14 @@ class SuctionRoute:
             pose: the suction pose.
             start: where the tool is.
             layers: of the suction pose at the object's start, and at each of its goals.
-            handovers: of the tool alone, and with the object.
+            handovers: of the tool alone, and with the object; direct routes do not ask for them.
             costs: what the sequences cost.
             most_handovers: in one round.
             tell: told what is being done.
         """
         self.pose, self.start, self.costs = pose, start, costs
         self.suction, self.goals = layers
-        self._handovers, self._most, self.tell = handovers, most_handovers, tell
+        self.handovers, self._most, self.tell = handovers, most_handovers, tell
         self.tried: dict[Edge, Rejection | None] = {}
         """Edges whose motion was tried; those that failed are deleted, the reason says why."""
         self.sequences = 0
@@ -81,7 +84,7 @@ class SuctionRoute:
         if key not in self._graphs:
             self._ask(*key)
             self.tell(ObjectStage.GRAPH)
-            graph = RegraspGraph(self.start.nodes, self._rounds(key[1]), self._most)
+            graph = RegraspGraph(self.start.nodes, self._rounds(*key), self._most if handovers else 0)
             for edge, rejection in self.tried.items():
                 if rejection is not None:
                     graph.delete(edge)
@@ -110,7 +113,7 @@ class SuctionRoute:
     @property
     def handover_pairs(self) -> tuple[int, int]:
         """Pairs of grasps that pass the tool on, alone and with the object."""
-        first, second = (int(masks[0].sum()) for masks in self._handovers)
+        first, second = (int(masks[0].sum()) for masks in self.handovers.masks)
         return first, second
 
     @property
@@ -127,34 +130,42 @@ class SuctionRoute:
         """Ask the layers for the grasps that sequences with this many handovers could use."""
         before = [self.start.nodes]
         for _ in range(min(handovers, self._most)):
-            before.append(_handed(before[-1], self._handovers[0]))
+            before.append(_handed(before[-1], self.handovers.masks[0]))
         for first in range(min(handovers, self._most) + 1):
             self.tell(ObjectStage.FIRST_REGRASP)
             after = self.suction.ask(before[first])
             for _ in range(handovers - first):
-                after = _handed(after, self._handovers[1])
+                after = _handed(after, self.handovers.masks[1])
             self.tell(ObjectStage.SECOND_REGRASP)
             if handovers - first <= self._most and after.any():
                 for goal in self.goal_order[:goals]:
                     self.goals[goal].ask(after)
 
-    def _rounds(self, goals: int) -> tuple[RoundLayers, RoundLayers]:
-        nodes = len(self.start.nodes)
-        free = np.zeros(nodes)
-        at_suction = np.where(self.suction.reached, 0.0, np.inf)[None]
-        first = RoundLayers(
-            direct=at_suction + self.suction.travel_from(self.start.positions, self.costs.pace),
-            departing=free,
-            arriving=at_suction,
-            handovers=self._handovers[0],
+    def _rounds(self, handovers: int, goals: int) -> tuple[RoundLayers, RoundLayers]:
+        travel, nodes = self.costs.travel.between, len(self.start.nodes)
+        nowhere, nobody = np.full((1, nodes), np.inf), np.zeros((nodes // 2, nodes // 2), dtype=bool)
+        direct = travel(self.start.positions, self.suction.solutions)[None]
+        first = RoundLayers(direct, nowhere[0], nowhere, (nobody, nobody))
+        layers = {goal: self.goals[goal] for goal in self.goal_order[:goals]}
+        ends = np.full((len(self.goals), nodes), np.inf)
+        direct, arriving = ends.copy(), ends.copy()
+        onward = {goal: self.costs.onward(layer.solutions) for goal, layer in layers.items() if layer.reached.any()}
+        for goal, seconds in onward.items():
+            direct[goal] = seconds + travel(self.suction.solutions, layers[goal].solutions)
+        second = RoundLayers(direct, nowhere[0], arriving, (nobody, nobody))
+        if not handovers:
+            return first, second
+        alone, laden = self.handovers.positions
+        receiving = self.handovers.ways.receiving
+        for goal, seconds in onward.items():
+            arriving[goal] = seconds + receiving + travel(laden, layers[goal].solutions)
+        first = replace(
+            first,
+            departing=travel(self.start.positions, alone),
+            arriving=(receiving + travel(alone, self.suction.solutions))[None],
+            handovers=self.handovers.masks[0],
         )
-        direct = np.full((len(self.goals), nodes), np.inf)
-        arriving = direct.copy()
-        for goal in self.goal_order[:goals]:
-            layer = self.goals[goal]
-            arriving[goal] = np.where(layer.reached, self.costs.last_grasp, np.inf)
-            direct[goal] = arriving[goal] + layer.travel_from(self.suction.solutions, self.costs.pace)
-        second = RoundLayers(direct=direct, departing=free, arriving=arriving, handovers=self._handovers[1])
+        second = replace(second, departing=travel(self.suction.solutions, laden), handovers=self.handovers.masks[1])
         return first, second
 
     def _turn_to(self, goal: int) -> float:

@@ -23,7 +23,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
 from planners.regrasp.tool_switches import ToolSwitches
 from planners.regrasp.tool_traffic import ToolTraffic
-from planners.regrasp.visit import Leg, Posture, StraightLeg, Visit
+from planners.regrasp.visit import Leg, Onward, Posture, StraightLeg, Visit
 from planners.segment import SegmentKind
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -55,8 +55,8 @@ class ToolChoreographer:
         self.motion = ToolMotion(traffic, writer, statics, park, settings, rng)
         self.switches = ToolSwitches(traffic, writer, statics, settings.pace)
 
-    def pick_up(self, stage: ToolStage, held: HeldGrasp, branches: int) -> ToolStage:
-        """Take the tool from where it rests and lift it straight up."""
+    def pick_up(self, stage: ToolStage, held: HeldGrasp, branches: int, ahead: Array) -> ToolStage:
+        """Take the tool from where it rests and lift it straight up; `ahead` (k, 6) says where it goes then."""
         stage = self.switches.shaped(self.motion.parked(stage, self.workcell.other(held.arm)), held)
         T_world_flange = stage.T_world_tool @ self.traffic.T_tool_flange(held)
         lift = StraightLeg(T_world_flange, self.settings.carry.unrest * _UP)
@@ -69,13 +69,16 @@ class ToolChoreographer:
             branches,
             [self.traffic.hand(stage, held.arm, around=True), self.traffic.carrying(taken, close)],
         )
-        stage, posture = self.motion.arrive(stage, visit, posture, SegmentKind.TRANSIT)
+        stage, posture = self.motion.arrive(stage, visit, posture, SegmentKind.TRANSIT, Onward(ahead, held))
         stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.APPROACH)
         stage = self.switches.gripped(stage, held)
         return self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, close)
 
-    def suck(self, stage: ToolStage, name: str, T_object_tool: Transform, branches: int) -> ToolStage:
-        """Bring the tool onto an object along the facet's normal, and lift both straight up; a level tool turns up."""
+    def suck(self, stage: ToolStage, name: str, T_object_tool: Transform, branches: int, ahead: Array) -> ToolStage:
+        """Bring the tool onto an object along the facet's normal, and lift both straight up; then go on `ahead`.
+
+        A level tool is turned up before it goes on.
+        """
         carry, held = self.settings.carry, stage.held
         stage = self.motion.parked(stage, self.workcell.other(held.arm))
         T_world_tool = stage.T_world_objects[name] @ T_object_tool
@@ -96,7 +99,7 @@ class ToolChoreographer:
             queries.append(self.traffic.carrying(lifted, beside))
             ways = [(above, lift, turn) for turn in turns]
         visit, postures = self._choose(stage, ways, branches, queries)
-        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER)
+        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, Onward(ahead, held))
         stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, cup)
         stage = self.switches.vacuum(replace(stage, sucked=sucked), SegmentKind.ATTACH)
         stage = self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, rest)
@@ -129,7 +132,8 @@ class ToolChoreographer:
             queries.insert(0, self.traffic.carrying(over, beside))
             ways = [(turn.back(), lowered, leaving) for turn in turns]
         visit, postures = self._choose(stage, ways, branches, queries)
-        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, beside)
+        home = self.motion.home(held.arm)
+        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, home, beside)
         last = len(visit.legs) - 1
         if turns:
             stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, beside)
@@ -166,10 +170,12 @@ class ToolChoreographer:
                 return visit, self.motion.choose(stage, visit, branches, queries)
         return last, self.motion.choose(stage, last, branches, queries)
 
-    def hand_over(self, stage: ToolStage, receiver: HeldGrasp, places: Sequence[HandoverPlace]) -> ToolStage:
+    def hand_over(
+        self, stage: ToolStage, receiver: HeldGrasp, places: Sequence[HandoverPlace], ahead: Array
+    ) -> ToolStage:
         """Bring the tool to a handover place, let the other arm take it there, and park the arm that gave it.
 
-        Places are tried in the order given until the budget of motions is spent.
+        The receiver goes on `ahead` (k, 6). Places are tried in the order given until the budget of motions is spent.
         """
         stage = self.motion.parked(stage, receiver.arm)
         reasons: Counter[Rejection] = Counter()
@@ -180,7 +186,7 @@ class ToolChoreographer:
             try:
                 exchange = Exchange(self.motion, self.switches, stage, receiver, place)
                 moved += 1
-                return exchange.realise()
+                return exchange.realise(Onward(ahead, receiver))
             except Stuck as stuck:
                 reasons[stuck.rejection] += 1
         raise Stuck(commonest(reasons, Rejection("handover", "no place is known for the two grasps")))

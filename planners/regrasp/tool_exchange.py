@@ -11,7 +11,7 @@ from planners.graph.rejections import Rejection
 from planners.regrasp.tool_motion import Stuck, ToolMotion, columns, commonest
 from planners.regrasp.tool_stage import HeldGrasp, ToolStage
 from planners.regrasp.tool_switches import ToolSwitches
-from planners.regrasp.visit import Posture, Visit
+from planners.regrasp.visit import Onward, Posture, Visit
 from planners.segment import SegmentKind
 
 
@@ -55,18 +55,18 @@ class Exchange:
             traffic.hand(leaving, giver.arm, around=True),
         )
 
-    def realise(self) -> ToolStage:
-        """Plan all motion of the exchange.
+    def realise(self, onward: Onward) -> ToolStage:
+        """Plan all motion of the exchange; the receiver goes onward from there.
 
         Raises:
             Stuck: some of it was not found.
         """
         motion, switches = self.motion, self.switches
         givers = list(dict.fromkeys(giver for giver, _ in self.pairs))
-        stage, giving = motion.arrive(self.stage, self.give, givers, SegmentKind.TRANSFER)
+        stage, giving = motion.arrive(self.stage, self.give, givers, SegmentKind.TRANSFER, motion.home(self.giver.arm))
         stage = switches.shaped(stage, self.receiver)
         takers = [taker for giver, taker in self.pairs if giver.branch == giving.branch]
-        stage, taking = motion.arrive(stage, self.take, takers, SegmentKind.TRANSIT)
+        stage, taking = motion.arrive(stage, self.take, takers, SegmentKind.TRANSIT, onward)
         stage = motion.straight(stage, self.take, 0, taking, SegmentKind.APPROACH)
         stage = switches.gripped(stage, self.receiver)
         stage = switches.released(stage, self.receiver)

@@ -30,7 +30,8 @@ from planners.regrasp.stage_writer import StageWriter
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import ToolStage
 from planners.regrasp.tool_traffic import ToolTraffic
-from planners.regrasp.visit import Posture, StraightLeg, Visit
+from planners.regrasp.travel import least_travel, straight_times
+from planners.regrasp.visit import Onward, Posture, StraightLeg, Visit
 from planners.scene.arm import Arm
 from planners.segment import SegmentKind
 
@@ -83,7 +84,11 @@ class ToolMotion:
         if np.array_equal(stage.q[self.workcell.joints(arm)], goal):
             return stage
         query = self.traffic.hand(stage, arm)
-        return self.free(stage, self.arm(arm), goal[None], query, SegmentKind.TRANSIT)[0]
+        return self._free(stage, self.arm(arm), goal[None], query, SegmentKind.TRANSIT)[0]
+
+    def home(self, arm: str) -> Onward:
+        """Return that an arm goes back to where it is out of the way: as good a guess as any of what is next."""
+        return Onward(self._park[arm][None])
 
     def choose(self, stage: ToolStage, visit: Visit, branches: int, queries: Sequence[CollisionQuery]) -> list[Posture]:
         """Return the postures of a visit that pass all its legs, each by its own query, free of collision.
@@ -114,11 +119,13 @@ class ToolMotion:
         visit: Visit,
         postures: Sequence[Posture],
         kind: SegmentKind,
+        onward: Onward,
         close: Mapping[NamePair, float] | None = None,
     ) -> tuple[ToolStage, Posture]:
         """Move an arm through free space to where one of the postures begins its visit; return which, and its turns.
 
-        What is carried may stay close to what it stands beside already, and come close to the pairs of `close` [m].
+        Those with the shortest way there, and onward from the visit's end, come first. What is carried may stay close
+        to what it stands beside already, and come close to the pairs of `close` [m].
         """
         arm = visit.arm
         turned = [
@@ -133,7 +140,10 @@ class ToolMotion:
             query = self.traffic.carrying(stage, {**beside, **(close or {})})
         else:
             query = self.traffic.hand(stage, arm.name)
-        stage, chosen = self.free(stage, arm, np.array([posture.start for posture in turned]), query, kind)
+        starts = np.array([posture.start for posture in turned])
+        ends = np.array([posture.end for posture in turned])
+        costs = self._times(stage, arm, starts, kind) + self._onward_times(arm, ends, onward)
+        stage, chosen = self._free(stage, arm, starts, query, kind, costs)
         return stage, turned[chosen]
 
     def straight(
@@ -162,10 +172,31 @@ class ToolMotion:
             raise Stuck(Rejection("transit", f"{touch} on a straight way"))
         return moved
 
-    def free(
-        self, stage: ToolStage, arm: Arm, goals: Array, query: CollisionQuery, kind: SegmentKind
+    def _times(self, stage: ToolStage, arm: Arm, goals: Array, kind: SegmentKind) -> Array:
+        """Return how long (k,) an arm takes straight to goals (k, 6), if nothing is in the way [s]."""
+        T_tool_flange = self.traffic.T_tool_flange(stage.held) if kind is SegmentKind.TRANSFER else None
+        return straight_times(arm, stage.q[self.workcell.joints(arm.name)], goals, T_tool_flange, self.settings.carried)
+
+    def _onward_times(self, arm: Arm, ends: Array, onward: Onward) -> Array:
+        """Return how long (k,) an arm takes from the ends (k, 6) of a visit to the nearest place onward [s]."""
+        if not len(onward.positions):
+            return np.zeros(len(ends))
+        there = np.repeat(onward.positions[None], len(ends), axis=0)
+        if onward.held is None:
+            return least_travel(arm, ends[:, None], there)
+        flanges = np.repeat(self.traffic.T_tool_flange(onward.held)[None], len(ends), axis=0)
+        return least_travel(arm, ends[:, None], there, flanges, self.settings.carried)
+
+    def _free(
+        self,
+        stage: ToolStage,
+        arm: Arm,
+        goals: Array,
+        query: CollisionQuery,
+        kind: SegmentKind,
+        costs: Array | None = None,
     ) -> tuple[ToolStage, int]:
-        """Move one arm through free space to one of the goals (k, 6); return which."""
+        """Move one arm through free space to one of the goals (k, 6), those of least cost (k,) first; return which."""
         joints = self.workcell.joints(arm.name)
         start = stage.q[joints].copy()
         checker: EdgeChecker = ArmEdgeChecker(query, stage.q.copy(), joints)
@@ -173,7 +204,7 @@ class ToolMotion:
             checker = self._level(stage, arm, checker, np.vstack([start, goals]))
         self.queries += 1
         result = plan_motion(
-            MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max),
+            MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max, costs),
             self.settings.motion,
             self._rng,
         )

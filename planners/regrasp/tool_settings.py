@@ -69,7 +69,9 @@ class ToolPlannerSettings:
     carry: CarrySettings = field(default_factory=CarrySettings)
     pace: ToolPace = field(default_factory=ToolPace)
     carried: CarriedPace = field(default_factory=CarriedPace)
-    motion: MotionSettings = field(default_factory=lambda: MotionSettings(max_iterations=500))
+    motion: MotionSettings = field(
+        default_factory=lambda: MotionSettings(max_iterations=500, searches=3, near_share=1.5)
+    )
     timing: TimingSettings = field(default_factory=TimingSettings)
     stopover: StopoverSettings = field(default_factory=StopoverSettings)
     most_handovers: int = 2
@@ -100,6 +102,9 @@ class ToolPlannerSettings:
     """Part of the fingers' largest force that is left at rest, for what inertia adds; motion is slowed for the rest."""
     hold_reserve: float = 0.0
     """What must be left of every limit of cup and fingers [N]."""
+    handover_seconds: float = 8.0
+    """Cost of ending with a grasp in which the next object cannot be moved without a handover [s]: what one takes."""
     partner_weight: float = 0.5
-    """Cost of ending with a grasp that has no handover partner against one that has the most [s], where further
-    objects follow."""
+    """Cost of such a grasp that has no handover partner against one that has the most [s]."""
+    prospect_goals: int = 3
+    """Goals of the next object that are looked at for each suction pose."""

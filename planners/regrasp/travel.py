@@ -16,8 +16,10 @@ from planners.regrasp.carried import CarriedPace
 from planners.regrasp.grasp_reach import Branches
 from planners.scene.arm import Arm
 
-_CHORDS = 6
-"""The way of what is carried is measured along so many chords."""
+_CHORDS, _CHORD = 6, 0.5
+"""The way of what is carried is measured along at least so many chords, each of at most so large joint steps [rad]."""
+EFFORT = 0.15
+"""Part of the time of each joint that counts beside the slowest: none turns for nothing while another takes longer."""
 
 
 def solutions(arm: Arm, T_world_tool: Transform, T_tool_flange: Array, branches: Branches) -> Array:
@@ -26,12 +28,18 @@ def solutions(arm: Arm, T_world_tool: Transform, T_tool_flange: Array, branches:
 
 
 def least_travel(
-    arm: Arm, one: Array, other: Array, T_tool_flange: Array | None = None, pace: CarriedPace | None = None
+    arm: Arm,
+    one: Array,
+    other: Array,
+    T_tool_flange: Array | None = None,
+    pace: CarriedPace | None = None,
+    beyond: Array | None = None,
 ) -> Array:
     """Return for each grasp the least time [s] between its solutions (n, k, 6) and (n, m, 6).
 
-    Of all joints the slowest counts, at full speed; and what is carried, at its pace while the joints go straight.
-    Joints turn the shorter way round, as if they had no limits: this ranks grasps, it does not plan. Infinite where
+    Of all joints the slowest counts, at full speed; and what is carried, at its pace while the joints go straight. To
+    that `EFFORT` of the time of every joint is added.
+    Joints turn the shorter way round that their limits allow: this ranks grasps, it does not plan. Infinite where
     either has no solution.
 
     Args:
@@ -40,11 +48,34 @@ def least_travel(
         other: joint positions at the other end.
         T_tool_flange: (n, 4, 4) of each grasp; None for an arm that carries nothing.
         pace: of what is carried.
+        beyond: (n, m) seconds that are added for going on from each solution at the other end.
+    """
+    beyond = np.zeros(other.shape[:2]) if beyond is None else beyond
+    if T_tool_flange is None or pace is None:
+        return _least_travel(one, other, beyond, _joints(arm), arm.dh, np.empty((0, 3)), np.full(2, np.inf))
+    lips = -np.einsum("nji,nj->ni", T_tool_flange[:, :3, :3], T_tool_flange[:, :3, 3])
+    return _least_travel(one, other, beyond, _joints(arm), arm.dh, lips, np.array([pace.speed, pace.turn]))
+
+
+def straight_times(
+    arm: Arm, start: Array, goals: Array, T_tool_flange: Transform | None = None, pace: CarriedPace | None = None
+) -> Array:
+    """Return how long (k,) an arm takes straight from `start` (6,) to each of `goals` (k, 6) [s]; see `least_travel`.
+
+    Whole turns count here; accelerations do not.
     """
     if T_tool_flange is None or pace is None:
-        return _least_travel(one, other, arm.velocity_max, arm.dh, np.empty((0, 3)), np.inf, np.inf)
-    lips = -np.einsum("nji,nj->ni", T_tool_flange[:, :3, :3], T_tool_flange[:, :3, 3])
-    return _least_travel(one, other, arm.velocity_max, arm.dh, lips, pace.speed, pace.turn)
+        seconds = np.abs((goals - start) / arm.velocity_max)
+        return seconds.max(axis=1) + EFFORT * seconds.sum(axis=1)
+    lip = -T_tool_flange[:3, :3].T @ T_tool_flange[:3, 3]
+    return _straight_times(
+        start, np.ascontiguousarray(goals), arm.velocity_max, arm.dh, lip, np.array([pace.speed, pace.turn])
+    )
+
+
+def _joints(arm: Arm) -> Array:
+    """Return (3, 6) rows of most speed, least and most position."""
+    return np.array([arm.velocity_max, arm.position_min, arm.position_max])
 
 
 @njit(cache=True, nogil=True)
@@ -64,7 +95,17 @@ def _solutions(dh, T_base_tool, T_tool_flange, branches):
 
 
 @njit(cache=True, nogil=True)
-def _least_travel(one, other, velocity, dh, lips, speed, turn):
+def _straight_times(start, goals, velocity, dh, lip, pace):
+    result = np.empty(goals.shape[0])
+    for k in range(goals.shape[0]):
+        step = goals[k] - start
+        seconds = np.abs(step) / velocity
+        result[k] = max(seconds.max(), _carried(dh, start, step, lip, pace)) + EFFORT * seconds.sum()
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _least_travel(one, other, beyond, joints, dh, lips, pace):
     result = np.full(one.shape[0], np.inf)
     step = np.empty(6)
     for k in range(one.shape[0]):
@@ -74,25 +115,36 @@ def _least_travel(one, other, velocity, dh, lips, speed, turn):
             for b in range(other.shape[1]):
                 if math.isnan(other[k, b, 0]):
                     continue
-                longest = 0.0
+                longest, more = 0.0, beyond[k, b]
                 for i in range(6):
-                    step[i] = wrap(other[k, b, i] - one[k, a, i])
-                    longest = max(longest, abs(step[i]) / velocity[i])
-                if longest < result[k] and lips.shape[0] > 0:
-                    longest = max(longest, _carried(dh, one[k, a], step, lips[k], speed, turn))
-                if longest < result[k]:
-                    result[k] = longest
+                    step[i] = _turn(one[k, a, i], other[k, b, i], joints[1, i], joints[2, i])
+                    seconds = abs(step[i]) / joints[0, i]
+                    longest, more = max(longest, seconds), more + EFFORT * seconds
+                if longest + more < result[k] and lips.shape[0] > 0:
+                    longest = max(longest, _carried(dh, one[k, a], step, lips[k], pace))
+                if longest + more < result[k]:
+                    result[k] = longest + more
     return result
 
 
 @njit(cache=True, nogil=True)
-def _carried(dh, q, step, lip, speed, turn):
+def _turn(start, end, low, high):
+    """The shorter turn that leads to an angle and ends within limits; if neither way does, the shorter one."""
+    step = wrap(end - start)
+    other = step - math.copysign(2.0 * math.pi, step)
+    within = low <= start + step <= high
+    return other if not within and low <= start + other <= high else step
+
+
+@njit(cache=True, nogil=True)
+def _carried(dh, q, step, lip, pace):
     """Time [s] that a point (3,) of the flange frame and the flange's turn need from q (6,) to q + step."""
     frames, last = np.empty((7, 4, 4)), np.empty((4, 4))
     base = np.eye(4)
     way, angle = 0.0, 0.0
-    for s in range(_CHORDS + 1):
-        link_frames(dh, base, q + step * (s / _CHORDS), frames)
+    chords = max(_CHORDS, int(np.abs(step).max() / _CHORD) + 1)
+    for s in range(chords + 1):
+        link_frames(dh, base, q + step * (s / chords), frames)
         if s > 0:
             moved, turned = 0.0, 0.0
             for i in range(3):
@@ -106,4 +158,4 @@ def _carried(dh, q, step, lip, speed, turn):
             # |R_b - R_a| (Frobenius) is 2 sqrt(2) sin(angle / 2).
             angle += 2.0 * math.asin(min(1.0, math.sqrt(turned / 8.0)))
         last[:] = frames[6]
-    return max(way / speed, angle / turn)
+    return max(way / pace[0], angle / pace[1])

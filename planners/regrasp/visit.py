@@ -11,6 +11,7 @@ import numpy as np
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.branch import follow_branch
 from planners.regrasp.tilt_leg import TiltLeg
+from planners.regrasp.tool_stage import HeldGrasp
 from planners.scene.arm import Arm
 
 _TURN = 2.0 * math.pi
@@ -47,6 +48,16 @@ Leg = StraightLeg | TiltLeg
 
 
 @dataclass(frozen=True, eq=False)
+class Onward:
+    """Where an arm goes after a visit: whoever has a choice of postures and turns looks that far ahead."""
+
+    positions: Array
+    """(k, 6) any of them [rad]."""
+    held: HeldGrasp | None = None
+    """What it carries there."""
+
+
+@dataclass(frozen=True, eq=False)
 class Posture:
     """Joint positions along the legs of a visit, in one branch and with one choice of whole turns."""
 
@@ -58,6 +69,11 @@ class Posture:
     def start(self) -> Array:
         """(6,) where the visit begins [rad]."""
         return self.ways[0][0]
+
+    @property
+    def end(self) -> Array:
+        """(6,) where the visit ends [rad]."""
+        return self.ways[-1][-1]
 
     def turned(self, turns: Array) -> Posture:
         """Return the posture after whole turns (6,) [rad]."""

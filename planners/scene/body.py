@@ -8,7 +8,6 @@ from typing import Literal
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform
-from planners.geometry.shapes import placed
 from planners.scene.solid import ExtrudedSolid, Solid
 
 Role = Literal["plate", "object", "tool", "support", "obstacle", "table", "frame", "cup", "cable"]
@@ -37,7 +36,7 @@ class Body:
 
     def collision_body_in_world(self) -> CollisionBody:
         """Return the body for collision queries, fixed in the world where it is at the start."""
-        parts = tuple(placed(part, self.T_world_body) for part in self.solid.convex_parts)
+        parts = tuple(part.placed(self.T_world_body) for part in self.solid.convex_parts)
         return CollisionBody(self.name, self.role, "world", parts)
 
 

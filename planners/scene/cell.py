@@ -13,7 +13,7 @@ import numpy as np
 
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, transform
-from planners.geometry.shapes import box, placed
+from planners.geometry.shapes import box
 from planners.scene.arm import Arm
 from planners.scene.asset_files import (
     ARM_NAMES,
@@ -46,7 +46,7 @@ class StaticBox:
 
     def collision_body(self) -> CollisionBody:
         """Return the box for collision queries."""
-        shape = placed(box(self.size), transform(None, self.center))
+        shape = box(self.size).placed(transform(None, self.center))
         return CollisionBody(self.name, "cell", "world", (shape,))
 
     def document(self) -> dict[str, Any]:

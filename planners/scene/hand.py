@@ -12,7 +12,7 @@ import numpy as np
 from planners.errors import AssetError, LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, cylinder, placed
+from planners.geometry.shapes import box, capsule, cylinder
 from planners.scene.asset_files import (
     AssetShelf,
     GripperFile,
@@ -143,6 +143,10 @@ class Gripper:
         widths = np.linspace(0.0, self.width_max, steps + 1)
         return np.column_stack([widths, [self.T_flange_tcp(float(width))[2, 3] for width in widths]])
 
+    @cached_property
+    def _pad(self) -> ConvexShape:
+        return box(self.pad_size)
+
     def bodies(self, arm: str, width: float) -> tuple[CollisionBody, ...]:
         """Return the sensor, the base, and per finger its pad and its other parts, in the frame "<arm>/6".
 
@@ -153,12 +157,11 @@ class Gripper:
         Raises:
             WidthError: The gripper does not open so far.
         """
-        shapes = {"ft300": self.sensor, "gripper_base": placed(self.base.shape, self._T_flange_base)}
-        pad = box(self.pad_size)
+        shapes = {"ft300": self.sensor, "gripper_base": self.base.shape.placed(self._T_flange_base)}
         for finger, frames in enumerate(self._finger_frames(width)):
-            shapes[f"pad_{finger}"] = placed(pad, frames["pad"])
+            shapes[f"pad_{finger}"] = self._pad.placed(frames["pad"])
             for name, part in self.finger_parts.items():
-                shapes[f"finger_{finger}_{name}"] = placed(part.shape, frames[name])
+                shapes[f"finger_{finger}_{name}"] = part.shape.placed(frames[name])
         return _bodies(arm, shapes)
 
     def hulls(self, width: float) -> dict[str, Hull]:
@@ -304,7 +307,7 @@ def _contents(*files: GripperFile | StickFile | SensorFile) -> list[bytes]:
 
 
 def _sensor_shape(file: SensorFile) -> ConvexShape:
-    return placed(cylinder(file.radius, file.length), transform(None, [0.0, 0.0, 0.5 * file.length]))
+    return cylinder(file.radius, file.length).placed(transform(None, [0.0, 0.0, 0.5 * file.length]))
 
 
 def _part(mesh: MeshFile, where: str) -> Part:

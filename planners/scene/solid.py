@@ -216,7 +216,7 @@ class CompoundSolid(Solid):
 
     @cached_property
     def _parts(self) -> tuple[ConvexShape, ...]:
-        return tuple(shapes.placed(part, T) for solid, T in self.pieces for part in solid.convex_parts)
+        return tuple(part.placed(T) for solid, T in self.pieces for part in solid.convex_parts)
 
     @cached_property
     def _surface(self) -> Surface:

@@ -17,7 +17,7 @@ from workers.settings import HANDOVERS_FOLDER
 
 GRAVITY = 9.81
 LONGEST_JOB_SECONDS = 120.0
-LARGEST_PILE_BYTES = 3_500_000
+LARGEST_PILE_BYTES = 3_000_000
 
 Solved = Callable[[str], tuple[dict[str, Any], dict[str, Any]]]
 

@@ -10,7 +10,7 @@ from planners.collision.model import CollisionModel
 from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, convex_hull, cylinder, placed
+from planners.geometry.shapes import box, capsule, convex_hull, cylinder
 
 UR3E = np.array(
     [
@@ -72,7 +72,7 @@ def arm_bodies(rng: np.random.Generator, arm: str) -> list[CollisionBody]:
     def add(name: str, *shapes: ConvexShape) -> None:
         bodies.append(CollisionBody(f"{arm}_{name}", arm, flange, shapes))
 
-    add("ft300", placed(cylinder(0.0375, 0.0484), transform(position=[0, 0, 0.0242])))
+    add("ft300", cylinder(0.0375, 0.0484).placed(transform(position=[0, 0, 0.0242])))
     if arm == "left":
         add("stick", capsule((0, 0, 0.06), (0, 0, 0.28), 0.01))
         add("tip", ConvexShape(np.array([[0, 0, 0.2944]]), 0.01))
@@ -82,7 +82,7 @@ def arm_bodies(rng: np.random.Generator, arm: str) -> list[CollisionBody]:
         for part in range(4):
             rod = np.array([[0, sign * 0.03, 0.12 + 0.015 * part], [0, sign * 0.045, 0.14 + 0.015 * part]])
             add(f"finger_{finger}_{part}", random_hull(rng, rod[0], rod[1], 0.012, 40))
-        add(f"pad_{finger}", placed(box([0.022, 0.008, 0.0375]), transform(position=[0, sign * 0.046, 0.21])))
+        add(f"pad_{finger}", box([0.022, 0.008, 0.0375]).placed(transform(position=[0, sign * 0.046, 0.21])))
     return bodies
 
 
@@ -91,7 +91,7 @@ def build_model(seed: int = 0) -> CollisionModel:
     rng = np.random.default_rng(seed)
     bodies = [*arm_bodies(rng, "left"), *arm_bodies(rng, "right")]
     for name, (center, half) in BOXES.items():
-        shape = placed(box(2 * np.array(half)), transform(position=center))
+        shape = box(2 * np.array(half)).placed(transform(position=center))
         bodies.append(CollisionBody(name, "cell", "world", (shape,)))
     bodies += [
         CollisionBody("plate", "plate", "plate", (box([0.3, 0.3, 0.04]),)),

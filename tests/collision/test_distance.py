@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from planners.collision.distance import distance
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
-from planners.geometry.shapes import box, capsule, convex_hull, cylinder, placed, prism, sphere
+from planners.geometry.shapes import box, capsule, convex_hull, cylinder, prism, sphere
 
 
 def random_transform(rng: np.random.Generator, spread: float) -> Transform:
@@ -58,7 +58,7 @@ def test_distance_is_that_of_the_origin_from_the_minkowski_difference(seed):
     rng = np.random.default_rng(seed)
     a, b = (random_hull(rng, int(rng.integers(4, 14)), float(10 ** rng.uniform(-1.5, 0.5))) for _ in range(2))
     T_a, T_b = random_transform(rng, 0.5), random_transform(rng, 0.5)
-    expected = minkowski_distance(placed(a, T_a).vertices, placed(b, T_b).vertices)
+    expected = minkowski_distance(a.placed(T_a).vertices, b.placed(T_b).vertices)
     assert max(distance(a, T_a, b, T_b), 0.0) == pytest.approx(expected, abs=1e-6)
 
 

@@ -14,7 +14,7 @@ from planners.collision.placement import Attached, Fixed, Riding, Upright
 from planners.collision.sweep import bound_travel
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import frame_from_z, transform
-from planners.geometry.shapes import box, capsule, placed, sphere
+from planners.geometry.shapes import box, capsule, sphere
 from tests.collision.coal_scene import world_frames
 from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting
 
@@ -142,7 +142,7 @@ def placed_vertices(query, q, placements):
 
 def test_a_free_edge_sinks_no_deeper_than_a_negative_margin_allows():
     """A block on the flange grazes a wall; free edges stay within the millimetre, and some do use it."""
-    block = CollisionBody("block", "right", "right/6", (placed(box([0.1, 0.1, 0.1]), transform(position=[0, 0, 0.1])),))
+    block = CollisionBody("block", "right", "right/6", (box([0.1, 0.1, 0.1]).placed(transform(position=[0, 0, 0.1])),))
     wall = CollisionBody("wall", "obstacle", "wall", (box([0.2, 8.0, 8.0]),))
     model = CollisionModel.build(ARMS, [block, wall])
     elsewhere = {"wall": Fixed(transform(position=[100.0, 0, 0]))}

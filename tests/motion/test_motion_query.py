@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -144,6 +144,39 @@ def test_near_means_soon_when_speeds_differ() -> None:
     limit = np.full(2, 3.0)
     query = MotionQuery(np.zeros(2), goals, -limit, limit, no_boxes(2), velocity_max=np.array([1.0, 2.0]))
     assert plan_motion(query, MotionSettings(), np.random.default_rng(0)).goal_index == 1
+
+
+def test_costs_that_are_given_stand_in_for_distances() -> None:
+    goals, limit = np.array([[1.0, 0.0], [0.0, 1.5]]), np.full(2, 3.0)
+    query = MotionQuery(np.zeros(2), goals, -limit, limit, no_boxes(2), goal_costs=np.array([9.0, 1.0]))
+    assert plan_motion(query, MotionSettings(), np.random.default_rng(0)).goal_index == 1
+
+
+def test_a_short_way_round_a_corner_is_preferred_to_a_straight_one_far_away_if_asked_for() -> None:
+    """The near goal lies behind the wall's edge, the far one in the open on this side."""
+    checker = wall_with_gap(2, gap=3.9)
+    goals = np.array([[0.4, -1.2], [-2.9, 2.9]])
+    query = across(checker, 2, goals)
+    assert plan_motion(query, LONG_STEPS, np.random.default_rng(0)).goal_index == 1
+    near_first = plan_motion(query, replace(LONG_STEPS, near_share=1.5), np.random.default_rng(0))
+    assert near_first.goal_index == 0
+    assert near_first.statistics.iterations > 0
+    # Where the near one cannot be reached at all, the far one is found as before.
+    closed = across(wall_with_gap(2, gap=-1.0), 2, goals)
+    assert plan_motion(closed, replace(LONG_STEPS, near_share=1.5), np.random.default_rng(0)).goal_index == 1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_more_searches_never_give_a_longer_path(seed: int) -> None:
+    settings = replace(LONG_STEPS, shortcut_attempts=3)
+    lengths = []
+    for searches in (1, 2, 4):
+        checker = wall_with_gap(3, gap=1.5)
+        result = plan_motion(across(checker, 3), replace(settings, searches=searches), np.random.default_rng(seed))
+        assert result.path is not None
+        assert brute_force_free(checker, result.path)
+        lengths.append(result.statistics.length)
+    assert lengths == sorted(lengths, reverse=True)
 
 
 def test_a_blocked_near_goal_gives_way_to_a_far_one_on_this_side() -> None:

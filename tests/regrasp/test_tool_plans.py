@@ -103,7 +103,7 @@ def test_the_same_seed_gives_the_same_plan(handovers: HandoverDatabase) -> None:
 
 
 def test_a_spent_budget_is_told_as_not_found_with_counts(handovers: HandoverDatabase) -> None:
-    motion = replace(SETTINGS.motion, straight_attempts=0, max_iterations=1)
+    motion = replace(SETTINGS.motion, straight_attempts=0, max_iterations=0)
     settings = replace(SETTINGS, motion=motion, tries=3, orders=0)
     plan = SuctionToolPlanner(scene_of("can_stack"), settings, handovers, silent).plan()
     assert plan.outcome is ToolOutcome.NOT_FOUND

@@ -1,0 +1,45 @@
+"""What an examination of a plan document has before it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from planners.certify.certificate import Check
+from planners.certify.document_view import MalformedDocument, PlanView
+from planners.certify.scene_facts import CellReference, scene_checks
+from planners.certify.settings import CertifySettings
+from planners.certify.surfaces import RobotSurfaces
+from planners.geometry.pose import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One document, what is known of its robots and its cell, and how exact it has to be."""
+
+    plan: PlanView
+    document: Mapping[str, Any]
+    surfaces: RobotSurfaces
+    reference: CellReference | None
+    """What the cell is known to be; None where the document's own cell is believed."""
+    settings: CertifySettings
+
+    def require_bodies(self, names: Iterable[str]) -> None:
+        """Refuse a document without bodies that its task needs.
+
+        Raises:
+            MalformedDocument: one is missing.
+        """
+        for name in names:
+            if name not in self.plan.bodies:
+                raise MalformedDocument(f"/bodies/{name}", "is missing")
+
+    def cell_checks(self) -> list[Check]:
+        """Check the cell and its hands."""
+        return scene_checks(self.plan, self.document, self.reference, self.settings)
+
+    def start_positions(self, stated: Array | None) -> Array | None:
+        """Return where the joints (12,) have to start: as stated, or at home; None where neither is known [rad]."""
+        home = None if self.reference is None else self.reference.home
+        return home if stated is None else stated
