@@ -185,8 +185,8 @@ class PilePlanner:
         leading_on = []
         for T in stopover.goals:
             there = replace(target, body=replace(target.body, T_world_body=stopover.T_world_goal))
-            stage = replace(course.stage, T_world_objects={target.name: T})
-            if room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
+            stage = replace(course.stage, T_world_objects={**course.stage.T_world_objects, target.name: T})
+            if self.objects.later_room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
                 leading_on.append(T)
         return leading_on
 
