@@ -57,6 +57,7 @@ class ObjectPlanner:
         """
         self.choreographer, self.routes = choreographer, routes
         self.room = ToolRoom(choreographer.traffic, settings.carry.descent)
+        self.later_room = ToolRoom(choreographer.traffic, settings.carry.descent, objects=False)
         self.settings, self.progress = settings, progress
 
     def plan(

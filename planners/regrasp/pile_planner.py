@@ -19,6 +19,9 @@ from planners.scene.body import Body
 from planners.scene.moved_object import MovedObject
 from planners.scene.suction_tool import CupData
 
+_HOPELESS = 3
+"""Moves of an object without any sequence of grasps, after which no stopover is tried any more [1]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Course:
@@ -129,8 +132,8 @@ class PilePlanner:
         return course.after(stage, report)
 
     def _following(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Following | None:
-        """Return what is likely moved after a target, if another object is."""
-        moved = course.moved if stopover else course.moved | {target.name}
+        """Return what is likely moved after a target, if anything is."""
+        moved = course.moved | {target.name} if stopover is None else course.moved
         order = ObjectOrder.of(tuple(course.objects.values()))
         name = next((name for name in order.next(moved) if name != target.name), None)
         return None if name is None else Following(course.objects[name], self.suctions.to_goal(course.objects[name]))
@@ -155,6 +158,8 @@ class PilePlanner:
         target, others = course.objects[name], _others(course, name)
         reason = f"{name} cannot be put down on the way to its goal: it rests on no other face, or nowhere is room"
         for stopover in self.stopovers.targets(target, others):
+            if self._is_hopeless(name):
+                return
             leading_on = self._leading_on(course, target, stopover)
             if leading_on:
                 reason = ""
@@ -163,6 +168,11 @@ class PilePlanner:
                 reason = f"{name} cannot be put down on the way to its goal: the cup would not have it there and back"
         if reason:
             self._fail(name, why, Rejections.of(Rejection("order", reason, name)))
+
+    def _is_hopeless(self, name: str) -> bool:
+        """Tell whether an object was asked for often enough where no sequence of grasps leads anywhere."""
+        counts = [report.counts for report in self.failed if report.name == name]
+        return sum(bool(each["suction poses"] and not each["tries"]) for each in counts) >= _HOPELESS
 
     def _leading_on(self, course: Course, target: MovedObject, stopover: MovedObject) -> list[Transform]:
         """Return the poses at a stopover from which the cup can take an object to its goal.
@@ -175,8 +185,8 @@ class PilePlanner:
         leading_on = []
         for T in stopover.goals:
             there = replace(target, body=replace(target.body, T_world_body=stopover.T_world_goal))
-            stage = replace(course.stage, T_world_objects={target.name: T})
-            if room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
+            stage = replace(course.stage, T_world_objects={**course.stage.T_world_objects, target.name: T})
+            if self.objects.later_room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
                 leading_on.append(T)
         return leading_on
 

@@ -77,7 +77,7 @@ class ToolChoreographer:
     def suck(self, stage: ToolStage, name: str, T_object_tool: Transform, branches: int, ahead: Array) -> ToolStage:
         """Bring the tool onto an object along the facet's normal, and lift both straight up; then go on `ahead`.
 
-        A level tool turns up before it goes on.
+        A level tool is turned up before it goes on.
         """
         carry, held = self.settings.carry, stage.held
         stage = self.motion.parked(stage, self.workcell.other(held.arm))

@@ -20,14 +20,16 @@ from planners.scene.moved_object import MovedObject
 class ToolRoom:
     """Asks what stands still, other objects among it, whether the tool alone overlaps it."""
 
-    def __init__(self, traffic: ToolTraffic, descent: float) -> None:
+    def __init__(self, traffic: ToolTraffic, descent: float, *, objects: bool = True) -> None:
         """Take what all objects share.
 
         Args:
             traffic: who may come how close to whom.
             descent: straight way of the tool along the facet's normal, onto the object and off it [m].
+            objects: whether other objects are in the way, or only what never moves.
         """
         self._traffic, self._descent = traffic, descent
+        self._left_out = frozenset() if objects else frozenset(body.name for body in traffic.workcell.objects)
 
     def poses(
         self, stage: ToolStage, target: MovedObject, poses: Sequence[SuctionPose], most: int, rejections: Rejections
@@ -35,7 +37,7 @@ class ToolRoom:
         """Return the first `most` suction poses at which the tool has room at the start and at a goal.
 
         Args:
-            stage: where everything is; an object that it does not name is not there.
+            stage: where everything is.
             target: the object.
             poses: in the order in which they are to be tried.
             most: that are returned.
@@ -57,18 +59,17 @@ class ToolRoom:
         touched = self._touched(stage, target.name, stage.T_world_objects[target.name] @ T_object_tool)
         if touched is not None:
             return f"With its cup on the object at its start, the tool has no room beside {touched}."
-        for T_world_goal in target.goals:
-            touched = self._touched(stage, target.name, T_world_goal @ T_object_tool)
-            if touched is None:
-                return None
-        return f"With its cup on the object at its goal, the tool has no room beside {touched}."
+        at_goals = (self._touched(stage, target.name, T_world_goal @ T_object_tool) for T_world_goal in target.goals)
+        first = next(at_goals)
+        if first is None or any(touched is None for touched in at_goals):
+            return None
+        return f"With its cup on the object at its goal, the tool has no room beside {first}."
 
     def _touched(self, stage: ToolStage, name: str, T_world_tool: Transform) -> str | None:
         """Return what the tool overlaps on the object, or is too close to where its straight way there begins."""
         workcell = self._traffic.workcell
         away = moved_by(T_world_tool, self._descent * T_world_tool[:3, 2])
-        placements: dict[str, Placement | None] = {body.name: None for body in workcell.objects}
-        placements |= {key: Fixed(T) for key, T in stage.T_world_objects.items()}
+        placements: dict[str, Placement | None] = {key: Fixed(T) for key, T in stage.T_world_objects.items()}
         for T, share in ((T_world_tool, 0.0), (away, 1.0)):
             placements[TOOL_FRAME] = Fixed(T)
             query = workcell.query(stage.widths, placements, share=share, only=self._pairs(name))
@@ -80,10 +81,10 @@ class ToolRoom:
     def _pairs(self, name: str) -> PairMask:
         """Choose the pairs of the tool with all but the arms and the object it is on."""
         workcell = self._traffic.workcell
-        arms = workcell.cell.arms
+        arms, left_out = workcell.cell.arms, self._left_out | {name}
 
         def chosen(a: CollisionBody, b: CollisionBody) -> bool:
             one = (a.frame == TOOL_FRAME) != (b.frame == TOOL_FRAME)
-            return one and not {a.group, b.group} & arms.keys() and name not in (a.frame, b.frame)
+            return one and not {a.group, b.group} & arms.keys() and not {a.frame, b.frame} & left_out
 
-        return workcell.pairs(("room", name), chosen)
+        return workcell.pairs(("room", left_out), chosen)

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
+from geometry.mesh_shapes import angle, file_of
 from support.service import ServiceProcess, finished, running_service, task
 
 from workers.settings import HANDOVERS_FOLDER
@@ -123,3 +125,41 @@ def test_handovers_of_the_shipped_tools_are_there_before_the_first_job_and_are_n
     events = client.get(plan["links"]["events"]).text
     assert '"stage":"handovers"' not in events.replace(" ", "")
     assert {path.name: path.stat().st_ino for path in (data_dir / HANDOVERS_FOLDER).iterdir()} == kept
+
+
+MEDIA = {"stl": "model/stl", "ply": "model/ply", "obj": "model/obj", "glb": "model/gltf-binary"}
+PART = angle().apply_scale([2.0, 2.0, 1.0])
+"""An L whose legs are 40 mm wide."""
+
+
+def test_a_part_is_the_same_in_every_format_and_is_moved(client: httpx.Client) -> None:
+    meshes = {}
+    for kind, media in MEDIA.items():
+        answer = client.post("/v1/meshes", content=file_of(PART, kind), headers={"Content-Type": media})
+        assert answer.status_code == 201, answer.text
+        meshes[kind] = answer.json()
+    known = [(mesh["triangles"], mesh["convex_parts"], mesh["hint"]) for mesh in meshes.values()]
+    assert known == 4 * [(len(PART.faces), 2, None)]
+    for mesh in meshes.values():
+        assert mesh["size"] == pytest.approx(PART.extents.tolist(), abs=1e-6)
+    part = {
+        "name": "part",
+        "shape": {"type": "mesh", "upload": meshes["glb"]["id"]},
+        "mass": 0.15,
+        "com": PART.center_mass.tolist(),
+        "pose": [0.3, 0.2, 1.094, 1, 0, 0, 0],
+        "goal_pose": [0.45, 0.1, 1.094, 0, 0, 0, 1],
+    }
+    plan, document = solve(client, {"kind": "suction_tool", "objects": [part], "options": {"simulate": False}})
+    assert plan["outcome"] == "solved", document["explanation"]
+    assert document["certificate"]["passed"] is True
+    stated = document["bodies"]["part"]["shape"]
+    corners = np.array(stated["vertices"])
+    distances = np.linalg.norm(corners[:, None] - PART.vertices[None], axis=2)
+    assert distances.min(axis=0).max() < 1e-6
+    assert distances.min(axis=1).max() < 1e-6
+    end = [rows["part"][-1] for rows in (segment["body_poses"] for segment in document["segments"]) if "part" in rows][
+        -1
+    ]
+    np.testing.assert_allclose(end[:3], part["goal_pose"][:3], atol=1e-6)
+    assert abs(np.dot(end[3:], part["goal_pose"][3:])) == pytest.approx(1.0)
