@@ -11,7 +11,7 @@ from planners.geometry.pose import from_pose7
 from planners.perception.seen_points import SeenPoints
 
 SURE = 2.0
-"""So many standard deviations are told: 19 of 20 errors are smaller [1]."""
+"""± is so many uncertainties of the document: 19 of 20 errors are smaller [1]."""
 
 
 def tell_perceived(scene_id: str, document: SceneDocument, points: SeenPoints | None) -> dict[str, Any]:

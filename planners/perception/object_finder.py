@@ -307,9 +307,10 @@ def _object(
     T_table_object = transform(rotation_z(yaw), [*outline.center, middle])
     if isinstance(outline, Rectangle):
         shape = Box(type="box", size=(*outline.size, height))
-        # Both sides' errors are independent: their sum is the size, half their difference the centre.
+        # Of both sides' errors the sum is the size, half the difference the centre; what they share is in the sum only.
         stds = [std / math.sqrt(2.0) for std in outline.edge_std]
-        size = (2.0 * stds[0], 2.0 * stds[1], height_std)
+        shared = 2.0 * settings.edge_shared * facet.pitch
+        size = (math.hypot(2.0 * stds[0], shared), math.hypot(2.0 * stds[1], shared), height_std)
         uncertainty = ObjectUncertainty((stds[0], stds[1], height_std), outline.yaw_std, size)
     else:
         shape = Cylinder(type="cylinder", radius=outline.radius, height=height)

@@ -57,7 +57,7 @@ class Perceived {
       ...(table ? [heading("Table"), element("div", { className: "found" }, facts(table))] : []),
       ...(notes.length ? [heading("Notes"), ...notes.map((words) => quiet(capitalised(words)))] : []),
       heading("Picture"), picture,
-      quiet("± is two standard deviations: 19 of 20 errors are smaller."),
+      quiet("±: 19 of 20 errors are smaller."),
     ];
   }
 
