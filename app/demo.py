@@ -55,12 +55,17 @@ def main() -> int:
 def show_task(client: ServiceClient, path: Path) -> bool:
     """Have a task planned, and tell of it; return whether there is a certified plan."""
     print(f"\n--- {path}\n", flush=True)
-    return _show_plan(client, path.read_bytes())
+    return _tell(client, client.follow(_post(client, path.read_bytes())))
 
 
 def show_scan(client: ServiceClient, folder: Path) -> bool:
-    """Have a scan perceived, then the task beside it planned with the scene that it became; tell of both."""
+    """Have a scan perceived, and the task beside it planned; tell of both; return whether there is a certified plan."""
     print(f"\n--- {folder}\n", flush=True)
+    return _tell(client, client.follow(post_scan(client, folder)))
+
+
+def post_scan(client: ServiceClient, folder: Path) -> dict[str, Any]:
+    """Post a scan, tell what was perceived, post the task beside it with that scene, and return the plan."""
     scan = read_scan_files([str(folder)])
     scene = client.post_scene(scan.description, scan.files)
     seen = scene["scene"]
@@ -70,13 +75,13 @@ def show_scan(client: ServiceClient, folder: Path) -> bool:
     _tell_line("picture", client.address + scene["links"]["preview"])
     _tell_line("viewer", client.address + scene["links"]["view"])
     task = json.loads((folder / SCANS_TASK).read_text()) | {"scene_id": scene["id"]}
-    return _show_plan(client, json.dumps(task).encode())
+    return _post(client, json.dumps(task).encode())
 
 
-def _show_plan(client: ServiceClient, task: bytes) -> bool:
+def _post(client: ServiceClient, task: bytes) -> dict[str, Any]:
     plan = client.post_plan(task)
     _tell_line("posted", f"{client.address}{plan['links']['self']}")
-    return _tell(client, client.follow(plan))
+    return plan
 
 
 def _tell(client: ServiceClient, plan: dict[str, Any]) -> bool:

@@ -34,7 +34,7 @@ class PerceptionSettings:
     """Uncertainty of a height that more pixels do not improve [m]: the sensor's own error."""
     edge_floor: float = 0.00076
     """Uncertainty of an edge that more pixels do not improve [m]: pixels that mix both sides of an edge."""
-    edge_shared: float = 0.22
+    edge_shared: float = 0.25
     """... of opposite edges together, both in or both out, which moves no centre and spoils a size [px]."""
     yaw_floor: float = math.radians(0.17)
     """Uncertainty of a yaw that more pixels do not improve [rad]."""

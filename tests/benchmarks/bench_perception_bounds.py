@@ -27,12 +27,14 @@ from planners.perception.picture_file import MOST_PIXELS
 from planners.perception.refusal import ScanRefused
 from planners.scene.cell import load_cell
 from tests.benchmarks.tasks import Note
-from tests.support.depth_camera import overhead_camera
+from tests.support.depth_camera import NOISELESS, overhead_camera
 from tests.support.scan_frames import depth_png, described, shipped
 from tests.support.table_frames import TISSUE_BOX, TrueObject, on_table, seen
 
 ROOT = Path(__file__).resolve().parents[2]
 PLY = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+NOISE = 0.0015
+"""Of a depth [m]."""
 FAR_TOO_MANY = 50_000_000
 """Points [1]."""
 Scan = tuple[dict[str, Any], dict[str, bytes]]
@@ -54,12 +56,12 @@ class Bound:
     """How many objects were found, or why the scan was refused."""
 
 
-def measure_bounds(note: Note) -> dict[str, Bound]:
-    """Measure every scan at its full size."""
+def measure_bounds(note: Note, share: float = 1.0) -> dict[str, Bound]:
+    """Measure every scan at a share of its full size."""
     bounds = {}
     for name in CASES:
         note(f"perception: {name}")
-        bounds[name] = measure_apart(name)
+        bounds[name] = measure_apart(name, share)
     return bounds
 
 
@@ -101,16 +103,18 @@ def _peak() -> float:
 
 
 def _view(pixels: float) -> tuple[Array, Camera]:
-    """Return a depth image of three boxes with nearly so many pixels: those of a small one, repeated."""
+    """Return a depth image of three boxes with nearly so many pixels: a small one's repeated, each with noise."""
     camera = overhead_camera()
     places = ((0.3, 0.3), (0.3, -0.3), (0.5, 0.0))
     boxes = [TrueObject("box", TISSUE_BOX, on_table(x, y, TISSUE_BOX[2], 0.3)) for x, y in places]
-    small = seen(boxes, camera, np.random.default_rng(0)).depth
+    rng = np.random.default_rng(0)
+    small = seen(boxes, camera, rng, NOISELESS).depth
     scale = float(np.sqrt(pixels / small.size))
     height, width = (int(scale * length) for length in small.shape)
     depth = np.asarray(cv2.resize(small, (width, height), interpolation=cv2.INTER_NEAREST), dtype=float)
     x, y = width / small.shape[1], height / small.shape[0]
     cx, cy = x * (camera.cx + 0.5) - 0.5, y * (camera.cy + 0.5) - 0.5
+    depth += NOISE * rng.standard_normal(depth.shape)
     return depth, Camera(x * camera.fx, y * camera.fy, cx, cy, camera.T_world_camera)
 
 

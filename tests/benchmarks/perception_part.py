@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.benchmarks.bench_perception import BoardFigures, ObjectFigures, measure_boards, measure_objects
+from tests.benchmarks.bench_perception_bounds import Bound, measure_bounds
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.markdown import table
 from tests.benchmarks.part import Findings, Limit
@@ -17,6 +18,8 @@ POSITION, ROTATION = 0.7, 0.2
 """Median errors of a board of markers [mm, deg]."""
 CENTER, YAW, SIDES, HEIGHT = 2.0, 1.0, 3.0, 3.0
 """Median errors of objects [mm, deg, mm, mm]."""
+SECONDS, MEGABYTES = 20.0, 900.0
+"""Of CPU time, and of memory beyond what the process has anyway, for any scan that is let in [s, MB]."""
 COVERED = 0.95
 """Share of errors that are within twice the uncertainty that is told [1]."""
 FOUND = 0.98
@@ -26,10 +29,12 @@ FOUND = 0.98
 def measure(effort: Effort, note: Note, folder: Path) -> Findings:
     """Measure the errors on seeded frames."""
     del folder
+    bounds = measure_bounds(note, effort.scan_share)
     boards = measure_boards(effort.frames, note)
     objects = measure_objects(effort.frames, note)
     return Findings(
-        _limits(boards, objects), [_boards_told(boards), _objects_told(objects), _coverage_told(boards, objects)]
+        [*_limits(boards, objects), *_bound_limits(bounds)],
+        [_boards_told(boards), _objects_told(objects), _coverage_told(boards, objects), _bounds_told(bounds)],
     )
 
 
@@ -129,3 +134,21 @@ def _coverage_told(boards: dict[str, BoardFigures], objects: ObjectFigures) -> s
     )
     head = ("", "number", "within u", "within 2 u", "95 % are within, in u")
     return f"### Uncertainties\n\n{text}\n\n" + table(head, rows)
+
+
+def _bound_limits(bounds: dict[str, Bound]) -> list[Limit]:
+    return [
+        Limit.at_most("any scan: CPU time [s]", {name: each.seconds for name, each in bounds.items()}, SECONDS),
+        Limit.at_most(
+            "any scan: memory [MB]", {name: each.peak - each.base for name, each in bounds.items()}, MEGABYTES
+        ),
+    ]
+
+
+def _bounds_told(bounds: dict[str, Bound]) -> str:
+    rows = [(name, each.sent, each.seconds, each.peak - each.base, each.outcome) for name, each in bounds.items()]
+    text = (
+        "Scans as large as is let in, and one larger, each in a process of its own. Memory is what the process had at "
+        "most, files included, beyond what it has after a small scan."
+    )
+    return f"### The largest scans\n\n{text}\n\n" + table(("", "files [MB]", "CPU time [s]", "memory [MB]", ""), rows)

@@ -12,7 +12,7 @@ import httpx
 import numpy as np
 import pytest
 
-from app.demo import show_scan
+from app.demo import post_scan
 from app.service_client import ServiceClient
 from tests.support.scan_frames import SHIPPED, shipped
 
@@ -64,13 +64,12 @@ def test_a_task_may_name_a_scene_in_place_of_shapes_and_poses(client: httpx.Clie
 def test_the_demo_posts_a_scan_and_the_task_of_its_scene(
     address: str, scene: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    show_scan(ServiceClient(address), SHIPPED / "tissue_boxes")
+    plan = post_scan(ServiceClient(address), SHIPPED / "tissue_boxes")
     told = capsys.readouterr().out
     assert all(each["name"] in told for each in scene["scene"]["objects"])
     with httpx.Client(base_url=address) as client:
-        newest = client.get("/v1/plans", params={"page_size": 1}).json()["plans"][0]
-        assert newest["external_id"] == TASK["external_id"]
-        for line in ("viewer:", "picture:", "document:"):
+        assert client.get(plan["links"]["self"]).json()["external_id"] == TASK["external_id"]
+        for line in ("viewer:", "picture:", "posted:"):
             where = next(words.split()[1] for words in told.splitlines() if words.startswith(line))
             assert client.get(where.removeprefix(address), follow_redirects=True).status_code == 200
 

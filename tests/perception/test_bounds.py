@@ -1,0 +1,55 @@
+"""Memory that perception takes: so much for each point and pixel, and no more."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+import pytest
+
+from planners.contract.scan_spec import read_scan
+from planners.perception.perceive import perceive
+from planners.perception.refusal import ScanRefused
+from planners.scene.cell import load_cell
+from tests.benchmarks.bench_perception_bounds import CASES
+
+SMALL, LARGE = 0.05, 0.15
+"""Shares of the largest scans."""
+MOST = 900e6
+"""For a scan of full size, its files apart [bytes]."""
+
+
+def perceived(scan: tuple[dict[str, Any], dict[str, bytes]]) -> str:
+    description, files = scan
+    try:
+        return f"{len(perceive(read_scan(description), files, load_cell('dual_ur3e_tool')).document.objects)} objects"
+    except ScanRefused as refused:
+        return str(refused)
+
+
+def memory_of(name: str, share: float) -> int:
+    """Return how many bytes are taken at most while a scan is perceived."""
+    scan = CASES[name](share)
+    tracemalloc.start()
+    try:
+        perceived(scan)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name != "50 million points"])
+def test_memory_grows_no_faster_than_the_scan_and_stays_within_the_bound_at_full_size(name: str) -> None:
+    small, large = memory_of(name, SMALL), memory_of(name, LARGE)
+    slope = (large - small) / (LARGE - SMALL)
+    assert small + slope * (1.0 - SMALL) < MOST
+
+
+def test_a_scan_that_says_it_is_far_too_large_costs_nothing() -> None:
+    assert "50,000,000 points" in perceived(CASES["50 million points"](1.0))
+    assert memory_of("50 million points", 1.0) < 20e6
+
+
+@pytest.mark.parametrize("name", ["depth image", "heap of points", "organised cloud", "cloud as text"])
+def test_scans_of_every_kind_show_the_same_objects(name: str) -> None:
+    assert perceived(CASES[name](SMALL)) == "3 objects"
