@@ -96,7 +96,7 @@ def test_an_option_that_cannot_be_followed_is_3_and_named(capsys: pytest.Capture
     assert "--port" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [[], ["serve"], ["api"], ["worker"], ["plan"], ["warmup"]])
+@pytest.mark.parametrize("command", [[], ["serve"], ["api"], ["worker"], ["plan"], ["scene"], ["warmup"]])
 def test_every_command_explains_itself(command: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "app.cli", *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True
@@ -164,7 +164,7 @@ def test_a_scan_is_perceived_without_a_server_and_a_task_takes_its_objects_from_
     task_file.write_text(json.dumps(goal))
     # The scene is read; what the task says of its object is wrong.
     assert main(["plan", str(task_file), "--scene", str(out)]) == 3
-    assert "/objects/0/detection" in capsys.readouterr().err
+    assert "/objects/0/name" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
