@@ -176,7 +176,7 @@ def test_a_scan_is_perceived_without_a_server_and_a_task_takes_its_objects_from_
         ([str(SCAN), f"depth={SCAN / 'colour.png'}"], "given twice"),
         ([str(SCAN / "scan.json"), str(SCAN / "colour.png")], "depth"),
         ([f"scan={SCAN / 'task.json'}"], "/kind"),
-        ([f"scan={SCAN / 'colour.png'}"], "JSON"),
+        ([f"scan={SCAN / 'colour.png'}"], "UTF-8"),
     ],
 )
 def test_files_that_are_no_scan_are_3_and_told(files: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
