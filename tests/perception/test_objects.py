@@ -40,6 +40,8 @@ from tests.support.table_frames import (
 
 TABLE = np.array([[0.05, -0.915], [0.85, -0.915], [0.85, 0.915], [0.05, 0.915]])
 MILLIMETRE = 1e-3
+FRAMES = 14
+"""That uncertainties are tried on."""
 
 
 def perceived(frame: Frame, view: DepthView | None = None) -> SeenTable:
@@ -225,15 +227,15 @@ def test_points_that_are_all_one_are_refused() -> None:
 
 def test_19_of_20_errors_are_within_twice_what_is_told() -> None:
     told: dict[str, list[float]] = {}
-    for seen_frame in frames(14, 31):
+    for seen_frame in frames(FRAMES, 31):
         view = DepthView.from_depth(seen_frame.depth, seen_frame.camera)
         found = perceive_objects(view, Surroundings(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
         for each, true in matched(found.objects, seen_frame.objects)[0]:
             for name, values in errors(each, true).told.items():
                 told.setdefault(name, []).extend(values)
+    # The errors of one frame go together, since its depths drift together: frames count, not errors.
+    slack = 3.0 * math.sqrt(0.95 * 0.05 / FRAMES)
     for name, values in told.items():
-        # Of so few errors, more than three standard deviations too few would be inside by chance once in a thousand.
-        slack = 3.0 * math.sqrt(0.95 * 0.05 / len(values))
         assert np.mean(np.array(values) < 2.0) > 0.95 - slack, name
         assert np.mean(np.array(values) < 1.0) < 0.95, name
 
