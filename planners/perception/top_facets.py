@@ -225,4 +225,4 @@ def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], d
     last = np.argmax(lines[:, ::-1] if forward else lines, axis=1)
     last = lines.shape[1] - 1 - last if forward else last
     beyond = (along > last[across]) if forward else (along < last[across])
-    return beyond | ~lines.any(axis=1)[across]
+    return beyond | ~np.asarray(np.any(lines, axis=1))[across]

@@ -77,7 +77,9 @@ def test_a_board_laid_over_the_picture_is_nearer_than_its_corners_tell(photograp
         assert isinstance(seen, SeenBoard)
         model = np.vstack([BOARD.corners()[marker] for marker in seen.markers])
         _, turn, move = cv2.solvePnP(model, seen.corners, camera.matrix, camera.distortion_array)
-        T_camera_board = transform(np.asarray(cv2.Rodrigues(turn)[0], dtype=float), move.ravel())
+        T_camera_board = transform(
+            np.asarray(cv2.Rodrigues(turn)[0], dtype=float), np.asarray(move, dtype=float).ravel()
+        )
         for name, T in (("corners", camera.T_world_camera @ T_camera_board), ("aligned", seen.T_world_board)):
             off[name].append(float(np.linalg.norm(T[:3, 3] - T_WORLD_BOARD[:3, 3])))
     assert np.mean(off["aligned"]) < 0.7 * np.mean(off["corners"])
