@@ -20,7 +20,7 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	@$(BIN)/liftwright warmup
 	@touch $@
 
-demo: setup ## start the service, plan a lift over HTTP, keep serving; ONCE=1 stops after the result
+demo: setup ## start the service, plan a lift, then a pile of what cameras saw, keep serving; ONCE=1 stops after the results
 	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
 
 test: setup ## all tests but the slow ones, on all cores

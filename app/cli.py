@@ -12,23 +12,43 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from app.bad_input import BAD_INPUT
 from app.example_tasks import example_tasks
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
 
 FAILED = 1
-BAD_INPUT = 3
 SCOPES = ("read", "write", "admin")
 EXAMPLES = """\
 examples:
   liftwright plan assets/tasks/ab1.json --out plan.json     one task, no server: both arms lift a plate
   liftwright plan assets/tasks/domino_pile.json             a suction tool piles up three dominoes
+  liftwright scene assets/scans/tissue_boxes                what cameras saw: the tool, and boxes to be moved
   liftwright serve                                          the service on http://127.0.0.1:8040
   liftwright keys issue --owner mes --scope write           a key, once others are to reach it
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
 
 Every option of serve, api and worker can also be given as an environment variable, LIFTWRIGHT_PORT=8041.
+"""
+
+
+SCENE_DESCRIPTION = """\
+Find the suction tool by its markers, and boxes and cylinders by their top facets, in what cameras saw of the table.
+Exit code 0: perceived, be it an empty table; 3: a scan that cannot be read or shows no table, and why.
+
+parts of a scan:
+  scan    scan.json: what cameras the files come from, and where these were; docs/scene.md
+  colour  colour.png or .jpg: a picture of the tool's markers
+  depth   depth.png with 16 bits, or depth.npy: distances along the camera's z
+  cloud   cloud.ply, .pcd or .npy: points, in place of depth
+"""
+SCENE_EXAMPLES = """\
+examples:
+  liftwright scene assets/scans/tissue_boxes --preview seen.png --out scene.json
+  liftwright plan assets/scans/tissue_boxes/task.json --scene scene.json      a task with the objects of that scene
+  liftwright scene scan=mine.json depth=frame_0017.npy                        files of any name
+  liftwright scene assets/scans/tissue_boxes --service http://127.0.0.1:8040  kept there; prints its scene_id
 """
 
 
@@ -41,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"liftwright: {error}", file=sys.stderr)
     except OSError as error:
         print(f"liftwright: {error}", file=sys.stderr)
-        return BAD_INPUT if given.command == "plan" else FAILED
+        return BAD_INPUT if given.command in ("plan", "scene") else FAILED
     except ValidationError as error:
         for fault in error.errors():
             print(
@@ -64,16 +84,24 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"liftwright {version('liftwright')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
 
-    plan = commands.add_parser(
-        "plan",
-        help="plan one task without a server",
-        description="Plan one task. Exit code 0: solved; 2: no plan, and why; 3: bad input, and where.",
-        epilog=_plan_epilog(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    _add_plan(
+        commands.add_parser(
+            "plan",
+            help="plan one task, without a server or by one",
+            description="Plan one task. Exit code 0: solved; 2: no plan, and why; 3: bad input, and where.",
+            epilog=_plan_epilog(),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
     )
-    plan.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
-    plan.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes")
-    plan.set_defaults(run=_plan)
+    _add_scene(
+        commands.add_parser(
+            "scene",
+            help="find the tool and the objects in what cameras saw, without a server or by one",
+            description=SCENE_DESCRIPTION,
+            epilog=SCENE_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
 
     one = commands.add_parser("serve", help="the service with a worker in the same process")
     _add_listening(one)
@@ -104,6 +132,41 @@ def _parser() -> argparse.ArgumentParser:
     warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
     warm.set_defaults(run=_warm_up)
     return parser
+
+
+def _add_plan(command: argparse.ArgumentParser) -> None:
+    command.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes")
+    where = command.add_mutually_exclusive_group()
+    where.add_argument(
+        "--scene",
+        type=Path,
+        metavar="FILE",
+        help="the task's objects are those of this scene, which `liftwright scene --out FILE` wrote",
+    )
+    _add_service(where, "plans it; needed for a task with the `scene_id` of a scene that it keeps")
+    command.set_defaults(run=_plan)
+
+
+def _add_scene(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "files", nargs="+", metavar="FILE", help="a folder, files named like their parts, or PART=FILE"
+    )
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the scene goes, as JSON")
+    command.add_argument(
+        "--preview", type=Path, metavar="FILE", help="where a PNG picture with all that was found goes"
+    )
+    _add_service(command, "perceives and keeps it, so that tasks can name its `scene_id`")
+    command.set_defaults(run=_scene)
+
+
+def _add_service(command: argparse.ArgumentParser | argparse._MutuallyExclusiveGroup, what: str) -> None:
+    command.add_argument(
+        "--service",
+        metavar="URL",
+        help=f"the service at this address {what}; a key, where it asks "
+        "for one, is taken from the environment variable LIFTWRIGHT_KEY",
+    )
 
 
 def _plan_epilog() -> str:
@@ -153,9 +216,17 @@ def _options(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def _plan(given: argparse.Namespace) -> int:
-    from app.plan_file import plan_file
+    from app.plan_file import plan_file, post_file
 
-    return plan_file(given.file, given.out)
+    if given.service is not None:
+        return post_file(given.file, given.out, given.service)
+    return plan_file(given.file, given.out, given.scene)
+
+
+def _scene(given: argparse.Namespace) -> int:
+    from app.scene_file import perceive_files
+
+    return perceive_files(given.files, given.service, given.out, given.preview)
 
 
 def _serve(given: argparse.Namespace, *, with_worker: bool) -> int:

@@ -9,7 +9,6 @@ from functools import partial
 from importlib import resources
 from importlib.metadata import version
 
-from anyio import CapacityLimiter
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
@@ -27,6 +26,8 @@ from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
 from app.request_log import RequestLog
 from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
+from app.scan_gate import ScanGate
+from app.scene_desk import SceneDesk
 from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
@@ -59,8 +60,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         store = PlanStore(database)
         app.state.cells = await run_in_threadpool(_warm_cells)
         app.state.meshes = MeshStore(database)
-        app.state.scenes = SceneStore(database)
-        app.state.perceivers = CapacityLimiter(settings.max_perceived)
+        app.state.scenes = SceneDesk(SceneStore(database), store, queue)
+        app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
         app.state.desk = PlanDesk(store, queue, settings.max_queued)
         rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
         app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)

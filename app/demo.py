@@ -1,4 +1,4 @@
-"""`make demo`: starts the service, posts a task over HTTP, follows its job, and says what came of it.
+"""`make demo`: starts the service, has a lift planned over HTTP, then what cameras saw perceived and piled up.
 
 Talks to the service as any client would, with the standard library alone.
 """
@@ -6,7 +6,6 @@ Talks to the service as any client would, with the standard library alone.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import signal
 import socket
@@ -18,34 +17,87 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.error import URLError
-from urllib.request import Request, urlopen
+from urllib.request import urlopen
 
-from app.progress_bar import ProgressBar
+from app.scan_files import read_scan_files
+from app.service_client import ServiceClient
 from app.summary import summarise
 
 STARTUP_SECONDS = 900.0
 """The first start compiles the kernels [s]."""
 TASK = Path("assets/tasks/ab1.json")
+SCAN = Path("assets/scans/tissue_boxes")
+SCANS_TASK = "task.json"
+"""File beside a scan that says what is to become of its objects."""
 
 
 def main() -> int:
-    """Run the demo; 0 only if the plan is solved and certified."""
+    """Run the demo; 0 only if every plan is solved and certified."""
     parser = argparse.ArgumentParser(prog="make demo", description=__doc__)
-    parser.add_argument("--once", action="store_true", help="stop after the result")
-    parser.add_argument("--task", type=Path, default=TASK, metavar="FILE")
-    parser.add_argument(
-        "--scan", type=Path, metavar="DIR", help="what cameras saw, with the task of its objects, instead of a task"
-    )
+    parser.add_argument("--once", action="store_true", help="stop after the results")
+    parser.add_argument("--task", type=Path, metavar="FILE", help="plan this task alone")
+    parser.add_argument("--scan", type=Path, metavar="DIR", help="plan the task of the objects in this scan alone")
     parser.add_argument("--data-dir", type=Path, default=Path("data"), metavar="DIR")
     given = parser.parse_args()
+    alone = given.task is not None or given.scan is not None
     with _service(given.data_dir) as (service, address):
-        posted = _post(address, given.task) if given.scan is None else post_scan(address, given.scan)
-        plan = _follow(address, posted)
-        certified = _tell(address, plan)
+        client, certified = ServiceClient(address), []
+        if given.task is not None or not alone:
+            certified.append(show_task(client, given.task or TASK))
+        if given.scan is not None or not alone:
+            certified.append(show_scan(client, given.scan or SCAN))
         if not given.once:
             print(f"\nserving on {address} until Ctrl-C")
             _wait_for_interrupt(service)
-    return 0 if certified else 1
+    return 0 if all(certified) else 1
+
+
+def show_task(client: ServiceClient, path: Path) -> bool:
+    """Have a task planned, and tell of it; return whether there is a certified plan."""
+    print(f"\n--- {path}\n", flush=True)
+    return _tell(client, client.follow(_post(client, path.read_bytes())))
+
+
+def show_scan(client: ServiceClient, folder: Path) -> bool:
+    """Have a scan perceived, and the task beside it planned; tell of both; return whether there is a certified plan."""
+    print(f"\n--- {folder}\n", flush=True)
+    return _tell(client, client.follow(post_scan(client, folder)))
+
+
+def post_scan(client: ServiceClient, folder: Path) -> dict[str, Any]:
+    """Post a scan, tell what was perceived, post the task beside it with that scene, and return the plan."""
+    scan = read_scan_files([str(folder)])
+    scene = client.post_scene(scan.description, scan.files)
+    seen = scene["scene"]
+    found = [f"{each['name']} ({each['shape']['type']})" for each in seen["objects"]]
+    tool = [f"the tool {seen['tool']['name']}"] if seen["tool"] is not None else []
+    _tell_line("perceived", ", ".join([*found, *tool]))
+    _tell_line("picture", client.address + scene["links"]["preview"])
+    _tell_line("viewer", client.address + scene["links"]["view"])
+    task = json.loads((folder / SCANS_TASK).read_text()) | {"scene_id": scene["id"]}
+    return _post(client, json.dumps(task).encode())
+
+
+def _post(client: ServiceClient, task: bytes) -> dict[str, Any]:
+    plan = client.post_plan(task)
+    _tell_line("posted", f"{client.address}{plan['links']['self']}")
+    return plan
+
+
+def _tell(client: ServiceClient, plan: dict[str, Any]) -> bool:
+    """Print the outcome; return whether there is a certified plan."""
+    if plan["state"] != "succeeded":
+        print(f"the job {plan['state']}: {(plan['error'] or {}).get('detail', '')}")
+        return False
+    document = client.get(plan["links"]["document"])
+    print(summarise(document))
+    _tell_line("document", client.address + plan["links"]["document"])
+    _tell_line("viewer", client.address + plan["links"]["view"])
+    return document["outcome"] == "solved" and document["certificate"]["passed"]
+
+
+def _tell_line(name: str, text: str) -> None:
+    print(f"{name + ':':<16}{text}", flush=True)
 
 
 @contextmanager
@@ -75,69 +127,6 @@ def _wait_until_ready(service: subprocess.Popen[bytes], address: str) -> None:
         except URLError:
             time.sleep(0.2)
     sys.exit(f"the service was not ready within {STARTUP_SECONDS:g} s")
-
-
-def _post(address: str, task: Path) -> dict[str, Any]:
-    headers = {"Content-Type": "application/json"}
-    with urlopen(Request(f"{address}/v1/plans", task.read_bytes(), headers)) as answer:
-        plan = json.load(answer)
-    print(f"posted {task} to {address}/v1/plans: plan {plan['id']}")
-    return plan
-
-
-def post_scan(address: str, folder: Path) -> dict[str, Any]:
-    """Post the scan in a folder, then the task beside it with the scene that the scan became; return the plan."""
-    parts = [(path.stem, path.read_bytes()) for path in sorted(folder.iterdir()) if path.stem != "task"]
-    boundary = hashlib.sha256(b"".join(content for _, content in parts)).hexdigest()
-    form = b"".join(
-        f'--{boundary}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n'.encode() + content + b"\r\n"
-        for name, content in parts
-    )
-    headers = {"Content-Type": f"multipart/form-data; boundary={boundary}"}
-    with urlopen(Request(f"{address}/v1/scenes", form + f"--{boundary}--\r\n".encode(), headers)) as answer:
-        scene = json.load(answer)
-    names = ", ".join(each["name"] for each in scene["scene"]["objects"])
-    print(f"posted {folder} to {address}/v1/scenes: {names}; picture: {address}{scene['links']['preview']}")
-    task = json.loads((folder / "task.json").read_text()) | {"scene_id": scene["id"]}
-    headers = {"Content-Type": "application/json"}
-    with urlopen(Request(f"{address}/v1/plans", json.dumps(task).encode(), headers)) as answer:
-        plan = json.load(answer)
-    print(f"posted the task of the scene to {address}/v1/plans: plan {plan['id']}")
-    return plan
-
-
-def _follow(address: str, plan: dict[str, Any]) -> dict[str, Any]:
-    """Show the job's events until it has ended, and return the plan as it is then."""
-    with urlopen(address + plan["links"]["events"]) as stream, ProgressBar() as bar:
-        for kind, data in _events(stream):
-            if kind == "finished":
-                bar.show("done", data["progress"]["fraction"])
-                return data
-            bar.show(data["stage"], data["fraction"])
-    sys.exit("the service closed the event stream before the job ended")
-
-
-def _events(stream: Any) -> Iterator[tuple[str, dict[str, Any]]]:
-    kind = ""
-    for line in stream:
-        name, _, value = line.decode().rstrip("\r\n").partition(": ")
-        if name == "event":
-            kind = value
-        elif name == "data":
-            yield kind, json.loads(value)
-
-
-def _tell(address: str, plan: dict[str, Any]) -> bool:
-    """Print the outcome; return whether there is a certified plan."""
-    if plan["state"] != "succeeded":
-        print(f"the job {plan['state']}: {(plan['error'] or {}).get('detail', '')}")
-        return False
-    where = address + plan["links"]["document"]
-    with urlopen(where) as answer:
-        document = json.load(answer)
-    viewer = address + plan["links"]["view"]
-    print(f"\n{summarise(document)}\n{'document:':<16}{where}\n{'viewer:':<16}{viewer}")
-    return document["outcome"] == "solved" and document["certificate"]["passed"]
 
 
 def _wait_for_interrupt(service: subprocess.Popen[bytes]) -> None:

@@ -182,6 +182,13 @@ class SceneNotFound(ServiceError):
         super().__init__(f"there is no scene {scene_id[:100]!r}")
 
 
+class SceneInUse(ServiceError):
+    """A scene that a task under way names cannot be deleted."""
+
+    def __init__(self, plan_id: str) -> None:
+        super().__init__(f"the plan {plan_id} names this scene and has not ended; cancel it first")
+
+
 class EncodedBody(ServiceError):
     """A body is declared as compressed."""
 
@@ -225,10 +232,10 @@ class TheatreFull(ServiceError):
 
 
 class CellNotDrawn(ServiceError):
-    """A plan was made in a cell that this service has no drawings of."""
+    """A plan or scene was made in a cell that this service has no drawings of."""
 
     def __init__(self, name: str, known: Sequence[str]) -> None:
-        super().__init__(f"the plan was made in the cell {name!r}; drawings exist of {', '.join(known)}")
+        super().__init__(f"this was made in the cell {name!r}; drawings exist of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -256,6 +263,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     SceneNotFound: Answer(HTTPStatus.NOT_FOUND, "No such scene"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
     CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
+    SceneInUse: Answer(HTTPStatus.CONFLICT, "Scene in use"),
     AlreadyFinished: Answer(HTTPStatus.CONFLICT, "Already finished"),
     NotFinished: Answer(HTTPStatus.CONFLICT, "Not finished"),
     BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),

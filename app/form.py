@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from email.message import Message
 from email.parser import BytesHeaderParser
@@ -37,15 +38,29 @@ def form_parts(content: bytes, header: Message) -> list[FormPart]:
     boundary = header.get_param("boundary")
     if not isinstance(boundary, str) or not boundary:
         raise BadUpload("the form has no boundary")
-    # Every part lies between two lines with the boundary; what comes before the first and after the last is no part.
-    pieces = (b"\r\n" + content).split(b"\r\n--" + boundary.encode())[1:]
-    if not pieces or not pieces[-1].startswith(b"--"):
+    places = list(_between(content, b"--" + boundary.encode()))
+    if not places or not content.startswith(b"--", places[-1][0]):
         raise BadUpload("the form does not end with its boundary")
     parts = []
-    for piece in pieces[:-1]:
-        head, separator, body = piece.partition(b"\r\n\r\n")
-        part = BytesHeaderParser().parsebytes(head.lstrip(b" \t\r\n") + b"\r\n\r\n")
+    for begin, end in places[:-1]:
+        split = content.find(b"\r\n\r\n", begin, end)
+        part = BytesHeaderParser().parsebytes(content[begin : max(begin, split)].lstrip(b" \t\r\n") + b"\r\n\r\n")
         name = part.get_param("name", header="content-disposition")
-        if separator and isinstance(name, str):
+        if split >= 0 and isinstance(name, str):
+            body = content[split + 4 : end]
             parts.append(FormPart(name, part.get_content_type(), part.get_filename() or "", body))
     return parts
+
+
+def _between(content: bytes, boundary: bytes) -> Iterator[tuple[int, int]]:
+    """Yield where each piece behind a boundary begins and ends; what comes before the first one is none.
+
+    A boundary begins a line, be it the first. Nothing is copied: forms have files of many megabytes.
+    """
+    line = b"\r\n" + boundary
+    found = 0 if content.startswith(boundary) else content.find(line)
+    begin = -1 if found < 0 else found + (len(boundary) if found == 0 and content.startswith(boundary) else len(line))
+    while begin >= 0:
+        end = content.find(line, begin)
+        yield begin, len(content) if end < 0 else end
+        begin = -1 if end < 0 else end + len(line)

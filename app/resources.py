@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict
 from planners.contract.scene_document import SceneDocument
 from workers.job_state import Job, JobState
 from workers.plan_store import PlanRecord
+from workers.scene_store import StoredScene
 
 JOB_ORDER_STATES = {
     JobState.QUEUED: "AllowedToStart",
@@ -54,6 +55,7 @@ class SceneLinks(Resource):
 
     self: str
     preview: str
+    view: str
 
 
 class SceneResource(Resource):
@@ -64,6 +66,29 @@ class SceneResource(Resource):
     created_at: datetime
     scene: SceneDocument
     links: SceneLinks
+
+
+class SceneSummary(Resource):
+    """A perceived scene as a list has it."""
+
+    id: str
+    created_at: datetime
+    external_id: str | None
+    """The caller's own name for it."""
+    cell: str
+    tool: str | None
+    """The tool that was seen."""
+    objects: int
+    unrecognised: int
+    links: SceneLinks
+
+
+class SceneList(Resource):
+    """One page of scenes, newest first."""
+
+    scenes: list[SceneSummary]
+    next_page_token: str | None
+    """Give it as `page_token` for the next page; None on the last one."""
 
 
 class PlanProgress(Resource):
@@ -143,6 +168,33 @@ class ProblemDocument(Resource):
     errors: list[ProblemItem] = []
 
 
+def scene_resource(scene: StoredScene) -> SceneResource:
+    """Return the resource of a perceived scene."""
+    return SceneResource(
+        id=scene.id, created_at=_moment(scene.created_us), scene=scene.document, links=_scene_links(scene.id)
+    )
+
+
+def scene_summary(scene: StoredScene) -> SceneSummary:
+    """Return a perceived scene as a list has it."""
+    document = scene.document
+    return SceneSummary(
+        id=scene.id,
+        created_at=_moment(scene.created_us),
+        external_id=document.external_id,
+        cell=document.cell,
+        tool=None if document.tool is None else document.tool.name,
+        objects=len(document.objects),
+        unrecognised=len(document.unrecognised),
+        links=_scene_links(scene.id),
+    )
+
+
+def _scene_links(scene_id: str) -> SceneLinks:
+    address = f"/v1/scenes/{scene_id}"
+    return SceneLinks(self=address, preview=f"{address}/preview.png", view=f"{address}/view")
+
+
 def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
     """Return the resource of a plan and its job."""
     address = f"/v1/plans/{record.id}"
@@ -183,4 +235,8 @@ def _finished_us(record: PlanRecord, job: Job) -> int | None:
 
 
 def _time(microseconds: int | None) -> datetime | None:
-    return None if microseconds is None else datetime.fromtimestamp(microseconds / 1e6, UTC)
+    return None if microseconds is None else _moment(microseconds)
+
+
+def _moment(microseconds: int) -> datetime:
+    return datetime.fromtimestamp(microseconds / 1e6, UTC)

@@ -24,7 +24,9 @@ class ServiceSettings(WorkerSettings):
     max_scan_bytes: int = Field(default=100_000_000, ge=1000)
     """A scan whose files are larger together is refused [bytes]."""
     max_perceived: int = Field(default=2, ge=1)
-    """So many scans are read and worked on at once; others wait [1]."""
+    """So many scans are worked on at once; others wait [1]."""
+    max_scans_held: int = Field(default=6, ge=1)
+    """So many scans are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished, a new one is refused [1]."""
     authentication: Literal["auto", "required"] = "auto"

@@ -35,9 +35,7 @@ def _index_what_is_searched(connection: sa.Connection) -> None:
 
 def _give_plans_owners(connection: sa.Connection) -> None:
     """Plans belong to whoever holds the key they were posted with; those of before belong to nobody."""
-    if "owner" not in {column["name"] for column in sa.inspect(connection).get_columns(PLANS.name)}:
-        owner = sa.schema.CreateColumn(PLANS.c.owner).compile(dialect=connection.dialect)
-        connection.exec_driver_sql(f"ALTER TABLE {PLANS.name} ADD COLUMN {owner}")
+    _add_columns(connection, PLANS, "owner")
     _create_index(connection, PLANS, "liftwright_plans_newest_of_owner")
 
 
@@ -46,12 +44,29 @@ def _keep_scenes(connection: sa.Connection) -> None:
     SCENES.create(connection, checkfirst=True)
 
 
+def _let_scenes_go(connection: sa.Connection) -> None:
+    """Scenes belong to whoever posted them, are listed and deleted, and stay while a plan names them."""
+    _add_columns(connection, SCENES, "owner", "posted_us", "points")
+    _add_columns(connection, PLANS, "scene_id")
+    _create_index(connection, PLANS, "liftwright_plans_of_scene")
+    for name in ("liftwright_scenes_newest", "liftwright_scenes_newest_of_owner"):
+        _create_index(connection, SCENES, name)
+
+
+def _add_columns(connection: sa.Connection, table: sa.Table, *names: str) -> None:
+    there = {column["name"] for column in sa.inspect(connection).get_columns(table.name)}
+    for name in names:
+        if name not in there:
+            column = sa.schema.CreateColumn(table.c[name]).compile(dialect=connection.dialect)
+            connection.exec_driver_sql(f"ALTER TABLE {table.name} ADD COLUMN {column}")
+
+
 def _create_index(connection: sa.Connection, table: sa.Table, name: str) -> None:
     next(index for index in table.indexes if index.name == name).create(connection, checkfirst=True)
 
 
 STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
-    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes}
+    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes, 5: _let_scenes_go}
 )
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.
 A step changes tables only so that the version before still runs on them: workers are upgraded one by one."""

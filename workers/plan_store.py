@@ -102,6 +102,7 @@ class PlanStore:
             "idempotency_key": _stored_key(idempotency_key, owner),
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
+            "scene_id": task.get("scene_id"),
         }
         try:
             with self._engine.begin() as transaction:
@@ -139,6 +140,11 @@ class PlanStore:
             query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
         with self._engine.connect() as connection:
             return [PlanRecord(**row) for row in connection.execute(query).mappings()]
+
+    def naming_scene(self, scene_id: str) -> list[str]:
+        """Return the ids of the plans whose tasks name a scene."""
+        with self._engine.connect() as connection:
+            return list(connection.scalars(sa.select(PLANS.c.id).where(PLANS.c.scene_id == scene_id)))
 
     def task(self, plan_id: str) -> dict[str, Any] | None:
         """Return a plan's task as accepted."""

@@ -1,4 +1,7 @@
-"""Forgets plans that ended long ago, with documents and events; meshes stay, since tasks may name them for ever."""
+"""Forgets plans that ended long ago, with documents and events, and scenes that nobody names any more.
+
+Meshes stay, since tasks may name them for ever.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import structlog
 from workers.database_loss import DATABASE_GONE
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
+from workers.scene_store import SceneStore
 from workers.time_stamp import now_us
 
 PAUSE_SECONDS = 3600.0
@@ -22,8 +26,8 @@ log = structlog.get_logger(__name__)
 class Retention:
     """A scheduled job of every worker. Two that meet do no harm: what is gone is gone."""
 
-    def __init__(self, store: PlanStore, queue: JobQueue, days: float) -> None:
-        self._store, self._queue, self._days = store, queue, days
+    def __init__(self, store: PlanStore, scenes: SceneStore, queue: JobQueue, days: float) -> None:
+        self._store, self._scenes, self._queue, self._days = store, scenes, queue, days
 
     async def run(self) -> None:
         """Sweep once an hour until cancelled."""
@@ -35,7 +39,10 @@ class Retention:
             await asyncio.sleep(PAUSE_SECONDS)
 
     def sweep(self) -> int:
-        """Delete every plan that ended more than so many days ago, and return how many there were."""
+        """Delete every plan that ended more than so many days ago, and return how many there were.
+
+        Scenes that were last posted before then go too, unless a plan that is left names them.
+        """
         before = now_us() - round(self._days * US_PER_DAY)
         position, gone = (0, ""), 0
         while batch := self._store.created_before(before, position, BATCH):
@@ -48,6 +55,7 @@ class Retention:
                     self._queue.forget(plan_id)
                     self._store.delete(plan_id)
                     gone += 1
-        if gone:
-            log.info("old plans deleted", plans=gone, days=self._days)
+        scenes = self._scenes.delete_before(before)
+        if gone or scenes:
+            log.info("old plans deleted", plans=gone, scenes=scenes, days=self._days)
         return gone

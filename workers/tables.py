@@ -23,9 +23,11 @@ PLANS = sa.Table(
     sa.Column("crashes", sa.Integer, nullable=False, default=0),
     sa.Column("stage", sa.String(64)),
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
+    sa.Column("scene_id", sa.String(64)),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
     sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
+    sa.Index("liftwright_plans_of_scene", "scene_id"),
 )
 
 EVENTS = sa.Table(
@@ -61,6 +63,11 @@ SCENES = sa.Table(
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
     sa.Column("preview", sa.LargeBinary, nullable=False),
+    sa.Column("owner", sa.String(64)),
+    sa.Column("posted_us", sa.BigInteger),
+    sa.Column("points", sa.LargeBinary),
+    sa.Index("liftwright_scenes_newest", "created_us", "id"),
+    sa.Index("liftwright_scenes_newest_of_owner", "owner", "created_us", "id"),
 )
 
 API_KEYS = sa.Table(

@@ -26,6 +26,7 @@ from workers.job_runner import JobFailed, JobRunner
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
 from workers.retention import Retention
+from workers.scene_store import SceneStore
 from workers.settings import WorkerSettings
 from workers.solver import SolverCommand, SolverPool
 from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
@@ -67,7 +68,7 @@ class Worker:
         self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
         self._loops.append(asyncio.create_task(self._webhooks.watch()))
         if self._settings.retention_days is not None:
-            retention = Retention(self._store, self._queue, self._settings.retention_days)
+            retention = Retention(self._store, SceneStore(self._database), self._queue, self._settings.retention_days)
             self._loops.append(asyncio.create_task(retention.run()))
         config: DBOSConfig = {
             "name": APPLICATION,

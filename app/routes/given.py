@@ -11,6 +11,7 @@ from app.access.caller import Caller
 from app.access.door import Door
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
+from app.scene_desk import SceneDesk
 from app.settings import ServiceSettings
 from app.webhook_desk import WebhookDesk
 
@@ -25,12 +26,21 @@ def desk_of(connection: HTTPConnection) -> PlanDesk:
     return connection.app.state.desk.seen_by(caller_of(connection))
 
 
+def scenes_of(connection: HTTPConnection) -> SceneDesk:
+    """Return the perceived scenes that the caller may see."""
+    return connection.app.state.scenes.seen_by(caller_of(connection))
+
+
 def _caller(request: Request) -> Caller:
     return caller_of(request)
 
 
 def _desk(request: Request) -> PlanDesk:
     return desk_of(request)
+
+
+def _scenes(request: Request) -> SceneDesk:
+    return scenes_of(request)
 
 
 def _door(request: Request) -> Door:
@@ -53,5 +63,6 @@ CallerGiven = Annotated[Caller, Depends(_caller)]
 Desk = Annotated[PlanDesk, Depends(_desk)]
 DoorGiven = Annotated[Door, Depends(_door)]
 Feed = Annotated[PlanFeed, Depends(_feed)]
+Scenes = Annotated[SceneDesk, Depends(_scenes)]
 Webhooks = Annotated[WebhookDesk, Depends(_webhooks)]
 Settings = Annotated[ServiceSettings, Depends(_settings)]

@@ -16,7 +16,7 @@ from app.events import stream_events, wait_for_end
 from app.intake import accept_task, read_body
 from app.page_token import read_page_token, write_page_token
 from app.resources import PlanList, PlanResource, ProblemDocument
-from app.routes.given import Desk, Feed, Settings, Webhooks
+from app.routes.given import Desk, Feed, Settings, Webhooks, scenes_of
 
 KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
@@ -75,7 +75,7 @@ async def post_plan(
     wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
     state = request.app.state
-    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, state.scenes.document)
+    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, scenes_of(request).document)
     plan = await run_in_threadpool(desk.submit, task, key, webhook)
     headers = {"Location": plan.links.self}
     if wait is not None:

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
-from datetime import UTC, datetime
 from typing import Annotated, Any
 
-from anyio import CapacityLimiter, to_thread
-from fastapi import APIRouter, Depends, Request, Response
-from starlette.concurrency import run_in_threadpool
+from anyio import to_thread
+from fastapi import APIRouter, Depends, Query, Request, Response
 
-from app.errors import SceneNotFound
 from app.form import FORM
-from app.resources import ProblemDocument, SceneLinks, SceneResource
-from app.routes.given import Settings
+from app.page_token import read_page_token, write_page_token
+from app.resources import ProblemDocument, SceneList, SceneResource, scene_resource, scene_summary
+from app.routes.given import Scenes, Settings
+from app.scan_gate import ScanGate
 from app.scan_upload import DESCRIPTION, read_scan_form
-from planners.contract.scan_spec import read_scan
-from planners.contract.strict_json import parse_json
-from planners.errors import SceneError
-from planners.perception.perceive import PARTS, perceive
-from planners.scene.cell import Cell
-from workers.scene_store import SceneStore, StoredScene
-from workers.software import describe_software
+from planners.perception.perceive import PARTS
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such scene"}}
+BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
 FORM_SCHEMA = {
     "type": "object",
     "required": [DESCRIPTION],
@@ -38,16 +30,11 @@ FORM_SCHEMA = {
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 
 
-def _store(request: Request) -> SceneStore:
-    return request.app.state.scenes
+def _scan_gate(request: Request) -> ScanGate:
+    return request.app.state.scan_gate
 
 
-def _perceivers(request: Request) -> CapacityLimiter:
-    return request.app.state.perceivers
-
-
-Store = Annotated[SceneStore, Depends(_store)]
-Perceivers = Annotated[CapacityLimiter, Depends(_perceivers)]
+ScanGateGiven = Annotated[ScanGate, Depends(_scan_gate)]
 
 
 @router.post(
@@ -64,24 +51,34 @@ Perceivers = Annotated[CapacityLimiter, Depends(_perceivers)]
     },
 )
 async def post_scene(
-    request: Request, response: Response, store: Store, settings: Settings, perceivers: Perceivers
+    request: Request, response: Response, scenes: Scenes, settings: Settings, gate: ScanGateGiven
 ) -> SceneResource:
     """Find the tool and the objects in pictures, depth images or clouds. The same scan again gives the same scene."""
-    # Whole scans are held in memory: no more of them at once than are worked on.
-    async with perceivers:
+    # Whole scans are held in memory: only so many are let in, and of these only so many worked on.
+    async with gate.held:
         description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
-        resource = await to_thread.run_sync(_accept, description, files, store, request.app.state.cells)
+        scene = await to_thread.run_sync(
+            scenes.perceive, description, files, request.app.state.cells, limiter=gate.perceived
+        )
+    resource = scene_resource(scene)
     response.headers["Location"] = resource.links.self
     return resource
 
 
+@router.get("", response_model=SceneList, summary="List scenes, newest first", responses=BAD_TOKEN)
+def list_scenes(
+    scenes: Scenes, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
+) -> SceneList:
+    """Return one page of scenes."""
+    shown, next_page = scenes.page(page_size, None if page_token is None else read_page_token(page_token))
+    token = None if next_page is None else write_page_token(next_page)
+    return SceneList(scenes=[scene_summary(scene) for scene in shown], next_page_token=token)
+
+
 @router.get("/{scene_id}", summary="One perceived scene", responses=NOT_FOUND)
-def get_scene(scene_id: str, store: Store) -> SceneResource:
+def get_scene(scene_id: str, scenes: Scenes) -> SceneResource:
     """Return what was perceived."""
-    scene = store.get(scene_id)
-    if scene is None:
-        raise SceneNotFound(scene_id)
-    return _resource(scene)
+    return scene_resource(scenes.scene(scene_id))
 
 
 @router.get(
@@ -90,39 +87,18 @@ def get_scene(scene_id: str, store: Store) -> SceneResource:
     response_class=Response,
     responses={**NOT_FOUND, 200: {"content": {"image/png": {}}, "description": "A picture with everything drawn in"}},
 )
-async def get_preview(scene_id: str, store: Store) -> Response:
+def get_preview(scene_id: str, scenes: Scenes) -> Response:
     """Return the cameras' pictures with everything that was found drawn in."""
-    picture = await run_in_threadpool(store.preview, scene_id)
-    if picture is None:
-        raise SceneNotFound(scene_id)
-    return Response(picture, media_type="image/png", headers={"Cache-Control": "max-age=86400"})
+    headers = {"Cache-Control": "private, max-age=86400"}
+    return Response(scenes.preview(scene_id), media_type="image/png", headers=headers)
 
 
-def _accept(
-    description: bytes, files: Mapping[str, bytes], store: SceneStore, cells: Mapping[str, Cell]
-) -> SceneResource:
-    scan = read_scan(parse_json(description))
-    if scan.cell not in cells:
-        raise SceneError("/cell", f"there is no cell {scan.cell}", sorted(cells))
-    # Another version of the service may see more in the same scan.
-    digest = hashlib.sha256(f"{describe_software()}{scan.model_dump_json()}".encode())
-    for part in sorted(files):
-        digest.update(f"{part} {len(files[part])} ".encode() + files[part])
-    scene_id = digest.hexdigest()[:32]
-    scene = store.get(scene_id)
-    if scene is None:
-        perceived = perceive(scan, files, cells[scan.cell])
-        store.add(scene_id, perceived.document, perceived.preview)
-        scene = store.get(scene_id)
-        assert scene is not None
-    return _resource(scene)
-
-
-def _resource(scene: StoredScene) -> SceneResource:
-    address = f"/v1/scenes/{scene.id}"
-    return SceneResource(
-        id=scene.id,
-        created_at=datetime.fromtimestamp(scene.created_us / 1e6, UTC),
-        scene=scene.document,
-        links=SceneLinks(self=address, preview=f"{address}/preview.png"),
-    )
+@router.delete(
+    "/{scene_id}",
+    status_code=204,
+    summary="Delete a scene",
+    responses={**NOT_FOUND, 409: {**PROBLEM, "description": "A job of a task that names it has not ended"}},
+)
+def delete_scene(scene_id: str, scenes: Scenes) -> None:
+    """Remove a scene with its picture and points; plans that came of it stay."""
+    scenes.delete(scene_id)

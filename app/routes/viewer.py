@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, HTTPException, Request, WebSocket
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 
 from app.resources import ProblemDocument
-from app.routes.given import Desk, desk_of
+from app.routes.given import Desk, Scenes, desk_of, scenes_of
 from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
 from app.viewer.theatre import Theatre
 from app.viewer.watch import POLICY_VIOLATION, relay_scene, watch
@@ -37,6 +37,18 @@ def _theatre(request: Request) -> Theatre:
 def view_plan(plan_id: str, desk: Desk) -> Response:
     """Go to the viewer with this plan loaded; if its job still runs, the viewer waits for it."""
     return RedirectResponse(f"/viewer/?plan={desk.plan(plan_id).id}")
+
+
+@router.get(
+    "/v1/scenes/{scene_id}/view",
+    status_code=307,
+    response_class=RedirectResponse,
+    summary="Look at a perceived scene",
+    responses={307: {"description": "`Location` is the viewer with this scene loaded"}, 404: PROBLEM},
+)
+def view_scene(scene_id: str, scenes: Scenes) -> Response:
+    """Go to the viewer with this scene loaded: what was measured, and the models that were fitted to it."""
+    return RedirectResponse(f"/viewer/?scene={scenes.scene(scene_id).id}")
 
 
 @router.get(
@@ -83,7 +95,7 @@ def get_file(name: str) -> Response:
 @router.websocket("/viewer/watch")
 async def watch_plans(socket: WebSocket) -> None:
     """Open a room for as long as the page is open."""
-    await watch(socket, socket.app.state.theatre, desk_of(socket))
+    await watch(socket, socket.app.state.theatre, desk_of(socket), scenes_of(socket))
 
 
 @router.websocket("/viewer/scene/{key}")

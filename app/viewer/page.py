@@ -13,7 +13,7 @@ from app.viewer.sources import SourceName
 
 STYLES = ("viewer.css",)
 SCRIPTS = ("plot.js", "charts.js", "score.js", "regrasp.js", "panel.js", "player.js")
-LIVE_SCRIPTS = (*SCRIPTS, "live.js")
+LIVE_SCRIPTS = (*SCRIPTS, "perceived.js", "live.js")
 RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
 STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"

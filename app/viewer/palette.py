@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from colorsys import hsv_to_rgb, rgb_to_hsv
 from typing import Final
 
 Rgb = tuple[int, int, int]
@@ -61,6 +62,18 @@ BODIES: Final[dict[str, Rgb]] = {
     "cable": (52, 58, 66),
 }
 """By role of a plan document's bodies."""
+
+
+def object_tint(index: int) -> Rgb:
+    """Return the colour of the object that comes at a place, from 0, in the order of its document."""
+    return OBJECT_TINTS[index % len(OBJECT_TINTS)]
+
+
+def vivid_tint(index: int) -> Rgb:
+    """Return the same colour, stronger: of what is drawn small, or translucent."""
+    hue, saturation, _ = rgb_to_hsv(*(channel / 255.0 for channel in object_tint(index)))
+    red, green, blue = hsv_to_rgb(hue, min(1.0, 2.6 * saturation), 0.82)
+    return round(255.0 * red), round(255.0 * green), round(255.0 * blue)
 
 
 def rgb(meaning: str) -> Rgb:

@@ -16,9 +16,12 @@ import rich
 import viser
 
 from app.viewer.link_meshes import LinkMeshes
+from app.viewer.perceived_stage import PerceivedStage
 from app.viewer.sources import SourceName, Sources
 from app.viewer.stage import Stage
+from planners.contract.scene_document import SceneDocument
 from planners.geometry.pose import Array
+from planners.perception.seen_points import SeenPoints
 from planners.scene.cell import Cell
 
 LOOPBACK = "127.0.0.1"
@@ -46,12 +49,17 @@ VIEWS = {
     "top": View((0.4, 0.0, 2.9), (0.3, 0.0, 1.1)),
     "close": View((0.68, -0.64, 0.4), (0.0, 0.0, 0.06), from_body=True),
 }
+PERCEIVED_VIEW = View((0.96, -0.66, 0.80), (0.0, 0.0, 0.04), from_body=True)
+"""From which a perceived scene is seen first."""
 FIELD_OF_VIEW = 0.66
 """Vertical [rad]."""
 
 
 class Room:
-    """A viser server with at most one plan in it. Methods block: call them from one thread at a time."""
+    """A viser server with at most one plan or perceived scene in it.
+
+    Methods block: call them from one thread at a time.
+    """
 
     def __init__(self) -> None:
         self.key = secrets.token_urlsafe(18)
@@ -63,8 +71,8 @@ class Room:
         camera = self._server.initial_camera
         camera.position, camera.look_at = VIEWS["overview"].position, VIEWS["overview"].target
         camera.fov = FIELD_OF_VIEW
-        self._stage: Stage | None = None
-        self._plans = 0
+        self._stage: Stage | PerceivedStage | None = None
+        self._opened = 0
 
     @property
     def address(self) -> str:
@@ -73,21 +81,43 @@ class Room:
 
     def open(self, document: Mapping[str, Any], sources: Sources, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
-        self._plans += 1
         with self._server.atomic():
-            self._server.scene.reset()
-            self._stage = Stage(self._server.scene, f"/plan_{self._plans}", document, sources, cell, meshes)
+            was_plan = not isinstance(self._stage, PerceivedStage)
+            self._stage = Stage(self._server.scene, self._cleared(), document, sources, cell, meshes)
+        if not was_plan:
+            self._look_first(VIEWS["overview"])
+
+    def open_perceived(
+        self, document: SceneDocument, points: SeenPoints | None, cell: Cell, meshes: LinkMeshes
+    ) -> None:
+        """Put a perceived scene, with what was measured of it, into the scene instead of what was there."""
+        with self._server.atomic():
+            self._stage = PerceivedStage(self._server.scene, self._cleared(), document, points, cell, meshes)
+        self._look_first(PERCEIVED_VIEW)
+
+    def _look_first(self, view: View) -> None:
+        """Have whoever comes see a view first, and whoever is there see it now."""
+        assert self._stage is not None
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = view.in_world(self._stage.body_position)
+        self.look(view)
+
+    def _cleared(self) -> str:
+        """Empty the scene, and return a name for its next root that was never used before."""
+        self._server.scene.reset()
+        self._opened += 1
+        return f"/opened_{self._opened}"
 
     def show(self, source: SourceName, time: float) -> None:
-        """Show the plan or its simulation at a time [s]; an empty room stays empty."""
-        if self._stage is not None:
+        """Show the plan or its simulation at a time [s]; without a plan nothing changes."""
+        if isinstance(self._stage, Stage):
             with self._server.atomic():
                 self._stage.show(source, time)
             self._server.flush()
 
     def set_layer(self, layer: str, *, visible: bool) -> None:
-        """Show or hide a layer of the stage."""
-        if self._stage is not None:
+        """Show or hide a layer of the stage, if it has one of that name."""
+        if self._stage is not None and layer in self._stage.layers:
             with self._server.atomic():
                 self._stage.set_layer(layer, visible)
 

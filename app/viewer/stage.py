@@ -12,7 +12,7 @@ from app.viewer.body_drawing import draw_body
 from app.viewer.considered_drawing import draw_grasps, draw_places
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.nodes import add_frame, place, place_at
-from app.viewer.palette import FORCE_SCALES, OBJECT_TINTS, Rgb, linear_rgb, meaning_of, rgb
+from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
 from app.viewer.robot_drawing import RobotDrawing
 from app.viewer.sources import SourceName, Sources
 from app.viewer.timeline import Moment, Touch
@@ -42,6 +42,8 @@ WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
 
 class Stage:
     """One plan in one scene. Methods may be called from any one thread at a time."""
+
+    layers = LAYERS
 
     def __init__(
         self,
@@ -266,7 +268,7 @@ class _Subjects:
 def _tints(document: Mapping[str, Any]) -> dict[str, Rgb]:
     """Return the colours of objects by name."""
     names = [name for name, body in document["bodies"].items() if body["role"] == "object"]
-    return {name: OBJECT_TINTS[index % len(OBJECT_TINTS)] for index, name in enumerate(names)}
+    return {name: object_tint(index) for index, name in enumerate(names)}
 
 
 def _goals(document: Mapping[str, Any]) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""All that watchers share: the plans, the cells, the drawings of robots; and who watches."""
+"""All that watchers share: plans and perceived scenes, the cells, the drawings of robots; and who watches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from starlette.concurrency import run_in_threadpool
 
 from app.errors import CellNotDrawn, TheatreFull
 from app.plan_desk import PlanDesk
+from app.scene_desk import SceneDesk
 from app.viewer.link_meshes import LinkMeshes
+from app.viewer.perceived_words import tell_perceived
 from app.viewer.recording import record
 from app.viewer.room import Room
 from app.viewer.sources import Sources
@@ -25,7 +27,7 @@ MOST_ROOMS = 24
 
 
 class Theatre:
-    """Opens rooms and puts plans into them."""
+    """Opens rooms and puts plans and perceived scenes into them."""
 
     def __init__(self, cells: dict[str, Cell], folder: Path) -> None:
         self._cells = cells
@@ -66,6 +68,17 @@ class Theatre:
         room.open(document, sources, cell, self._meshes)
         return tell_story(document, sources)
 
+    def open_perceived(self, room: Room, scenes: SceneDesk, scene_id: str) -> dict[str, Any]:
+        """Put a perceived scene into a room and return what the page tells of it. Blocks.
+
+        Raises:
+            SceneNotFound: There is no scene of that id.
+            CellNotDrawn: There are no drawings of its cell.
+        """
+        document, points = scenes.scene(scene_id).document, scenes.points(scene_id)
+        room.open_perceived(document, points, self._cell(document.cell), self._meshes)
+        return tell_perceived(scene_id, document, points)
+
     def record(self, desk: PlanDesk, plan_id: str) -> str:
         """Return a page that plays a plan without any server. Blocks for some seconds.
 
@@ -91,9 +104,11 @@ class Theatre:
 
     def _load(self, desk: PlanDesk, plan_id: str) -> tuple[dict[str, Any], Sources, Cell]:
         document = json.loads(gzip.decompress(desk.document(plan_id).gzip))
-        name = document["cell"]["name"]
-        if name not in self._cells:
-            raise CellNotDrawn(name, sorted(self._cells))
-        cell = self._cells[name]
+        cell = self._cell(document["cell"]["name"])
         start = document["task"]["start_positions"]
         return document, Sources.of(document, cell.home if start is None else np.array(start)), cell
+
+    def _cell(self, name: str) -> Cell:
+        if name not in self._cells:
+            raise CellNotDrawn(name, sorted(self._cells))
+        return self._cells[name]

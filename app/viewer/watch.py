@@ -11,11 +11,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from app.errors import CellNotDrawn, DocumentNotReady, PlanNotFound, TheatreFull
+from app.errors import CellNotDrawn, DocumentNotReady, PlanNotFound, SceneNotFound, TheatreFull
 from app.plan_desk import PlanDesk
+from app.scene_desk import SceneDesk
+from app.viewer import perceived_stage, stage
 from app.viewer.room import VIEWS, Room
 from app.viewer.sources import SourceName
-from app.viewer.stage import LAYERS
 from app.viewer.theatre import Theatre
 
 TRY_AGAIN_LATER, POLICY_VIOLATION, BAD_DATA = 1013, 1008, 1007
@@ -34,6 +35,13 @@ class OpenPlan(_Request):
     plan: str
 
 
+class OpenPerceived(_Request):
+    """Put a perceived scene into the room."""
+
+    type: Literal["open_perceived"]
+    scene: str
+
+
 class ShowTime(_Request):
     """Show a time of the plan or of its simulation [s]."""
 
@@ -46,7 +54,7 @@ class SetLayer(_Request):
     """Show or hide a layer."""
 
     type: Literal["layer"]
-    layer: Literal[LAYERS]  # pyright: ignore[reportInvalidTypeForm]
+    layer: Literal[stage.LAYERS + perceived_stage.LAYERS]  # pyright: ignore[reportInvalidTypeForm]
     visible: bool
 
 
@@ -57,13 +65,12 @@ class Look(_Request):
     view: Literal[tuple(VIEWS)]  # pyright: ignore[reportInvalidTypeForm]
 
 
-REQUESTS: TypeAdapter[OpenPlan | ShowTime | SetLayer | Look] = TypeAdapter(
-    Annotated[OpenPlan | ShowTime | SetLayer | Look, Field(discriminator="type")]
-)
+Request = OpenPlan | OpenPerceived | ShowTime | SetLayer | Look
+REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="type")])
 
 
-async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk) -> None:
-    """Give a watcher a room, and do there what the page asks for until it goes away; `desk` has what it may see."""
+async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk, scenes: SceneDesk) -> None:
+    """Give a watcher a room, and do there what the page asks for until it goes away; desks have what it may see."""
     await socket.accept()
     try:
         room = await theatre.enter()
@@ -74,7 +81,7 @@ async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk) -> None:
         await socket.send_json({"type": "room", "scene": f"scene/{room.key}/"})
         while True:
             request = REQUESTS.validate_json(await socket.receive_text())
-            answer = await run_in_threadpool(_answer, theatre, room, desk, request)
+            answer = await run_in_threadpool(_answer, theatre, room, desk, scenes, request)
             await socket.send_json(answer)
     except WebSocketDisconnect:
         log.debug("a watcher left")
@@ -85,15 +92,18 @@ async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk) -> None:
             await theatre.leave(room)
 
 
-def _answer(
-    theatre: Theatre, room: Room, desk: PlanDesk, request: OpenPlan | ShowTime | SetLayer | Look
-) -> dict[str, Any]:
+def _answer(theatre: Theatre, room: Room, desk: PlanDesk, scenes: SceneDesk, request: Request) -> dict[str, Any]:
     match request:
         case OpenPlan():
             try:
                 return {"type": "story", "story": theatre.open(room, desk, request.plan)}
             except (PlanNotFound, DocumentNotReady, CellNotDrawn) as error:
                 return {"type": "refused", "plan": request.plan, "detail": str(error)}
+        case OpenPerceived():
+            try:
+                return {"type": "perceived", "story": theatre.open_perceived(room, scenes, request.scene)}
+            except (SceneNotFound, CellNotDrawn) as error:
+                return {"type": "refused", "scene": request.scene, "detail": str(error)}
         case ShowTime():
             room.show(request.source, request.time)
         case SetLayer():

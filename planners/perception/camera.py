@@ -36,6 +36,11 @@ class Camera:
         """The distortion as OpenCV takes it."""
         return np.array(self.distortion or (0.0,) * 5)
 
+    def thinned(self, step: int) -> Camera:
+        """Return the camera of every `step`-th pixel of every `step`-th row."""
+        fx, fy, cx, cy = (each / step for each in (self.fx, self.fy, self.cx, self.cy))
+        return Camera(fx, fy, cx, cy, self.T_world_camera, self.distortion)
+
     def rays(self, width: int, height: int) -> Array:
         """Return (height, width, 2) x and y, in the camera frame, of the ray with z = 1 through every pixel."""
         columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))

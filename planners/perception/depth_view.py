@@ -19,7 +19,7 @@ FEWEST_POINTS = 200
 NEAREST, FARTHEST = 0.05, 8.0
 """Depths outside are no measurements [m]."""
 LARGEST_IMAGE = 2_100_000
-"""A view has no more pixels: Full HD [1]."""
+"""A view has no more pixels, or every second, third, … of them: Full HD [1]."""
 LARGEST_FIT_ERROR = 0.5
 """An organised cloud whose rows and columns are farther off a pinhole camera's is taken as a heap of points [px]."""
 STEEPEST_RAY = 5.0
@@ -47,6 +47,9 @@ class DepthView:
         Raises:
             ScanRefused: Too few of its pixels are measurements.
         """
+        step = _step_of(depth.shape)
+        if step > 1:
+            depth, camera = depth[::step, ::step], camera.thinned(step)
         height, width = depth.shape
         return cls(_measured(depth), camera.rays(width, height), camera.T_world_camera)._not_empty()
 
@@ -57,6 +60,8 @@ class DepthView:
         Raises:
             ScanRefused: Too few points are measurements.
         """
+        step = _step_of(points.shape)
+        points = points[::step, ::step]
         depth = _measured(points[..., 2])
         rows, columns = np.nonzero(np.isfinite(depth) & np.isfinite(points).all(axis=2))
         if len(rows) < FEWEST_POINTS:
@@ -138,6 +143,11 @@ class DepthView:
         if count < FEWEST_POINTS:
             raise _too_few(count)
         return self
+
+
+def _step_of(shape: tuple[int, ...]) -> int:
+    """Return how many pixels it is from one that is kept of an image to the next."""
+    return max(1, math.ceil(math.sqrt(shape[0] * shape[1] / LARGEST_IMAGE)))
 
 
 def _measured(depth: Array) -> Array:

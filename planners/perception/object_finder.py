@@ -9,6 +9,7 @@ from itertools import combinations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.contract.shapes import Box, Cylinder
@@ -16,6 +17,7 @@ from planners.geometry.pose import Array, rotation_z, transform
 from planners.perception.outline import Disc, Outline, Rectangle, fit_outline
 from planners.perception.perceived_object import TABLE, ObjectUncertainty, PerceivedObject, Unrecognised
 from planners.perception.perception_settings import PerceptionSettings
+from planners.perception.seen_points import NOBODY
 from planners.perception.top_facets import EDGE_REACH, NOISE_REACH, Mask, Relief, TopFacet, find_top_facets, make_facet
 
 CUT = "it is cut by the border of the image"
@@ -53,6 +55,8 @@ class Findings:
 
     objects: tuple[PerceivedObject, ...]
     unrecognised: tuple[Unrecognised, ...]
+    owners: NDArray[np.int16]
+    """(h, w) index of the object whose top a pixel shows, else `NOBODY`."""
 
 
 def find_objects(relief: Relief, workspace: Array | None, settings: PerceptionSettings) -> Findings:
@@ -76,9 +80,9 @@ def find_objects(relief: Relief, workspace: Array | None, settings: PerceptionSe
             reasons.append((each.facet, NOT_UPRIGHT))
     standing = [each for each in upright if _stands(each, upright)]
     reasons += [(each.facet, NOT_UPRIGHT) for each in upright if each not in standing]
-    objects = _objects(standing, relief, settings)
+    objects, owners = _objects(standing, relief, settings)
     rest = _unrecognised(above, standing, reasons, relief, settings)
-    return Findings(tuple(objects), tuple(rest))
+    return Findings(tuple(objects), tuple(rest), owners)
 
 
 def _above(relief: Relief, settings: PerceptionSettings) -> Mask:
@@ -273,8 +277,10 @@ def _stands(candidate: Candidate, upright: Sequence[Candidate]) -> bool:
     return True
 
 
-def _objects(standing: Sequence[Candidate], relief: Relief, settings: PerceptionSettings) -> list[PerceivedObject]:
-    """Name the objects from left to right, far to near, and put them into the world."""
+def _objects(
+    standing: Sequence[Candidate], relief: Relief, settings: PerceptionSettings
+) -> tuple[list[PerceivedObject], NDArray[np.int16]]:
+    """Name the objects from left to right, far to near, and put them into the world; tell whose tops pixels show."""
 
     def place(candidate: Candidate) -> tuple[float, float, float]:
         x, y = candidate.outline.center
@@ -282,11 +288,12 @@ def _objects(standing: Sequence[Candidate], relief: Relief, settings: Perception
 
     ordered = sorted(standing, key=place)
     names = {id(each.facet): f"object_{i + 1}" for i, each in enumerate(ordered)}
-    objects = []
-    for each in ordered:
+    objects, owners = [], np.full(relief.view.shape, NOBODY, np.int16)
+    for i, each in enumerate(ordered):
+        owners[each.facet.pixels] = i
         carrier = TABLE if each.carrier is None else names[id(each.carrier.facet)]
         objects.append(_object(names[id(each.facet)], each, carrier, relief, settings))
-    return objects
+    return objects, owners
 
 
 def _object(
@@ -300,9 +307,10 @@ def _object(
     T_table_object = transform(rotation_z(yaw), [*outline.center, middle])
     if isinstance(outline, Rectangle):
         shape = Box(type="box", size=(*outline.size, height))
-        # Both sides' errors are independent: their sum is the size, half their difference the centre.
+        # Of both sides' errors the sum is the size, half the difference the centre; what they share is in the sum only.
         stds = [std / math.sqrt(2.0) for std in outline.edge_std]
-        size = (2.0 * stds[0], 2.0 * stds[1], height_std)
+        shared = 2.0 * settings.edge_shared * facet.pitch
+        size = (math.hypot(2.0 * stds[0], shared), math.hypot(2.0 * stds[1], shared), height_std)
         uncertainty = ObjectUncertainty((stds[0], stds[1], height_std), outline.yaw_std, size)
     else:
         shape = Cylinder(type="cylinder", radius=outline.radius, height=height)

@@ -35,7 +35,7 @@ class Rectangle:
     sides_seen: float
     """Share of the side that is seen least [1]."""
     edge_std: tuple[float, float]
-    """Standard deviations of where the edges are that bound the longer and the shorter extent [m]."""
+    """Uncertainties of where the edges are that bound the longer and the shorter extent [m]."""
     yaw_std: float
     """[rad]"""
 
@@ -70,7 +70,7 @@ class Disc:
     sides_seen: float
     """Share of the quarter that is seen least [1]."""
     edge_std: float
-    """Standard deviation of the radius [m]."""
+    """Uncertainty of the radius [m]."""
 
     def corners(self, beyond: float = 0.0) -> Array:
         """Return (n, 2) points of the rim, counter-clockwise, moved out by `beyond` [m]."""
@@ -181,7 +181,7 @@ def _seen_of_side(local: Array, side: int, size: Array, pitch: float) -> float:
 
 
 def _edge_std(length: float, direction: float, facet: TopFacet, settings: PerceptionSettings) -> float:
-    """Return the standard deviation of where a side of `length` is [m].
+    """Return the uncertainty of where a side of `length` is [m].
 
     Pixels tell an edge to within their pitch; an edge across the image's rows crosses many, at evenly spread phases.
     """
@@ -195,7 +195,7 @@ def _phases(length: float, direction: float, facet: TopFacet) -> float:
 
 
 def _yaw_std(size: Array, yaw: float, facet: TopFacet, settings: PerceptionSettings) -> float:
-    """Return the standard deviation of the yaw [rad]: that of two lines as long as the longer side."""
+    """Return the uncertainty of the yaw [rad]: that of two lines as long as the longer side."""
     longer = int(np.argmax(size))
     phases = _phases(float(size[longer]), yaw + 0.5 * math.pi * longer, facet)
     return math.hypot(settings.yaw_floor, facet.pitch / (float(size[longer]) * math.sqrt(2.0 * phases)))

@@ -32,6 +32,7 @@ from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.picture_file import NPY, read_colour, read_depth_png
 from planners.perception.preview import draw_preview
 from planners.perception.refusal import ScanRefused
+from planners.perception.seen_points import SeenPoints
 from planners.scene.asset_files import read_tool_file, shipped_shelf
 from planners.scene.cell import Cell
 from planners.scene.suction_tool import load_tool
@@ -50,6 +51,8 @@ class PerceivedScene:
     document: SceneDocument
     preview: bytes
     """A PNG picture with everything that was found drawn in."""
+    points: SeenPoints | None
+    """What was measured, thinned out; None: neither depth nor cloud."""
 
 
 def perceive(
@@ -93,7 +96,8 @@ def perceive(
     colour_camera = None if scan.colour is None else _camera(scan.colour.intrinsics, scan.colour.pose)
     board = None if tool is None else tool[0]
     preview = draw_preview(picture, colour_camera, board, None if tool is None else tool[1], seen)
-    return PerceivedScene(document, preview)
+    points = None if seen is None else SeenPoints.of(seen.view, seen.findings.owners)
+    return PerceivedScene(document, preview, points)
 
 
 def _check_parts(scan: ScanSpec, files: Mapping[str, bytes]) -> None:

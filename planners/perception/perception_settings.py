@@ -30,12 +30,14 @@ class PerceptionSettings:
     """Places that are steeper belong to no top [1]."""
     depth_noise: float = 0.0015
     """Standard deviation of a depth if the table's own points do not tell a larger one [m]."""
-    height_floor: float = 0.001
-    """Standard deviation of a height that more pixels do not improve [m]: the sensor's own error."""
-    edge_floor: float = 0.0007
-    """Standard deviation of an edge that more pixels do not improve [m]: pixels that mix both sides of an edge."""
-    yaw_floor: float = math.radians(0.1)
-    """Standard deviation of a yaw that more pixels do not improve [rad]."""
+    height_floor: float = 0.0007
+    """Uncertainty of a height that more pixels do not improve [m]: the sensor's own error."""
+    edge_floor: float = 0.00076
+    """Uncertainty of an edge that more pixels do not improve [m]: pixels that mix both sides of an edge."""
+    edge_shared: float = 0.25
+    """... of opposite edges together, both in or both out, which moves no centre and spoils a size [px]."""
+    yaw_floor: float = math.radians(0.17)
+    """Uncertainty of a yaw that more pixels do not improve [rad]."""
     edge_inset: float = 0.15
     """Edges seem so many pixels further in: pixels that mix both sides belong to neither [1]."""
     least_side: float = 0.015

@@ -218,10 +218,11 @@ def _higher(
 
 
 def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int) -> Mask:
-    """Tell beyond which pixels nothing at all was measured for a while."""
-    h, w = relief.view.shape
-    empty = np.ones(len(rows), dtype=bool)
-    for k in range(6):
-        r, c = np.clip(rows + k * dr, 0, h - 1), np.clip(columns + k * dc, 0, w - 1)
-        empty &= ~np.isfinite(relief.heights[r, c])
-    return empty
+    """Tell beyond which pixels nothing at all was measured any more: a shadow ends, the border of a cloud does not."""
+    measured = np.isfinite(relief.heights)
+    lines, along, across = (measured, columns, rows) if dc else (measured.T, rows, columns)
+    forward = dr + dc > 0
+    last = np.argmax(lines[:, ::-1] if forward else lines, axis=1)
+    last = lines.shape[1] - 1 - last if forward else last
+    beyond = (along > last[across]) if forward else (along < last[across])
+    return beyond | ~np.asarray(np.any(lines, axis=1))[across]

@@ -119,9 +119,34 @@ def test_a_reader_may_see_a_scene_but_have_none_perceived(service: GuardedServic
         answer = writer.post("/v1/scenes", files=form)
         assert answer.status_code == 201, answer.text
         for link in answer.json()["links"].values():
-            assert reader.get(link).status_code == 200
+            assert reader.get(link, follow_redirects=True).status_code == 200
             with service.client(None) as nobody:
                 assert nobody.get(link).status_code == 401
+
+
+def test_the_scene_of_somebody_else_does_not_exist(service: GuardedService) -> None:
+    scan = shipped()
+    form = {"scan": json.dumps({"colour": scan.description["colour"]}).encode(), "colour": scan.files["colour"]}
+    with service.client("writer") as writer, service.client("stranger") as stranger, service.client("admin") as admin:
+        mine, theirs = (client.post("/v1/scenes", files=form).json() for client in (writer, stranger))
+        assert mine["id"] != theirs["id"]
+        for link in mine["links"].values():
+            assert stranger.get(link, follow_redirects=False).status_code == 404
+            assert admin.get(link, follow_redirects=False).status_code in (200, 307)
+        assert stranger.delete(mine["links"]["self"]).status_code == 404
+        task_of_theirs = {"kind": "suction_tool", "scene_id": mine["id"], "objects": []}
+        assert "/scene_id" in stranger.post("/v1/plans", json=task_of_theirs).text
+        seen = {
+            name: [each["id"] for each in client.get("/v1/scenes").json()["scenes"]]
+            for name, client in (("writer", writer), ("stranger", stranger), ("admin", admin))
+        }
+        assert mine["id"] in seen["writer"]
+        assert theirs["id"] not in seen["writer"]
+        assert mine["id"] not in seen["stranger"]
+        assert {mine["id"], theirs["id"]} <= set(seen["admin"])
+        with service.client("reader") as reader:
+            assert reader.delete(mine["links"]["self"]).status_code == 403
+        assert writer.delete(mine["links"]["self"]).status_code == 204
 
 
 def test_the_plan_of_somebody_else_does_not_exist(service: GuardedService) -> None:

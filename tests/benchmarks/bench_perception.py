@@ -40,6 +40,8 @@ class BoardFigures:
     """[mm]"""
     rotation: list[float] = field(default_factory=list)
     """[deg]"""
+    told: dict[str, list[float]] = field(default_factory=lambda: {"position": [], "rotation": []})
+    """Errors in uncertainties that were told [1]."""
 
 
 @dataclass
@@ -62,8 +64,8 @@ class ObjectFigures:
     """The worse one [mm]."""
     height: list[float] = field(default_factory=list)
     """[mm]"""
-    inside: dict[str, list[bool]] = field(default_factory=lambda: {"centre": [], "sides": [], "yaw": []})
-    """Whether errors were within two of the standard deviations that were told."""
+    told: dict[str, list[float]] = field(default_factory=dict)
+    """Errors in uncertainties that were told [1], by what they are errors of."""
 
 
 def measure_boards(count: int, note: Note) -> dict[str, BoardFigures]:
@@ -96,9 +98,12 @@ def _measure_board(board: MarkerBoard, count: int, note: Note) -> BoardFigures:
                 figures.missed += 1
                 continue
             figures.seen += 1
-            off = found.T_world_board[:3, 3] - T_world_board[:3, 3]
-            figures.position.append(1e3 * float(np.linalg.norm(off)))
-            figures.rotation.append(math.degrees(rotation_angle(found.T_world_board[:3, :3], R)))
+            off = float(np.linalg.norm(found.T_world_board[:3, 3] - T_world_board[:3, 3]))
+            angle = rotation_angle(found.T_world_board[:3, :3], R)
+            figures.position.append(1e3 * off)
+            figures.rotation.append(math.degrees(angle))
+            figures.told["position"].append(off / found.position_std)
+            figures.told["rotation"].append(angle / found.rotation_std)
     return figures
 
 
@@ -127,10 +132,8 @@ def measure_objects(count: int, note: Note) -> ObjectFigures:
             figures.center.append(1e3 * off.center)
             figures.sides.append(1e3 * off.sides)
             figures.height.append(1e3 * off.height)
-            # The centre lies in a plane: two of each direction's deviations are root two times as far.
-            figures.inside["centre"].append(off.center < 2.0 * math.sqrt(2.0) * off.told_center)
-            figures.inside["sides"].append(off.sides < 2.0 * off.told_sides)
             if off.yaw is not None:
                 figures.yaw.append(math.degrees(off.yaw))
-                figures.inside["yaw"].append(off.yaw < 2.0 * off.told_yaw)
+            for name, values in off.told.items():
+                figures.told.setdefault(name, []).extend(values)
     return figures

@@ -57,12 +57,14 @@ class Effort:
     """Whether layouts that a stopped run had planned with the same code are not planned again."""
     frames: int = 200
     """Of each kind, for perception."""
+    scan_share: float = 1.0
+    """Of the largest scans that are let in."""
 
 
 FULL = Effort()
 QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
-    kernels=("kinematics",), service=False, lifters=1, frames=5, piles=PILES[1:2], layouts=1,
+    kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
     fuzz_cases=0,
 )  # fmt: skip

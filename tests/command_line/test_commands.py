@@ -5,14 +5,22 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.service import ROOT, TASKS, task
+from support.service import FAKE_SOLVER, ROOT, TASKS, task
+from support.serving import served
 
+from app.access.scope import Scope
 from app.cli import main
+from app.keys_command import issue_key
+from app.service_client import KEY_VARIABLE, ServiceClient
+from app.settings import ServiceSettings
 from app.summary import contact_states, largest_hand_force, summarise
+from planners.contract.scene_document import SceneDocument
+from tests.support.scan_frames import SHIPPED
 from workers.pipeline import Pipeline
 
 
@@ -88,7 +96,7 @@ def test_an_option_that_cannot_be_followed_is_3_and_named(capsys: pytest.Capture
     assert "--port" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", [[], ["serve"], ["api"], ["worker"], ["plan"], ["warmup"]])
+@pytest.mark.parametrize("command", [[], ["serve"], ["api"], ["worker"], ["plan"], ["scene"], ["warmup"]])
 def test_every_command_explains_itself(command: list[str]) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "app.cli", *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True
@@ -133,3 +141,94 @@ def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:
     told = summarise(document)
     assert "needed 62.8 N, available 54 N" in told
     assert "(no contact)" in told
+
+
+SCAN = SHIPPED / "tissue_boxes"
+
+
+def test_a_scan_is_perceived_without_a_server_and_a_task_takes_its_objects_from_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, preview = tmp_path / "scene.json", tmp_path / "seen.png"
+    assert main(["scene", str(SCAN), "--out", str(out), "--preview", str(preview)]) == 0
+    told = capsys.readouterr().out
+    document = SceneDocument.model_validate_json(out.read_text())
+    assert len(document.objects) == 3
+    assert all(part.name in told for part in document.objects)
+    assert preview.read_bytes().startswith(b"\x89PNG")
+    goal = {
+        **json.loads((SCAN / "task.json").read_text()),
+        "objects": [{"name": "x", "mass": 0.3, "goal_pose": [0] * 7}],
+    }
+    task_file = tmp_path / "task.json"
+    task_file.write_text(json.dumps(goal))
+    # The scene is read; what the task says of its object is wrong.
+    assert main(["plan", str(task_file), "--scene", str(out)]) == 3
+    assert "/objects/0/name" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        (["scan=nowhere.json"], "nowhere.json"),
+        ([str(SHIPPED)], "no scan.json"),
+        (["film.png"], "is called like its part"),
+        ([str(SCAN), f"depth={SCAN / 'colour.png'}"], "given twice"),
+        ([str(SCAN / "scan.json"), str(SCAN / "colour.png")], "depth"),
+        ([f"scan={SCAN / 'task.json'}"], "/kind"),
+        ([f"scan={SCAN / 'colour.png'}"], "UTF-8"),
+    ],
+)
+def test_files_that_are_no_scan_are_3_and_told(files: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scene", *files]) == 3
+    assert said in capsys.readouterr().err
+
+
+def test_a_scene_that_only_a_service_keeps_is_3_and_says_how_to_plan_with_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "task.json"
+    file.write_text(json.dumps({**json.loads((SCAN / "task.json").read_text()), "scene_id": "5f0c"}))
+    assert main(["plan", str(file)]) == 3
+    told = capsys.readouterr().err
+    assert all(words in told for words in ("/scene_id", "5f0c", "--service", "--scene"))
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    settings = ServiceSettings(
+        data_dir=tmp_path_factory.mktemp("data"), solver_command=FAKE_SOLVER, worker_slots=1, authentication="required"
+    )
+    key = issue_key(settings, "mes", Scope.WRITE, None)
+    with served(settings) as address, pytest.MonkeyPatch.context() as patch:
+        patch.setenv(KEY_VARIABLE, key)
+        yield address
+
+
+def test_a_scan_is_perceived_by_a_service_whose_scene_a_task_then_names(
+    service: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["scene", str(SCAN), "--service", service]) == 0
+    told = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    client = ServiceClient(service)
+    assert len(client.get(f"/v1/scenes/{told['scene_id']}")["scene"]["objects"]) == 3
+    assert told["viewer"].startswith(service)
+    task = {**json.loads((SCAN / "task.json").read_text()), "external_id": "fail", "scene_id": told["scene_id"]}
+    file = tmp_path / "task.json"
+    file.write_text(json.dumps(task))
+    assert main(["plan", str(file), "--service", service]) == 1
+    assert "failed" in capsys.readouterr().err
+    file.write_text(json.dumps({**task, "scene_id": "unknown"}))
+    assert main(["plan", str(file), "--service", service]) == 3
+    assert "/scene_id" in capsys.readouterr().err
+
+
+def test_a_service_that_refuses_the_key_or_is_away_is_1(
+    service: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(KEY_VARIABLE, "wrong")
+    assert main(["scene", str(SCAN), "--service", service]) == 1
+    assert "401" in capsys.readouterr().err
+    assert main(["scene", str(SCAN), "--service", "http://127.0.0.1:1"]) == 1
+    assert "no service answers" in capsys.readouterr().err
+    assert main(["scene", str(SCAN), "--service", "127.0.0.1"]) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from http.client import HTTPConnection
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from app.demo import post_scan
+from app.service_client import ServiceClient
 from tests.support.scan_frames import SHIPPED, shipped
 
 SCAN = shipped()
@@ -59,10 +61,17 @@ def test_a_task_may_name_a_scene_in_place_of_shapes_and_poses(client: httpx.Clie
     assert answer.status_code == 202, answer.text
 
 
-def test_the_demo_posts_a_scan_and_the_task_of_its_scene(address: str, scene: dict[str, Any]) -> None:
-    plan = post_scan(address, SHIPPED / "tissue_boxes")
-    assert plan["kind"] == "suction_tool"
-    assert scene["scene"]["objects"]
+def test_the_demo_posts_a_scan_and_the_task_of_its_scene(
+    address: str, scene: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = post_scan(ServiceClient(address), SHIPPED / "tissue_boxes")
+    told = capsys.readouterr().out
+    assert all(each["name"] in told for each in scene["scene"]["objects"])
+    with httpx.Client(base_url=address) as client:
+        assert client.get(plan["links"]["self"]).json()["external_id"] == TASK["external_id"]
+        for line in ("viewer:", "picture:", "posted:"):
+            where = next(words.split()[1] for words in told.splitlines() if words.startswith(line))
+            assert client.get(where.removeprefix(address), follow_redirects=True).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -138,6 +147,65 @@ def test_a_scan_that_is_too_large_is_refused_unread(address: str) -> None:
     connection.close()
 
 
-@pytest.mark.parametrize("path", ["/v1/scenes/unknown", "/v1/scenes/unknown/preview.png"])
+@pytest.mark.parametrize("path", ["/v1/scenes/unknown", "/v1/scenes/unknown/preview.png", "/v1/scenes/unknown/view"])
 def test_a_scene_that_does_not_exist_is_a_404(client: httpx.Client, path: str) -> None:
     assert client.get(path).status_code == 404
+
+
+def test_a_list_has_every_scene_once_page_by_page_the_newest_first(client: httpx.Client) -> None:
+    posted = [
+        post(client, {**SCAN.description, "external_id": f"listed {index}"}, **SCAN.files).json() for index in range(3)
+    ]
+    listed: list[dict[str, Any]] = []
+    parameters: dict[str, Any] = {"page_size": 2}
+    while True:
+        page = client.get("/v1/scenes", params=parameters).raise_for_status().json()
+        assert len(page["scenes"]) <= 2
+        listed += page["scenes"]
+        if page["next_page_token"] is None:
+            break
+        parameters["page_token"] = page["next_page_token"]
+    ids = [each["id"] for each in listed]
+    assert ids[:3] == [each["id"] for each in reversed(posted)]
+    assert len(set(ids)) == len(ids)
+    assert [each["external_id"] for each in listed[:3]] == ["listed 2", "listed 1", "listed 0"]
+    assert {each["objects"] for each in listed[:3]} == {3}
+    assert client.get("/v1/scenes", params={"page_token": "x"}).status_code == 400
+
+
+def test_a_deleted_scene_is_gone_and_its_scan_gives_it_again(client: httpx.Client) -> None:
+    description = {**SCAN.description, "external_id": "doomed"}
+    scene = post(client, description, **SCAN.files).json()
+    assert client.delete(scene["links"]["self"]).status_code == 204
+    for link in scene["links"].values():
+        assert client.get(link).status_code == 404
+    assert client.delete(scene["links"]["self"]).status_code == 404
+    assert client.post("/v1/plans", json={**TASK, "scene_id": scene["id"]}).status_code == 422
+    assert post(client, description, **SCAN.files).json()["id"] == scene["id"]
+
+
+def test_a_scene_stays_while_the_job_of_a_task_that_names_it_has_not_ended(client: httpx.Client) -> None:
+    scene = post(client, {**SCAN.description, "external_id": "used"}, **SCAN.files).json()
+    plan = client.post("/v1/plans", json={**TASK, "scene_id": scene["id"], "external_id": "hang"}).json()
+    refused = client.delete(scene["links"]["self"])
+    assert refused.status_code == 409
+    assert plan["id"] in refused.json()["detail"]
+    client.post(plan["links"]["cancel"])
+    assert client.delete(scene["links"]["self"]).status_code == 204
+    assert client.get(plan["links"]["self"]).status_code == 200
+
+
+def test_senders_who_are_slow_keep_nobody_from_having_a_scan_perceived(address: str, client: httpx.Client) -> None:
+    slow = [HTTPConnection(address.removeprefix("http://"), timeout=30.0) for _ in range(4)]
+    try:
+        for connection in slow:
+            connection.putrequest("POST", "/v1/scenes")
+            connection.putheader("Content-Type", "multipart/form-data; boundary=x")
+            connection.putheader("Content-Length", "1000")
+            connection.endheaders(b"--x")
+        begun = time.monotonic()
+        assert post(client, {**SCAN.description, "external_id": "quick"}, **SCAN.files).status_code == 201
+        assert time.monotonic() - begun < 8.0
+    finally:
+        for connection in slow:
+            connection.close()

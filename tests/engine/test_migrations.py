@@ -41,6 +41,8 @@ def test_a_database_without_a_version_gets_what_a_new_one_has_and_keeps_its_plan
         transaction.exec_driver_sql("DROP TABLE liftwright_scenes")
         transaction.exec_driver_sql("DROP INDEX liftwright_plans_newest_of_owner")
         transaction.exec_driver_sql("ALTER TABLE liftwright_plans DROP COLUMN owner")
+        transaction.exec_driver_sql("DROP INDEX liftwright_plans_of_scene")
+        transaction.exec_driver_sql("ALTER TABLE liftwright_plans DROP COLUMN scene_id")
     queue.close()
     database.close()
     again = open_database(settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,14 +10,17 @@ import pytest
 import sqlalchemy as sa
 from support.service import task
 
+from planners.contract.scene_document import SceneDocument
+from planners.perception.perceive import PerceivedScene
 from workers.database import Database, open_database
 from workers.engine_table import workflow_table
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
 from workers.plan_store import PlanStore, now_us
 from workers.retention import BATCH, US_PER_DAY, Retention
+from workers.scene_store import SceneStore
 from workers.settings import WorkerSettings
-from workers.tables import DOCUMENTS, EVENTS, PLANS
+from workers.tables import DOCUMENTS, EVENTS, PLANS, SCENES
 
 
 @pytest.fixture
@@ -57,7 +61,7 @@ def test_only_what_ended_before_is_deleted_with_all_that_belongs_to_it(database:
         make(database, queue, age_days=1, ended_days=1),
     ]
     store = PlanStore(database)
-    retention = Retention(store, queue, days=10)
+    retention = Retention(store, SceneStore(database), queue, days=10)
     assert retention.sweep() == 1
     assert retention.sweep() == 0
     assert store.get(old) is None
@@ -67,6 +71,43 @@ def test_only_what_ended_before_is_deleted_with_all_that_belongs_to_it(database:
             assert set(connection.scalars(sa.select(table.c.plan_id))) == set(kept)
 
 
+def keep_scene(database: Database, *, posted_days: float, created_days: float = 30.0) -> str:
+    """Keep a scene that was first posted, and last posted, so many days ago."""
+    document = SceneDocument(
+        cell="dual_ur3e_tool", external_id=None, tool=None, table=None, objects=(), unrecognised=(), notes=()
+    )
+    scene_id = uuid.uuid4().hex
+    SceneStore(database).add(scene_id, PerceivedScene(document, b"", None))
+    created, posted = (now_us() - round(days * US_PER_DAY) for days in (created_days, posted_days))
+    with database.engine.begin() as transaction:
+        kept = sa.update(SCENES).where(SCENES.c.id == scene_id)
+        transaction.execute(kept.values(created_us=created, posted_us=posted))
+    return scene_id
+
+
+def test_scenes_go_that_were_last_posted_before_and_that_no_plan_names(database: Database, queue: JobQueue) -> None:
+    posted_again = keep_scene(database, posted_days=9)
+    gone, of_finished, of_unfinished = (keep_scene(database, posted_days=11) for _ in range(3))
+    ended = make(database, queue, age_days=12, ended_days=11)
+    waits = make(database, queue, age_days=12, ended_days=None)
+    with database.engine.begin() as transaction:
+        for plan_id, scene_id in ((ended, of_finished), (waits, of_unfinished)):
+            transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(scene_id=scene_id))
+    scenes = SceneStore(database)
+    assert Retention(PlanStore(database), scenes, queue, days=10).sweep() == 1
+    assert {scene.id for scene in scenes.newest(10, None)} == {posted_again, of_unfinished}
+    assert scenes.get(gone) is None
+    scenes.touch(posted_again)
+    assert Retention(PlanStore(database), scenes, queue, days=1).sweep() == 0
+    assert scenes.get(posted_again) is not None
+
+
+def test_a_plan_is_kept_with_the_scene_that_its_task_names(database: Database, queue: JobQueue) -> None:
+    scene_id, store = "5" * 32, PlanStore(database)
+    plan = store.accept({**task(), "scene_id": scene_id}, None, queue)
+    assert store.naming_scene(scene_id) == [plan.id]
+
+
 def test_more_than_a_batch_is_deleted(database: Database, queue: JobQueue) -> None:
     first = make(database, queue, age_days=5, ended_days=5)
     jobs = workflow_table("sqlite")
@@ -74,4 +115,4 @@ def test_more_than_a_batch_is_deleted(database: Database, queue: JobQueue) -> No
         row = dict(transaction.execute(sa.select(PLANS).where(PLANS.c.id == first)).mappings().one())
         transaction.execute(sa.insert(PLANS), [{**row, "id": f"{n:032x}"} for n in range(BATCH + 5)])
         assert transaction.scalar(sa.select(sa.func.count()).select_from(jobs)) == 1
-    assert Retention(PlanStore(database), queue, days=1).sweep() == BATCH + 6
+    assert Retention(PlanStore(database), SceneStore(database), queue, days=1).sweep() == BATCH + 6

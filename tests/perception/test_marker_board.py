@@ -68,6 +68,35 @@ def test_the_pose_is_right_with_another_renderer_too() -> None:
     assert rotation_angle(seen.T_world_board[:3, :3], T_WORLD_BOARD[:3, :3]) < math.radians(0.5)
 
 
+@pytest.mark.parametrize("tilt", [0.05, 0.3, 0.6])
+def test_a_board_laid_over_the_picture_is_nearer_than_its_corners_tell(photographer: Studio, tilt: float) -> None:
+    camera = camera_at(tilt)
+    off: dict[str, list[float]] = {"corners": [], "aligned": []}
+    for seed in range(4):
+        seen = find_board(picture_of(photographer, camera, seed), camera, BOARD)
+        assert isinstance(seen, SeenBoard)
+        model = np.vstack([BOARD.corners()[marker] for marker in seen.markers])
+        _, turn, move = cv2.solvePnP(model, seen.corners, camera.matrix, camera.distortion_array)
+        T_camera_board = transform(
+            np.asarray(cv2.Rodrigues(turn)[0], dtype=float), np.asarray(move, dtype=float).ravel()
+        )
+        for name, T in (("corners", camera.T_world_camera @ T_camera_board), ("aligned", seen.T_world_board)):
+            off[name].append(float(np.linalg.norm(T[:3, 3] - T_WORLD_BOARD[:3, 3])))
+    assert np.mean(off["aligned"]) < 0.7 * np.mean(off["corners"])
+    assert np.mean(off["aligned"]) < 0.3e-3
+
+
+@pytest.mark.parametrize("light", [(0.4, 0.0), (0.25, 140.0), (1.3, -30.0)])
+def test_the_pose_does_not_depend_on_the_light(photographer: Studio, light: tuple[float, float]) -> None:
+    camera, (contrast, brightness) = camera_at(0.3), light
+    plain = picture_of(photographer, camera)
+    ramp = np.linspace(0.8, 1.0, plain.shape[1])[None, :, None]
+    lit = np.clip(contrast * plain * ramp + brightness, 0, 255).astype(np.uint8)
+    seen = find_board(lit, camera, BOARD)
+    assert isinstance(seen, SeenBoard)
+    assert np.linalg.norm(seen.T_world_board[:3, 3] - T_WORLD_BOARD[:3, 3]) < 0.6e-3
+
+
 def test_a_picture_without_markers_has_no_board() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3)).astype(np.uint8)
     assert isinstance(find_board(noise, camera_at(0.2), BOARD), BoardNotSeen)

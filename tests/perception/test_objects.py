@@ -9,11 +9,22 @@ import numpy as np
 import pytest
 
 from planners.geometry.pose import rotation_x, rotation_z, transform
-from planners.perception.depth_view import DepthView
+from planners.perception.camera import Camera
+from planners.perception.depth_view import LARGEST_IMAGE, DepthView
 from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.refusal import ScanRefused
-from tests.support.depth_camera import NOISELESS, TABLE_TOP, Thing, Turned, cylinder, overhead_camera
+from tests.support.depth_camera import (
+    NOISELESS,
+    TABLE_TOP,
+    Thing,
+    Turned,
+    cylinder,
+    depth_image,
+    floor,
+    overhead_camera,
+    table,
+)
 from tests.support.table_frames import (
     CAN,
     DOMINO,
@@ -29,6 +40,8 @@ from tests.support.table_frames import (
 
 TABLE = np.array([[0.05, -0.915], [0.85, -0.915], [0.85, 0.915], [0.05, 0.915]])
 MILLIMETRE = 1e-3
+FRAMES = 14
+"""That uncertainties are tried on."""
 
 
 def perceived(frame: Frame, view: DepthView | None = None) -> SeenTable:
@@ -210,3 +223,42 @@ def test_points_that_are_all_one_are_refused() -> None:
     points = np.tile([0.0, 0.0, 1.15], (5000, 1))
     with pytest.raises(ScanRefused, match="points between"):
         DepthView.from_points(points, overhead_camera().T_world_camera)
+
+
+def test_19_of_20_errors_are_within_twice_what_is_told() -> None:
+    told: dict[str, list[float]] = {}
+    for seen_frame in frames(FRAMES, 31):
+        view = DepthView.from_depth(seen_frame.depth, seen_frame.camera)
+        found = perceive_objects(view, Surroundings(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
+        for each, true in matched(found.objects, seen_frame.objects)[0]:
+            for name, values in errors(each, true).told.items():
+                told.setdefault(name, []).extend(values)
+    # The errors of one frame go together, since its depths drift together: frames count, not errors.
+    slack = 3.0 * math.sqrt(0.95 * 0.05 / FRAMES)
+    for name, values in told.items():
+        assert np.mean(np.array(values) < 2.0) > 0.95 - slack, name
+        assert np.mean(np.array(values) < 1.0) < 0.95, name
+
+
+def test_a_heap_of_points_with_shadows_is_perceived_as_the_image_it_comes_from() -> None:
+    things = [TrueObject("box", (0.2, 0.12, 0.12), on_table(0.45, y, 0.12)) for y in (-0.3, 0.3)]
+    camera = overhead_camera(focal=730.0, shape=(848, 1024))
+    shape = (848, 1024)
+    depth = depth_image(
+        [table(), floor(), *(one.thing() for one in things)], camera, np.random.default_rng(5), shape=shape
+    )
+    rays = camera.rays(shape[1], shape[0])
+    points = np.dstack([rays * depth[..., None], depth]).reshape(-1, 3)
+    view = DepthView.from_points(points[np.isfinite(points).all(axis=1)], camera.T_world_camera)
+    found = perceive_objects(view, Surroundings(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
+    assert len(matched(found.objects, things)[0]) == len(things)
+
+
+def test_an_image_that_is_too_large_is_thinned_with_its_camera() -> None:
+    camera = overhead_camera()
+    whole = Camera(4 * camera.fx, 4 * camera.fy, 4 * camera.cx, 4 * camera.cy, camera.T_world_camera)
+    depth = np.full((1696, 2048), 1.2)
+    view = DepthView.from_depth(depth, whole)
+    assert view.depth.size <= LARGEST_IMAGE
+    step = round(2048 / view.shape[1])
+    np.testing.assert_allclose(view.rays, whole.rays(2048, 1696)[::step, ::step], atol=1e-12)

@@ -95,8 +95,12 @@ def tissue_boxes(seed: int = 1) -> Scan:
     picture, eye = _picture_of_tool(T_world_tool, rng)
     files = {"depth": depth_png(depth), "colour": cv2.imencode(".png", picture)[1].tobytes()}
     description = {
-        "cell": "dual_ur3e_tool", "tool": "long_symmetric", "colour": described(eye), "depth": described(depth_camera),
-    }  # fmt: skip
+        "external_id": "tissue_boxes",
+        "cell": "dual_ur3e_tool",
+        "tool": "long_symmetric",
+        "colour": described(eye),
+        "depth": described(depth_camera),
+    }
     return Scan(description, files, tuple(objects), T_world_tool)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,12 +77,8 @@ class Errors:
     """The worse of both sides, or of the diameter [m]."""
     height: float
     """[m]"""
-    told_center: float
-    """Standard deviation that was told: of the centre [m] ..."""
-    told_sides: float
-    """... of the worse side [m] ..."""
-    told_yaw: float
-    """... of the yaw [rad]."""
+    told: Mapping[str, tuple[float, ...]]
+    """Every number's error in uncertainties that were told of it [1], by what it is a number of."""
 
 
 def on_table(x: float, y: float, height: float, yaw: float = 0.0, above: float = 0.0) -> Transform:
@@ -135,16 +131,15 @@ def errors(perceived: PerceivedObject, true: TrueObject) -> Errors:
         turn = _yaw(T) - _yaw(T_true)
         yaw = abs((turn + 0.5 * math.pi) % math.pi - 0.5 * math.pi)
     told = perceived.uncertainty
-    worse = int(np.argmax(off[:2]))
-    return Errors(
-        float(np.linalg.norm(T[:2, 3] - T_true[:2, 3])),
-        yaw,
-        float(off[:2].max()),
-        float(off[2]),
-        max(told.position[:2]),
-        told.size[worse],
-        told.yaw,
-    )
+    moved = np.abs(T[:3, :3].T @ (T_true[:3, 3] - T[:3, 3])) / told.position
+    sides = off[:2] / told.size[:2]
+    in_told = {
+        "centre": tuple(moved.tolist()),
+        "sides": tuple(sides.tolist()) if true.kind == "box" else (float(sides[0]),),
+        "height": (float(off[2] / told.size[2]),),
+        "yaw": () if yaw is None else (yaw / told.yaw,),
+    }
+    return Errors(float(np.linalg.norm(T[:2, 3] - T_true[:2, 3])), yaw, float(off[:2].max()), float(off[2]), in_told)
 
 
 def matched(

@@ -14,6 +14,8 @@ sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 from support.browser import running_browser, wait_for_plan  # noqa: E402
 from support.service import finished, running_service, task  # noqa: E402
 
+from tests.support.scan_frames import shipped  # noqa: E402
+
 DOCS = TESTS.parent / "docs"
 WINDOW: ViewportSize = {"width": 1366, "height": 768}
 """A laptop's."""
@@ -36,6 +38,8 @@ SHOTS = {
     ),
 }
 """Name of the picture: task, and what is done in its page."""
+SCENE = "viewer-scene"
+"""Name of the picture of the scan that is shipped."""
 
 
 def main() -> None:
@@ -59,6 +63,12 @@ def main() -> None:
                 page.wait_for_timeout(DRAWING_MILLISECONDS)
                 page.screenshot(path=DOCS / f"{name}.png")
                 page.close()
+            scene = client.post("/v1/scenes", files=shipped().form()).json()
+            page = browser.new_page(viewport=WINDOW)
+            page.goto(service.address + scene["links"]["view"])
+            page.wait_for_function("perceived.story")
+            page.wait_for_timeout(DRAWING_MILLISECONDS)
+            page.screenshot(path=DOCS / f"{SCENE}.png")
 
 
 if __name__ == "__main__":

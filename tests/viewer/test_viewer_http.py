@@ -12,6 +12,8 @@ import websockets.exceptions
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 from websockets.sync.client import connect
 
+from tests.support.scan_frames import shipped
+
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
@@ -43,6 +45,34 @@ def test_an_unknown_plan_has_neither_view_nor_recording(client: httpx.Client, li
     answer = client.get(f"/v1/plans/{'0' * 32}/{link}")
     assert answer.status_code == 404
     assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_the_view_of_a_scene_leads_to_the_viewer_which_tells_of_its_objects(
+    service: ServiceProcess, client: httpx.Client
+) -> None:
+    scene = client.post("/v1/scenes", files=shipped().form()).json()
+    answer = client.get(scene["links"]["view"])
+    assert answer.status_code == 307
+    assert answer.headers["location"] == f"/viewer/?scene={scene['id']}"
+    with connect(watch_address(service)) as socket:
+        socket.recv()
+        socket.send(json.dumps({"type": "open_perceived", "scene": scene["id"]}))
+        told = json.loads(socket.recv())["story"]
+        assert [each["name"] for each in told["objects"]] == [each["name"] for each in scene["scene"]["objects"]]
+        # What only plans have does no harm.
+        for request in ({"type": "time", "source": "plan", "time": 1.0}, {"type": "view", "view": "close"}):
+            socket.send(json.dumps(request))
+            assert json.loads(socket.recv())["type"] == "done"
+        for layer in ("models", "forces"):
+            socket.send(json.dumps({"type": "layer", "layer": layer, "visible": False}))
+            assert json.loads(socket.recv())["type"] == "done"
+        socket.send(json.dumps({"type": "open_perceived", "scene": "none"}))
+        refused = json.loads(socket.recv())
+        assert (refused["type"], refused["scene"]) == ("refused", "none")
+
+
+def test_an_unknown_scene_has_no_view(client: httpx.Client) -> None:
+    assert client.get(f"/v1/scenes/{'0' * 32}/view").status_code == 404
 
 
 def test_everything_the_page_names_is_served(client: httpx.Client) -> None:

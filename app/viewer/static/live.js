@@ -1,4 +1,4 @@
-/* The live viewer: plans from the service, the scene from a room of one's own. */
+/* The live viewer: plans and perceived scenes from the service, what is drawn from a room of one's own. */
 "use strict";
 
 const POLL_MILLISECONDS = 3000;
@@ -20,8 +20,12 @@ class Room {
 
   /** Load a plan into the room. */
   load(plan) {
-    this.plan = plan;
     this.ask({ type: "open", plan });
+  }
+
+  /** Load a perceived scene into the room. */
+  loadPerceived(scene) {
+    this.ask({ type: "open_perceived", scene });
   }
 
   /** Show a time; of the times asked for while one is on its way, only the last counts. */
@@ -59,6 +63,7 @@ class Room {
     } else {
       this.busy = false;
       if (answer.type === "story") this.onstory(answer.story);
+      if (answer.type === "perceived") this.onperceived(answer.story);
       if (answer.type === "refused") this.onrefused(answer);
     }
     this.pump();
@@ -74,9 +79,12 @@ class Room {
 
 const room = new Room();
 const player = new Player(room);
+const perceived = new Perceived(room);
 const frame = document.getElementById("scene-frame");
 const list = document.getElementById("plan-list");
 let wanted = new URLSearchParams(location.search).get("plan");
+/* A watcher wants a plan or a perceived scene, never both. */
+let wantedScene = wanted ? null : new URLSearchParams(location.search).get("scene");
 let loaded = null;
 let plans = [];
 let sceneAddress = "";
@@ -87,14 +95,15 @@ room.onroom = (scene) => {
   sceneAddress = scene;
   loaded = null;
   if (wanted) choose(wanted);
+  else if (wantedScene) choosePerceived(wantedScene);
   else showEmpty();
 };
-player.adopt(frame);
+player.adopt(frame, (event) => (perceived.story ? perceived : player).key(event));
 room.onstory = (story) => {
   if (story.id !== wanted) return;
   loaded = story.id;
   say();
-  if (!frame.hasAttribute("src")) frame.src = sceneAddress;
+  showFrame();
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== (layer === "forces")) room.layer(layer, visible);
   player.open(story);
@@ -104,22 +113,51 @@ room.onstory = (story) => {
     element("a", { href: `${base}/document`, target: "_blank", textContent: "Document", title: "The plan document" }),
   );
 };
-room.onrefused = ({ plan, detail }) => plan === wanted && say(...whyNot(plans.find(({ id }) => id === plan), detail));
+room.onperceived = (story) => {
+  if (story.id !== wantedScene) return;
+  say();
+  showFrame();
+  perceived.open(story);
+};
+room.onrefused = ({ plan, scene, detail }) => {
+  if (scene && scene === wantedScene) say("Nothing to show", detail);
+  if (plan && plan === wanted) say(...whyNot(plans.find(({ id }) => id === plan), detail));
+};
 room.onlost = (words) => say("No connection", words);
 
 VIEWS.forEach((view, index) =>
   document.getElementById("views").append(
     element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => room.look(view) })));
 
+function showFrame() {
+  if (!frame.hasAttribute("src")) frame.src = sceneAddress;
+}
+
 function choose(plan) {
-  wanted = plan;
-  loaded = null;
+  [wanted, wantedScene, loaded] = [plan, null, null];
   history.replaceState(null, "", `?plan=${plan}`);
-  for (const item of list.children) item.setAttribute("aria-selected", String(item.dataset.plan === plan));
+  mark();
+  perceived.close();
   const known = plans.find(({ id }) => id === plan);
   player.close(known ? nameOf(known) : "Plan");
   say("Loading …");
   room.load(plan);
+}
+
+function choosePerceived(scene) {
+  [wanted, wantedScene, loaded] = [null, scene, null];
+  history.replaceState(null, "", `?scene=${scene}`);
+  mark();
+  perceived.close();
+  player.close("Perceived scene");
+  say("Loading …");
+  room.loadPerceived(scene);
+}
+
+/** Mark in the lists what is wanted. */
+function mark() {
+  for (const item of list.children) item.setAttribute("aria-selected", String(item.dataset.plan === wanted));
+  for (const item of perceived.list.children) item.setAttribute("aria-selected", String(item.dataset.scene === wantedScene));
 }
 
 /** Title and words about a plan that cannot be shown. */
@@ -133,7 +171,7 @@ function whyNot(plan, detail) {
 /** Show that no plan is chosen. */
 function showEmpty() {
   player.close("Plans");
-  if (plans.length) say("Choose a plan", "The list on the left has all plans, the newest first.");
+  if (plans.length || perceived.scenes.length) say("Choose a plan", "The list on the left has all plans, the newest first.");
   else say("No plans yet", "Post a task, and its plan appears on the left:", element("code", { textContent: `curl -H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans` }));
 }
 
@@ -148,6 +186,8 @@ async function refreshList() {
   try {
     const answer = await fetch("../v1/plans?page_size=50");
     if (answer.ok) showList((await answer.json()).plans);
+    const scenes = await fetch("../v1/scenes?page_size=20");
+    if (scenes.ok) perceived.show((await scenes.json()).scenes, wantedScene, choosePerceived);
   } catch {
     // The connection to the room tells the watcher when the service is away.
   }
@@ -166,7 +206,7 @@ function showList(newest) {
   }
   if (!room.ready) return;
   if (!wanted) {
-    if (wasEmpty !== !plans.length) showEmpty();
+    if (!wantedScene && wasEmpty !== !plans.length) showEmpty();
     return;
   }
   const mine = plans.find(({ id }) => id === wanted);
@@ -189,10 +229,9 @@ function progressOf(plan) {
 function listItem(plan) {
   const status = plan.outcome ?? plan.state;
   const words = plan.done ? status.replace("_", " ") : progressOf(plan);
-  const when = new Date(plan.created_at).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
   const item = element("li", { className: plan.done ? status : "running", tabIndex: 0 },
     element("span", { className: "dot" }), element("b", { textContent: nameOf(plan), title: nameOf(plan) }),
-    element("small", { textContent: `${words} · ${when}` }));
+    element("small", { textContent: `${words} · ${clockTime(plan.created_at)}` }));
   item.dataset.plan = plan.id;
   item.setAttribute("role", "option");
   item.setAttribute("aria-selected", String(plan.id === wanted));

@@ -200,14 +200,14 @@ class Player {
     action();
   }
 
-  /** Take the keys that are pressed while the scene has the focus, and hide what viser's page adds around its scene.
+  /** Give `onkey` the keys that are pressed while the scene has the focus, and hide what viser's page adds around its scene.
    *  That page writes itself anew while it loads, so this looks again and again whether it still holds. */
-  adopt(frame) {
+  adopt(frame, onkey = (event) => this.key(event)) {
     const look = () => {
       const page = frame.contentDocument;
       if (!page?.head || page.getElementById("liftwright-style")) return;
       page.head.append(Object.assign(page.createElement("style"), { id: "liftwright-style", textContent: AROUND_THE_SCENE }));
-      page.addEventListener("keydown", (event) => this.key(event), true);
+      page.addEventListener("keydown", onkey, true);
     };
     frame.addEventListener("load", look);
     setInterval(look, 250);

@@ -1,0 +1,150 @@
+"""A perceived scene drawn: the cell, what was measured in it, and the models that were fitted to that."""
+
+from __future__ import annotations
+
+import numpy as np
+from viser import SceneApi, SceneNodeHandle
+
+from app.viewer.body_drawing import draw_body
+from app.viewer.link_meshes import LinkMeshes
+from app.viewer.nodes import add_frame
+from app.viewer.palette import rgb, vivid_tint
+from app.viewer.perceived_words import size_of, size_words
+from app.viewer.robot_drawing import RobotDrawing
+from app.viewer.stage import light_scene
+from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart, UnrecognisedPart
+from planners.geometry.pose import Array, from_pose7
+from planners.perception.seen_points import NOBODY, SeenPoints
+from planners.scene.cell import Cell
+from planners.scene.suction_tool import load_tool
+
+LAYERS = ("points", "around", "models", "names", "tool", "robot")
+"""What can be shown or hidden; all of it is shown at first."""
+MODEL_OPACITY, LOST_OPACITY = 0.36, 0.25
+POINT_SIZE, SMALL_POINT_SIZE = 0.0030, 0.0018
+"""Of an object's points, and of all others [m]."""
+AROUND_COLOUR = (150, 164, 180)
+"""Of points that speak for no object."""
+LIFTED = 0.0006
+"""Points are drawn so far up, or the faces of the models they lie in would swallow half of them [m]."""
+AXES_LENGTH = 0.09
+"""Of the tool's frame [m]."""
+NAME_GAP = 0.025
+"""Between an object and its name [m]."""
+
+
+class PerceivedStage:
+    """One perceived scene. Methods may be called from any one thread at a time."""
+
+    layers = LAYERS
+
+    def __init__(
+        self,
+        scene: SceneApi,
+        root: str,
+        document: SceneDocument,
+        points: SeenPoints | None,
+        cell: Cell,
+        meshes: LinkMeshes,
+    ) -> None:
+        """Draw what was perceived.
+
+        Args:
+            scene: an empty scene.
+            root: name of the node that all others stand under, never used before in the server's life.
+            document: what was perceived.
+            points: what was measured; None: nothing was, or it was not kept.
+            cell: that it was perceived in.
+            meshes: drawings of its robots.
+        """
+        self._scene, self._root = scene, root
+        light_scene(scene, root)
+        for name, body in cell.body_documents().items():
+            draw_body(scene, f"{root}/bodies/{name}", body)
+        robot = add_frame(scene, f"{root}/robot", np.eye(4))
+        RobotDrawing(scene, cell, meshes, f"{root}/robot").pose(cell.home, {})
+        measured = points or _told_points(document)
+        self._layers: dict[str, list[SceneNodeHandle]] = {
+            "points": [self._add_points(index, measured) for index in range(len(document.objects))],
+            "around": [self._add_points(NOBODY, measured)],
+            "models": [
+                *(self._add_model(index, part) for index, part in enumerate(document.objects)),
+                *(self._add_lost(index, part, cell.table_top) for index, part in enumerate(document.unrecognised)),
+            ],
+            "names": [self._add_name(part) for part in document.objects],
+            "tool": [] if document.tool is None else [self._add_tool(document.tool)],
+            "robot": [robot],
+        }
+        self.body_position = _middle(document, cell)
+        """The middle of what was found (3,), in the world [m]."""
+
+    def set_layer(self, layer: str, visible: bool) -> None:
+        """Show or hide one of `LAYERS`."""
+        for handle in self._layers[layer]:
+            handle.visible = visible
+
+    def _add_points(self, owner: int, measured: SeenPoints) -> SceneNodeHandle:
+        mine = measured.points[measured.owners == owner] + (0.0, 0.0, LIFTED)
+        nobodys = owner == NOBODY
+        return self._scene.add_point_cloud(
+            f"{self._root}/points/{'around' if nobodys else owner}",
+            mine.astype(np.float32),
+            AROUND_COLOUR if nobodys else vivid_tint(owner),
+            point_size=SMALL_POINT_SIZE if nobodys else POINT_SIZE,
+            point_shape="circle",
+            point_shading="flat",
+            precision="float32",
+        )
+
+    def _add_model(self, index: int, part: ObjectPart) -> SceneNodeHandle:
+        body = {"role": "object", "shape": part.shape.model_dump(mode="json"), "pose": part.pose}
+        return draw_body(self._scene, f"{self._root}/models/{index}", body, ghost=(vivid_tint(index), MODEL_OPACITY))
+
+    def _add_lost(self, index: int, part: UnrecognisedPart, table_top: float) -> SceneNodeHandle:
+        """Draw what was not recognised as a prism round all of it, from the table up."""
+        outline = np.array(part.outline)
+        center, height = 0.5 * (outline.min(axis=0) + outline.max(axis=0)), max(0.002, part.top - table_top)
+        shape = {"type": "prism", "outline": (outline - center).tolist(), "height": height}
+        pose = [*center.tolist(), table_top + 0.5 * height, 1.0, 0.0, 0.0, 0.0]
+        body = {"role": "obstacle", "shape": shape, "pose": pose}
+        return draw_body(self._scene, f"{self._root}/lost/{index}", body, ghost=(rgb("limit"), LOST_OPACITY))
+
+    def _add_name(self, part: ObjectPart) -> SceneNodeHandle:
+        x, y, z = part.pose[:3]
+        return self._scene.add_label(
+            f"{self._root}/names/{part.name}",
+            f"{part.name}   {size_words(part)}",
+            position=(x, y, z + 0.5 * size_of(part)[2] + NAME_GAP),
+            font_screen_scale=0.95,
+            anchor="bottom-center",
+        )
+
+    def _add_tool(self, tool: SeenToolPart) -> SceneNodeHandle:
+        shape = load_tool(tool.name).body.shape.model_dump(mode="json")
+        name = f"{self._root}/tool"
+        drawn = draw_body(self._scene, name, {"role": "tool", "shape": shape, "pose": tool.pose})
+        add_frame(self._scene, f"{name}/frame", np.eye(4), axes_length=AXES_LENGTH)
+        T_tool_world = np.linalg.inv(from_pose7(tool.pose))
+        self._scene.add_label(
+            f"{name}/name",
+            tool.name,
+            position=T_tool_world[:3, :3] @ np.array(tool.markers_at) + T_tool_world[:3, 3] + (0.0, 0.0, NAME_GAP),
+            font_screen_scale=0.95,
+            anchor="bottom-center",
+        )
+        return drawn
+
+
+def _told_points(document: SceneDocument) -> SeenPoints:
+    """Return the few points that the document itself tells of each object."""
+    told = [(index, part.support_points) for index, part in enumerate(document.objects)]
+    points = np.array([point for _, some in told for point in some], dtype=float).reshape(-1, 3)
+    owners = np.repeat([index for index, _ in told], [len(some) for _, some in told])
+    return SeenPoints(points, owners.astype(np.int16))
+
+
+def _middle(document: SceneDocument, cell: Cell) -> Array:
+    """Return the middle of the objects, or else of the tool, or of the cell's table."""
+    places = [part.pose[:3] for part in document.objects] or [tool.pose[:3] for tool in (document.tool,) if tool]
+    (table,) = (box for box in cell.boxes if box.name == "table")
+    return np.mean(places, axis=0) if places else np.array([*table.center[:2], cell.table_top])
