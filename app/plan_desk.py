@@ -8,6 +8,7 @@ from typing import Any
 from app.access.caller import ANYBODY, Caller
 from app.access.scope import Scope
 from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
+from app.plan_query import PlanQuery
 from app.resources import PlanResource, plan_resource
 from workers.job_queue import JobQueue
 from workers.job_state import Job, JobState
@@ -56,13 +57,16 @@ class PlanDesk:
             raise PlanNotFound(plan_id)
         return self._with_job(record)
 
-    def page(self, size: int, before: tuple[int, str] | None) -> tuple[list[PlanResource], tuple[int, str] | None]:
-        """Return `size` plans, newest first, from behind `before`, and where the next page begins, if there is one."""
+    def page(self, query: PlanQuery) -> tuple[list[PlanResource], tuple[int, str] | None]:
+        """Return the plans that are asked for, newest first, and where the next page begins, if there is one."""
+        size = query.page_size
         owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
-        records = self.store.newest(size + 1, before, owner)
+        records = self.store.newest(size + 1, query.position, query.filter(owner))
         shown = records[:size]
         jobs = self.queue.jobs([record.id for record in shown])
         plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]
+        # A job may have gone on since it was found.
+        plans = [plan for plan in plans if query.state in (None, plan.state)]
         last = shown[-1] if len(records) > size else None
         return plans, None if last is None else (last.created_us, last.id)
 

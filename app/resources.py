@@ -20,6 +20,10 @@ JOB_ORDER_STATES = {
 }
 
 
+PlanState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+Outcome = Literal["solved", "infeasible", "not_found"]
+
+
 class Resource(BaseModel):
     """Base of all answers."""
 
@@ -98,12 +102,12 @@ class PlanResource(Resource):
     kind: str
     external_id: str | None
     """The caller's own name for it; ISA-95's JobOrderID."""
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    state: PlanState
     done: bool
     """Whether it will never change again."""
     job_order_state: Literal["AllowedToStart", "Running", "Ended", "Aborted"]
     """The state as an MES names it (ISA-95, OPC 10031-4)."""
-    outcome: Literal["solved", "infeasible", "not_found"] | None
+    outcome: Outcome | None
     """Once succeeded."""
     progress: PlanProgress
     created_at: datetime

@@ -46,12 +46,17 @@ def _keep_scenes(connection: sa.Connection) -> None:
     SCENES.create(connection, checkfirst=True)
 
 
+def _index_kinds(connection: sa.Connection) -> None:
+    """The plans of one kind are listed without a look at the others."""
+    _create_index(connection, PLANS, "liftwright_plans_newest_of_kind")
+
+
 def _create_index(connection: sa.Connection, table: sa.Table, name: str) -> None:
     next(index for index in table.indexes if index.name == name).create(connection, checkfirst=True)
 
 
 STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
-    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes}
+    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes, 5: _index_kinds}
 )
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.
 A step changes tables only so that the version before still runs on them: workers are upgraded one by one."""

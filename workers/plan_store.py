@@ -15,6 +15,7 @@ from sqlalchemy.exc import IntegrityError
 from workers.database import Database
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
+from workers.plan_filter import PlanFilter
 from workers.tables import DOCUMENTS, EVENTS, PLANS
 from workers.time_stamp import now_us
 from workers.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
@@ -68,6 +69,7 @@ _RECORD_COLUMNS = [
     PLANS.c.fraction,
     DOCUMENTS.c.outcome,
 ]
+EVERYTHING = PlanFilter()
 _RECORDS = sa.select(*_RECORD_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
 
 
@@ -127,14 +129,12 @@ class PlanStore:
             return None
         return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(self, most: int, before: tuple[int, str] | None, owner: str | None = None) -> list[PlanRecord]:
-        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`.
-
-        With an `owner`, only those that belong to it.
-        """
+    def newest(
+        self, most: int, before: tuple[int, str] | None, wanted: PlanFilter = EVERYTHING
+    ) -> list[PlanRecord]:
+        """Return at most `most` of the wanted plans, newest first, from behind (created_us, id) = `before`."""
         query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
-        if owner is not None:
-            query = query.where(PLANS.c.owner == owner)
+        query = query.where(*wanted.conditions(self._engine.dialect.name))
         if before is not None:
             query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
         with self._engine.connect() as connection:

@@ -25,6 +25,7 @@ PLANS = sa.Table(
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
+    sa.Index("liftwright_plans_newest_of_kind", "kind", "created_us", "id"),
     sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
 )
 

@@ -46,7 +46,8 @@ class Worker:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
         folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-        command = SolverCommand(settings.solver_command, folders, settings.solver_memory_mb * 2**20)
+        memory = settings.solver_memory_mb * 2**20
+        command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
         self._pool = SolverPool(command, settings.worker_slots)
         self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))

@@ -14,7 +14,8 @@ from starlette.responses import StreamingResponse
 from app.errors import BadHeader
 from app.events import stream_events, wait_for_end
 from app.intake import accept_task, read_body
-from app.page_token import read_page_token, write_page_token
+from app.page_token import write_page_token
+from app.plan_query import PlanQuery
 from app.resources import PlanList, PlanResource, ProblemDocument
 from app.routes.given import Desk, Feed, Settings, Webhooks
 
@@ -87,11 +88,9 @@ async def post_plan(
 
 
 @router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)
-def list_plans(
-    desk: Desk, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
-) -> PlanList:
-    """Return one page of plans."""
-    plans, next_page = desk.page(page_size, None if page_token is None else read_page_token(page_token))
+def list_plans(desk: Desk, query: Annotated[PlanQuery, Query()]) -> PlanList:
+    """Return one page of those plans for which everything holds that the query says."""
+    plans, next_page = desk.page(query)
     return PlanList(plans=plans, next_page_token=None if next_page is None else write_page_token(next_page))
 
 

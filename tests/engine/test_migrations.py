@@ -37,6 +37,7 @@ def test_a_database_without_a_version_gets_what_a_new_one_has_and_keeps_its_plan
     with database.engine.begin() as transaction:
         VERSION_TABLE.drop(transaction)
         transaction.exec_driver_sql("DROP INDEX liftwright_plans_external_id")
+        transaction.exec_driver_sql("DROP INDEX liftwright_plans_newest_of_kind")
         transaction.exec_driver_sql("DROP TABLE liftwright_totals")
         transaction.exec_driver_sql("DROP TABLE liftwright_scenes")
         transaction.exec_driver_sql("DROP INDEX liftwright_plans_newest_of_owner")
