@@ -129,9 +129,7 @@ class PlanStore:
             return None
         return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(
-        self, most: int, before: tuple[int, str] | None, wanted: PlanFilter = EVERYTHING
-    ) -> list[PlanRecord]:
+    def newest(self, most: int, before: tuple[int, str] | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
         """Return at most `most` of the wanted plans, newest first, from behind (created_us, id) = `before`."""
         query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
         query = query.where(*wanted.conditions(self._engine.dialect.name))

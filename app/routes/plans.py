@@ -76,7 +76,7 @@ async def post_plan(
     wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
     state = request.app.state
-    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, state.scenes.document)
+    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, state.scenes.document, state.tools)
     plan = await run_in_threadpool(desk.submit, task, key, webhook)
     headers = {"Location": plan.links.self}
     if wait is not None:
