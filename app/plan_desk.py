@@ -10,9 +10,10 @@ from app.access.scope import Scope
 from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
 from app.plan_query import PlanQuery
 from app.resources import PlanResource, plan_resource
+from workers.job_order import JobOrder
 from workers.job_queue import JobQueue
 from workers.job_state import Job, JobState
-from workers.plan_store import PlanRecord, PlanStore, StoredDocument, fingerprint
+from workers.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
 
 
 class PlanDesk:
@@ -28,10 +29,8 @@ class PlanDesk:
         """Return the desk as another caller sees it."""
         return PlanDesk(self.store, self.queue, self._max_queued, caller)
 
-    def submit(
-        self, task: Mapping[str, Any], idempotency_key: str | None, webhook_id: str | None = None
-    ) -> PlanResource:
-        """Accept a task, or find the plan that the same key made; tell a webhook of the caller when its job ends.
+    def submit(self, task: Mapping[str, Any], idempotency_key: str | None, order: JobOrder = NO_ORDER) -> PlanResource:
+        """Accept a task, or find the plan that the same key made; then its first order stands.
 
         Raises:
             QueueFull: There are too many unfinished jobs.
@@ -41,7 +40,7 @@ class PlanDesk:
         if record is None:
             if self.queue.depth(self._max_queued).total >= self._max_queued:
                 raise QueueFull(self._max_queued)
-            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, webhook_id)
+            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order)
         if record.fingerprint != fingerprint(task):
             raise KeyUsedForAnotherTask
         return self._with_job(record)

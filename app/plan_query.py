@@ -23,6 +23,8 @@ class PlanQuery(BaseModel):
     """`next_page_token` of the page before; repeat the rest of the query with it."""
     external_id: ExternalId | None = None
     """Exactly the task's own."""
+    work_master: ExternalId | None = None
+    """Exactly the order's own."""
     kind: Literal["plate_lift", "suction_tool"] | None = None
     state: PlanState | None = None
     outcome: Outcome | None = None
@@ -40,4 +42,4 @@ class PlanQuery(BaseModel):
     def filter(self, owner: str | None) -> PlanFilter:
         """Return which plans are asked for, of one owner or of all."""
         state = None if self.state is None else JobState(self.state)
-        return PlanFilter(owner, self.kind, self.external_id, state, self.outcome)
+        return PlanFilter(owner, self.kind, self.external_id, self.work_master, state, self.outcome)

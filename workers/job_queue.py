@@ -11,6 +11,7 @@ from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
 
 from workers.database import Database
 from workers.engine_table import QUEUED, RUNNING, workflow_table
+from workers.job_order import HIGHEST_PRIORITY
 from workers.job_state import STATE_OF_STATUS, Job, JobState
 from workers.totals import TAKEOVER, add_to_total
 
@@ -68,15 +69,19 @@ class JobQueue:
             on_conflict="always_update",
         )
 
-    def enqueue(self, transaction: sa.Connection, plan_id: str) -> None:
-        """Enqueue a job; it exists when `transaction` commits."""
+    def enqueue(self, transaction: sa.Connection, plan_id: str, priority: int = 0, pause: float = 0.0) -> None:
+        """Enqueue a job, to be begun after a pause [s]; it exists when `transaction` commits."""
         options: EnqueueOptions = {
             "workflow_name": WORKFLOW,
             "queue_name": QUEUE,
             "workflow_id": plan_id,
             "app_version": APPLICATION_VERSION,
             "serialization_type": WorkflowSerializationFormat.PORTABLE,
+            # The engine's count goes the other way, from 1.
+            "priority": 1 + HIGHEST_PRIORITY - priority,
         }
+        if pause > 0.0:
+            options["delay_seconds"] = pause
         self._client.enqueue_in_transaction(transaction, options, plan_id)
 
     def enqueue_delivery(

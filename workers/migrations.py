@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import sqlalchemy as sa
 
@@ -35,9 +36,7 @@ def _index_what_is_searched(connection: sa.Connection) -> None:
 
 def _give_plans_owners(connection: sa.Connection) -> None:
     """Plans belong to whoever holds the key they were posted with; those of before belong to nobody."""
-    if "owner" not in {column["name"] for column in sa.inspect(connection).get_columns(PLANS.name)}:
-        owner = sa.schema.CreateColumn(PLANS.c.owner).compile(dialect=connection.dialect)
-        connection.exec_driver_sql(f"ALTER TABLE {PLANS.name} ADD COLUMN {owner}")
+    _add_column(connection, PLANS.c.owner)
     _create_index(connection, PLANS, "liftwright_plans_newest_of_owner")
 
 
@@ -51,12 +50,26 @@ def _index_kinds(connection: sa.Connection) -> None:
     _create_index(connection, PLANS, "liftwright_plans_newest_of_kind")
 
 
+def _keep_orders(connection: sa.Connection) -> None:
+    """Plans have what an MES says about their jobs; those of before have nothing of it."""
+    for column in (PLANS.c.work_master, PLANS.c.priority, PLANS.c.start_us, PLANS.c.end_us):
+        _add_column(connection, column)
+    _create_index(connection, PLANS, "liftwright_plans_work_master")
+
+
+def _add_column(connection: sa.Connection, column: sa.Column[Any]) -> None:
+    table = column.table.name
+    if column.name not in {each["name"] for each in sa.inspect(connection).get_columns(table)}:
+        described = sa.schema.CreateColumn(column).compile(dialect=connection.dialect)
+        connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {described}")
+
+
 def _create_index(connection: sa.Connection, table: sa.Table, name: str) -> None:
     next(index for index in table.indexes if index.name == name).create(connection, checkfirst=True)
 
 
 STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
-    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes, 5: _index_kinds}
+    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes, 5: _index_kinds, 6: _keep_orders}
 )
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.
 A step changes tables only so that the version before still runs on them: workers are upgraded one by one."""

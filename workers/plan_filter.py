@@ -19,6 +19,7 @@ class PlanFilter:
     owner: str | None = None
     kind: str | None = None
     external_id: str | None = None
+    work_master: str | None = None
     state: JobState | None = None
     outcome: str | None = None
     """Of a job that has succeeded."""
@@ -29,6 +30,7 @@ class PlanFilter:
             PLANS.c.owner: self.owner,
             PLANS.c.kind: self.kind,
             PLANS.c.external_id: self.external_id,
+            PLANS.c.work_master: self.work_master,
             DOCUMENTS.c.outcome: self.outcome,
         }
         yield from (column == wanted for column, wanted in wishes.items() if wanted is not None)

@@ -23,9 +23,14 @@ PLANS = sa.Table(
     sa.Column("crashes", sa.Integer, nullable=False, default=0),
     sa.Column("stage", sa.String(64)),
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
+    sa.Column("work_master", sa.String(128)),
+    sa.Column("priority", sa.Integer),
+    sa.Column("start_us", sa.BigInteger),
+    sa.Column("end_us", sa.BigInteger),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_kind", "kind", "created_us", "id"),
+    sa.Index("liftwright_plans_work_master", "work_master", "created_us", "id"),
     sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
 )
 

@@ -1,4 +1,4 @@
-"""What was compiled and computed for a data directory: while nothing of it has changed, a start need not do it again."""
+"""What was compiled and computed for a data directory: while nothing has changed, a start need not do it again."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ VARIABLES = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 class WarmUpMark:
     """A file that holds a hash of all that compiled kernels and handovers depend on.
 
-    It is a shortcut and no promise: a kernel that is missing all the same is compiled by the first solver that needs it.
+    It is a shortcut and no promise: a kernel that is missing all the same is compiled by the solver that needs it.
     """
 
     def __init__(self, settings: WorkerSettings) -> None:

@@ -13,6 +13,7 @@ from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 from workers.database import Database
 from workers.database_loss import DATABASE_GONE
 from workers.executor_lock import AdvisoryLock
+from workers.expiry import Expiry
 from workers.fleet_watch import FleetWatch
 from workers.job_queue import (
     APPLICATION,
@@ -67,6 +68,7 @@ class Worker:
         await self._pool.open()
         self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
         self._loops.append(asyncio.create_task(self._webhooks.watch()))
+        self._loops.append(asyncio.create_task(Expiry(self._store, self._queue, self._settings.watch_seconds).run()))
         if self._settings.retention_days is not None:
             retention = Retention(self._store, self._queue, self._settings.retention_days)
             self._loops.append(asyncio.create_task(retention.run()))

@@ -15,7 +15,7 @@ import numpy as np
 import sqlalchemy as sa
 
 from tests.benchmarks.tasks import Note, task_body
-from tests.support.service import ServiceProcess, finished, running_service
+from tests.support.service import ServiceProcess, finished, running_service, wait_for
 from workers.database import open_database
 from workers.settings import WorkerSettings
 from workers.tables import PLANS
@@ -127,11 +127,7 @@ def _busy(client: httpx.Client, jobs: int) -> Iterator[list[dict[str, Any]]]:
     """Have jobs plan until the block ends."""
     body = task_body("ab1", contact_density=2.0, hold_density=2.0)
     plans = [client.post("/v1/plans", json=body).json() for _ in range(jobs)]
-    deadline = time.monotonic() + 120.0
-    while time.monotonic() < deadline:
-        if all(client.get(plan["links"]["self"]).json()["state"] != "queued" for plan in plans):
-            break
-        time.sleep(0.2)
+    wait_for(lambda: all(client.get(each["links"]["self"]).json()["state"] == "running" for each in plans), 120.0)
     try:
         yield plans
     finally:
@@ -221,10 +217,8 @@ async def _follow(address: str, path: str, watchers: int) -> list[float]:
 
 
 def _cancel_the_rest(client: httpx.Client) -> None:
-    while True:
-        plans = client.get("/v1/plans", params={"page_size": 200}).json()["plans"]
-        unfinished = [plan for plan in plans if not plan["done"]]
-        for plan in unfinished:
-            client.post(plan["links"]["cancel"])
-        if not unfinished:
-            return
+    """Have nothing wait or run."""
+    for state in ("queued", "running"):
+        while plans := client.get("/v1/plans", params={"page_size": 200, "state": state}).json()["plans"]:
+            for plan in plans:
+                client.post(plan["links"]["cancel"])

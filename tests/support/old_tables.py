@@ -11,6 +11,8 @@ NEWER = (
     "DROP INDEX liftwright_plans_newest_of_kind",
     "DROP INDEX liftwright_plans_newest_of_owner",
     "DROP INDEX liftwright_documents_outcome",
+    "DROP INDEX liftwright_plans_work_master",
+    *(f"ALTER TABLE liftwright_plans DROP COLUMN {name}" for name in ("work_master", "priority", "start_us", "end_us")),
     "DROP TABLE liftwright_totals",
     "DROP TABLE liftwright_scenes",
     "DROP TABLE liftwright_api_keys",
