@@ -41,6 +41,7 @@ def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:
         listed += page["plans"]
         if page["next_page_token"] is None:
             return listed
+        assert len(page["plans"]) == 2
         token = {"page_token": page["next_page_token"]}
 
 

@@ -87,3 +87,11 @@ def test_more_than_a_batch_is_cancelled(desk: Desk) -> None:
     desk.sweep()
     desk.sweep()
     assert {job.state for job in desk.queue.jobs(plans).values()} == {JobState.CANCELLED}
+
+
+def test_an_end_that_was_seen_stays(desk: Desk) -> None:
+    plan_id = desk.accept(-1)
+    desk.sweep()
+    before = desk.store.get(plan_id)
+    desk.store.mark_overdue([plan_id])
+    assert desk.store.get(plan_id) == before
