@@ -61,7 +61,7 @@ class StoredDocument:
     """Of the uncompressed JSON."""
 
 
-_RECORD_COLUMNS = [
+_RECORD_COLUMNS: list[sa.ColumnElement[Any]] = [
     PLANS.c.id,
     PLANS.c.kind,
     PLANS.c.owner,

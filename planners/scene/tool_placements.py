@@ -67,7 +67,7 @@ def place_tool(
     """
     T_world_tool = _tool_pose(task, cell)
     known = tools.get(task.tool) if isinstance(task.tool, str) else None
-    tool = load_tool(task.tool, T_world_tool, shapes) if known is None else known.at(T_world_tool)
+    tool = load_tool(task.tool, shapes=shapes) if known is None else known
     _check_tool(tool)
     footing = find_footing(tool.body.solid, T_world_tool, tool.com, still.places)
     if isinstance(footing, Unsupported):
