@@ -32,6 +32,7 @@ from app.settings import ServiceSettings
 from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
 from planners.scene.cell import Cell, known_cells, load_cell
+from planners.scene.suction_tool import SuctionTool, known_tools, load_tool
 from workers.database import Database, open_database
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
@@ -41,7 +42,7 @@ from workers.webhook_store import WebhookStore
 from workers.webhook_target import TargetRules
 from workers.worker import Worker
 
-REFERENCE_TASK = "ab1.json"
+REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
 PARTS = (plans, scenes, meshes, webhooks, login, viewer, audit, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
@@ -58,7 +59,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         database = await run_in_threadpool(open_database, settings)
         queue = JobQueue(database)
         store = PlanStore(database)
-        app.state.cells = await run_in_threadpool(_warm_cells)
+        app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
         app.state.meshes = MeshStore(database)
         app.state.scenes = SceneDesk(SceneStore(database), store, queue)
         app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
@@ -112,9 +113,10 @@ def _door(settings: ServiceSettings, database: Database) -> Door:
     return kind(keys, SessionStore(database), AuditLog(database), limiter)
 
 
-def _warm_cells() -> dict[str, Cell]:
-    """Load the cells, and once check a task, so that no request waits for files or compiled kernels."""
+def _load_assets() -> tuple[dict[str, Cell], dict[str, SuctionTool]]:
+    """Load cells and tools, and check a task of each kind, so that no request waits for files or compiled kernels."""
     cells = {name: load_cell(name) for name in known_cells()}
-    reference = resources.files("assets").joinpath("tasks", REFERENCE_TASK)
-    accept_task(reference.read_bytes(), cells)
-    return cells
+    tools = {name: load_tool(name) for name in known_tools()}
+    for name in REFERENCE_TASKS:
+        accept_task(resources.files("assets").joinpath("tasks", name).read_bytes(), cells, tools=tools)
+    return cells, tools

@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import compile_path
 
-from planners.contract.problems import Problem, json_pointer, problems_of
+from planners.contract.problems import Problem, problem_of, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
@@ -291,6 +291,7 @@ def install_error_handlers(app: FastAPI) -> None:
     """Answer every error of `TABLE`, what the router refuses, and whatever else happens, as problem+json."""
     for kind in TABLE:
         app.add_exception_handler(kind, _answer_known)
+    app.add_exception_handler(RequestValidationError, _answer_parameters)
     app.add_exception_handler(HTTPException, _answer_router)
     app.add_exception_handler(Exception, _answer_unknown)
 
@@ -315,27 +316,48 @@ def _answer_known(_: Request, error: Exception) -> Response:
     return error_response(error)
 
 
+def _answer_parameters(request: Request, error: Exception) -> Response:
+    """Name the parameters that there are to whoever gives another."""
+    assert isinstance(error, RequestValidationError)
+    faults = error.errors()
+    for fault, problem in zip(faults, problems := _problems(error), strict=True):
+        if fault["type"] == "extra_forbidden":
+            problem["allowed"] = _query_parameters(request)
+    return _answered(error, problems)
+
+
+def _query_parameters(request: Request) -> list[str]:
+    operation = request.app.openapi()["paths"][request.scope["route"].path][request.method.lower()]
+    return [parameter["name"] for parameter in operation["parameters"] if parameter["in"] == "query"]
+
+
 def error_response(error: Exception) -> Response:
     """Return the answer to an error of `TABLE`."""
-    answer = next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
     if isinstance(error, DATABASE_GONE):
         # What the database says is for the log: it holds statements and addresses.
         log.error("database cannot be used", error=str(error.args[0] if error.args else error))
         detail = "the database is away, or its disk is full; what was accepted is kept, so ask again"
-        return problem_response(answer, detail, headers={"Retry-After": "5"})
-    errors = _problems(error)
+        return problem_response(_answer_to(error), detail, headers={"Retry-After": "5"})
+    return _answered(error, _problems(error))
+
+
+def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
         detail = f"{errors[0]['pointer'] or 'the body'}: {errors[0]['detail']}"
     headers = error.headers if isinstance(error, ServiceError) else None
-    return problem_response(answer, detail, errors, headers)
+    return problem_response(_answer_to(error), detail, errors, headers)
+
+
+def _answer_to(error: Exception) -> Answer:
+    return next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
 
 
 def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, ValidationError | SceneError):
         return problems_of(error)
     if isinstance(error, RequestValidationError):
-        return [Problem(pointer=json_pointer(fault["loc"]), detail=fault["msg"]) for fault in error.errors()]
+        return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):
         return [Problem(pointer="/url", detail=str(error))]
     if isinstance(error, WebhookUnusable):

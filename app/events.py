@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
 
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
@@ -29,9 +28,10 @@ async def stream_events(desk: PlanDesk, feed: PlanFeed, plan_id: str, received: 
         while True:
             changed = followed.changed
             done = followed.done
-            for sequence, event in followed.behind(received):
-                yield format_sse_event(data_str=json.dumps(event), event="progress", id=str(sequence))
-                received = sequence
+            if news := followed.behind(received):
+                # In one piece: a stream that is resumed begins with all there was.
+                yield b"".join(event for _, event in news)
+                received = news[-1][0]
             if done:
                 break
             try:

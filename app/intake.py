@@ -17,6 +17,7 @@ from planners.perception.scene_task import fill_from_scene
 from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads, no_uploads
+from planners.scene.suction_tool import NO_TOOLS, SuctionTool
 
 Scenes = Callable[[str], SceneDocument | None]
 """Finds what was perceived in a scene, by its id; None if there is none."""
@@ -115,7 +116,11 @@ def _not_worth_reading(request: Request, limit: int) -> bool:
 
 
 def accept_task(
-    body: bytes, cells: Mapping[str, Cell], uploads: Uploads = no_uploads, scenes: Scenes = no_scenes
+    body: bytes,
+    cells: Mapping[str, Cell],
+    uploads: Uploads = no_uploads,
+    scenes: Scenes = no_scenes,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> dict[str, Any]:
     """Return the task in a body with every default filled in, once it is known that it can be begun.
 
@@ -124,12 +129,13 @@ def accept_task(
         cells: that there are, by name.
         uploads: finds meshes.
         scenes: finds perceived scenes, which a task may name in place of poses.
+        tools: that were loaded before, by name; others are read from their files.
 
     Raises:
         NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
     """
     task = read_task(_with_scene(parse_json(body), cells, scenes))
-    build_scene(task, cells, uploads=uploads)
+    build_scene(task, cells, uploads=uploads, tools=tools)
     return write_task(task)
 
 

@@ -8,10 +8,12 @@ from typing import Any
 from app.access.caller import ANYBODY, Caller
 from app.access.scope import Scope
 from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
+from app.plan_query import PlanQuery
 from app.resources import PlanResource, plan_resource
+from workers.job_order import JobOrder
 from workers.job_queue import JobQueue
 from workers.job_state import Job, JobState
-from workers.plan_store import PlanRecord, PlanStore, StoredDocument, fingerprint
+from workers.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
 
 
 class PlanDesk:
@@ -27,10 +29,8 @@ class PlanDesk:
         """Return the desk as another caller sees it."""
         return PlanDesk(self.store, self.queue, self._max_queued, caller)
 
-    def submit(
-        self, task: Mapping[str, Any], idempotency_key: str | None, webhook_id: str | None = None
-    ) -> PlanResource:
-        """Accept a task, or find the plan that the same key made; tell a webhook of the caller when its job ends.
+    def submit(self, task: Mapping[str, Any], idempotency_key: str | None, order: JobOrder = NO_ORDER) -> PlanResource:
+        """Accept a task, or find the plan that the same key made; then its first order stands.
 
         Raises:
             QueueFull: There are too many unfinished jobs.
@@ -40,7 +40,7 @@ class PlanDesk:
         if record is None:
             if self.queue.depth(self._max_queued).total >= self._max_queued:
                 raise QueueFull(self._max_queued)
-            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, webhook_id)
+            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order)
         if record.fingerprint != fingerprint(task):
             raise KeyUsedForAnotherTask
         return self._with_job(record)
@@ -56,13 +56,16 @@ class PlanDesk:
             raise PlanNotFound(plan_id)
         return self._with_job(record)
 
-    def page(self, size: int, before: tuple[int, str] | None) -> tuple[list[PlanResource], tuple[int, str] | None]:
-        """Return `size` plans, newest first, from behind `before`, and where the next page begins, if there is one."""
+    def page(self, query: PlanQuery) -> tuple[list[PlanResource], tuple[int, str] | None]:
+        """Return the plans that are asked for, newest first, and where the next page begins, if there is one."""
+        size = query.page_size
         owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
-        records = self.store.newest(size + 1, before, owner)
+        records = self.store.newest(size + 1, query.position, query.filter(owner))
         shown = records[:size]
         jobs = self.queue.jobs([record.id for record in shown])
         plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]
+        # A job may have gone on since it was found.
+        plans = [plan for plan in plans if query.state in (None, plan.state)]
         last = shown[-1] if len(records) > size else None
         return plans, None if last is None else (last.created_us, last.id)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import structlog
+from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
 from workers.database_loss import DATABASE_GONE
@@ -22,20 +24,22 @@ RETRY_SECONDS = 1.0
 log = structlog.get_logger(__name__)
 
 Event = tuple[int, dict[str, Any]]
+SentEvent = tuple[int, bytes]
+"""An event as it goes over the wire: made once, however many follow."""
 
 
 @dataclass(eq=False)
 class FollowedPlan:
     """What is known of one plan while somebody follows it."""
 
-    events: list[Event] = field(default_factory=list)
+    events: list[SentEvent] = field(default_factory=list)
     """All since the first one."""
     done: bool = False
     """Whether it will never change again, or is gone; then `events` are complete."""
     followers: int = 0
     changed: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def behind(self, received: int) -> list[Event]:
+    def behind(self, received: int) -> list[SentEvent]:
         """Return the events behind number `received`."""
         # They are numbered from 1 without gaps.
         return self.events[received:]
@@ -92,7 +96,7 @@ class PlanFeed:
             last = plan.events[-1][0] if plan.events else 0
             if last != known[plan_id]:
                 continue
-            plan.events += news.get(plan_id, [])
+            plan.events += [_as_sent(*event) for event in news.get(plan_id, [])]
             plan.done = plan_id in ended
             plan.tell()
 
@@ -104,3 +108,7 @@ class PlanFeed:
         newest = self._store.last_events(list(known))
         behind = [plan_id for plan_id, sequence in newest.items() if sequence > known[plan_id]]
         return ended, {plan_id: self._store.events_after(plan_id, known[plan_id]) for plan_id in behind}
+
+
+def _as_sent(number: int, event: dict[str, Any]) -> SentEvent:
+    return number, format_sse_event(data_str=json.dumps(event), event="progress", id=str(number))

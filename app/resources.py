@@ -21,6 +21,10 @@ JOB_ORDER_STATES = {
 }
 
 
+PlanState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+Outcome = Literal["solved", "infeasible", "not_found"]
+
+
 class Resource(BaseModel):
     """Base of all answers."""
 
@@ -123,12 +127,20 @@ class PlanResource(Resource):
     kind: str
     external_id: str | None
     """The caller's own name for it; ISA-95's JobOrderID."""
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    work_master: str | None
+    """The recipe by which the caller made the task; ISA-95's WorkMasterID."""
+    priority: int
+    """0 … 9; the highest goes first."""
+    start_time: datetime | None
+    """The job is not begun before."""
+    end_time: datetime | None
+    """A job that has not ended by then is cancelled."""
+    state: PlanState
     done: bool
     """Whether it will never change again."""
     job_order_state: Literal["AllowedToStart", "Running", "Ended", "Aborted"]
     """The state as an MES names it (ISA-95, OPC 10031-4)."""
-    outcome: Literal["solved", "infeasible", "not_found"] | None
+    outcome: Outcome | None
     """Once succeeded."""
     progress: PlanProgress
     created_at: datetime
@@ -137,6 +149,8 @@ class PlanResource(Resource):
     attempts: int
     """How often a solver process began."""
     error: PlanError | None
+    cancelled_by: Literal["request", "end_time"] | None
+    """Why a job was cancelled: somebody asked for it, or it had not ended by its `end_time`."""
     links: PlanLinks
 
 
@@ -204,6 +218,10 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             "id": record.id,
             "kind": record.kind,
             "external_id": record.external_id,
+            "work_master": record.work_master,
+            "priority": record.priority,
+            "start_time": _time(record.start_us),
+            "end_time": _time(record.end_us),
             "state": job.state.value,
             "job_order_state": JOB_ORDER_STATES[job.state],
             "done": job.state.done,
@@ -214,6 +232,7 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             "finished_at": _time(_finished_us(record, job)),
             "attempts": record.attempts,
             "error": None if job.error is None else {"detail": job.error},
+            "cancelled_by": _cancelled_by(record, job),
             "links": {
                 "self": address,
                 "document": f"{address}/document",
@@ -224,6 +243,13 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             },
         }
     )
+
+
+def _cancelled_by(record: PlanRecord, job: Job) -> str | None:
+    if job.state is not JobState.CANCELLED:
+        return None
+    ended = _finished_us(record, job)
+    return "end_time" if ended is not None and record.end_us is not None and ended >= record.end_us else "request"
 
 
 def _finished_us(record: PlanRecord, job: Job) -> int | None:

@@ -23,6 +23,7 @@ from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
 from workers.solver_process import COMPILE
 from workers.solver_protocol import HANDOVERS_VARIABLE
+from workers.warm_up_mark import WarmUpMark
 from workers.worker import Worker
 
 LONGEST_GOODBYE_SECONDS = 3
@@ -67,7 +68,7 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         )
     if with_worker:
         _refuse_second_worker(settings)
-        warm_up(settings)
+        _warm_up_once(settings)
     config = uvicorn.Config(
         create_app(settings, with_worker=with_worker),
         host=settings.host,
@@ -92,7 +93,7 @@ def work(settings: WorkerSettings) -> None:
     """
     set_up_logs()
     _refuse_second_worker(settings)
-    warm_up(settings)
+    _warm_up_once(settings)
     asyncio.run(_work(settings))
 
 
@@ -110,6 +111,13 @@ def warm_up(settings: WorkerSettings) -> None:
         return_code = compiler.wait()
     if return_code != 0:
         raise WarmUpFailed(return_code)
+    WarmUpMark(settings).set()
+
+
+def _warm_up_once(settings: WorkerSettings) -> None:
+    """Spare a start after the first one the seconds that it takes to find that everything is there."""
+    if not WarmUpMark(settings).stands():
+        warm_up(settings)
 
 
 def _keys_needed(settings: ServiceSettings) -> bool:

@@ -7,10 +7,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import sqlalchemy as sa
-from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat, WorkflowStatus
+from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
 
 from workers.database import Database
 from workers.engine_table import QUEUED, RUNNING, workflow_table
+from workers.job_order import HIGHEST_PRIORITY
 from workers.job_state import STATE_OF_STATUS, Job, JobState
 from workers.totals import TAKEOVER, add_to_total
 
@@ -68,15 +69,19 @@ class JobQueue:
             on_conflict="always_update",
         )
 
-    def enqueue(self, transaction: sa.Connection, plan_id: str) -> None:
-        """Enqueue a job; it exists when `transaction` commits."""
+    def enqueue(self, transaction: sa.Connection, plan_id: str, priority: int = 0, pause: float = 0.0) -> None:
+        """Enqueue a job, to be begun after a pause [s]; it exists when `transaction` commits."""
         options: EnqueueOptions = {
             "workflow_name": WORKFLOW,
             "queue_name": QUEUE,
             "workflow_id": plan_id,
             "app_version": APPLICATION_VERSION,
             "serialization_type": WorkflowSerializationFormat.PORTABLE,
+            # The engine's count goes the other way, from 1.
+            "priority": 1 + HIGHEST_PRIORITY - priority,
         }
+        if pause > 0.0:
+            options["delay_seconds"] = pause
         self._client.enqueue_in_transaction(transaction, options, plan_id)
 
     def enqueue_delivery(
@@ -98,8 +103,15 @@ class JobQueue:
         """Return the jobs of `plan_ids`; one that does not exist is left out."""
         if not plan_ids:
             return {}
-        found = self._client.list_workflows(workflow_ids=list(plan_ids), load_input=False)
-        return {status.workflow_id: _job(status) for status in found}
+        columns = (self._jobs.c.workflow_uuid, self._jobs.c.status, self._jobs.c.updated_at)
+        with self._engine.connect() as connection:
+            rows = connection.execute(sa.select(*columns).where(self._jobs.c.workflow_uuid.in_(plan_ids))).all()
+        states = {row.workflow_uuid: STATE_OF_STATUS[row.status] for row in rows}
+        errors = self._errors([plan_id for plan_id, state in states.items() if state is JobState.FAILED])
+        return {
+            row.workflow_uuid: _job(states[row.workflow_uuid], row.updated_at, errors.get(row.workflow_uuid))
+            for row in rows
+        }
 
     def not_with(self, worker: str, plan_ids: Collection[str]) -> set[str]:
         """Return those of `plan_ids` that `worker` is not running: cancelled, deleted, or with somebody else."""
@@ -123,11 +135,9 @@ class JobQueue:
 
     def depth(self, most: int) -> Depth:
         """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
+        queued, running = self._jobs.c.status.in_(QUEUED), self._jobs.c.status == RUNNING
         with self._engine.connect() as connection:
-            return Depth(
-                self._count(connection, self._jobs.c.status.in_(QUEUED), most),
-                self._count(connection, self._jobs.c.status == RUNNING, most),
-            )
+            return Depth(*connection.execute(sa.select(self._count(queued, most), self._count(running, most))).one())
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
@@ -162,9 +172,16 @@ class JobQueue:
                 add_to_total(transaction, TAKEOVER, count=number)
         return number
 
-    def _count(self, connection: sa.Connection, state: sa.ColumnElement[bool], most: int) -> int:
+    def _errors(self, plan_ids: Sequence[str]) -> dict[str, str]:
+        """Return what the engine has stored as the errors of jobs that have failed, by the plan's id."""
+        if not plan_ids:
+            return {}
+        found = self._client.list_workflows(workflow_ids=list(plan_ids), load_input=False)
+        return {each.workflow_id: INTERRUPTED_TOO_OFTEN if each.error is None else str(each.error) for each in found}
+
+    def _count(self, state: sa.ColumnElement[bool], most: int) -> sa.ScalarSelect[int]:
         found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
-        return connection.scalar(sa.select(sa.func.count()).select_from(found.limit(most).subquery())) or 0
+        return sa.select(sa.func.count()).select_from(found.limit(most).subquery()).scalar_subquery()
 
 
 def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:
@@ -172,9 +189,5 @@ def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:
     return f"{plan_id}-{delivery_id}-{number}"
 
 
-def _job(status: WorkflowStatus) -> Job:
-    state = STATE_OF_STATUS[status.status]
-    error = None
-    if state is JobState.FAILED:
-        error = INTERRUPTED_TOO_OFTEN if status.error is None else str(status.error)
-    return Job(state, error, None if not state.done or status.updated_at is None else status.updated_at * 1000)
+def _job(state: JobState, updated_ms: int | None, error: str | None) -> Job:
+    return Job(state, error, None if not state.done or updated_ms is None else updated_ms * 1000)

@@ -53,6 +53,17 @@ def _let_scenes_go(connection: sa.Connection) -> None:
         _create_index(connection, SCENES, name)
 
 
+def _index_kinds(connection: sa.Connection) -> None:
+    """The plans of one kind are listed without a look at the others."""
+    _create_index(connection, PLANS, "liftwright_plans_newest_of_kind")
+
+
+def _keep_orders(connection: sa.Connection) -> None:
+    """Plans have what an MES says about their jobs; those of before have nothing of it."""
+    _add_columns(connection, PLANS, "work_master", "priority", "start_us", "end_us")
+    _create_index(connection, PLANS, "liftwright_plans_work_master")
+
+
 def _add_columns(connection: sa.Connection, table: sa.Table, *names: str) -> None:
     there = {column["name"] for column in sa.inspect(connection).get_columns(table.name)}
     for name in names:
@@ -66,7 +77,14 @@ def _create_index(connection: sa.Connection, table: sa.Table, name: str) -> None
 
 
 STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
-    {2: _index_what_is_searched, 3: _give_plans_owners, 4: _keep_scenes, 5: _let_scenes_go}
+    {
+        2: _index_what_is_searched,
+        3: _give_plans_owners,
+        4: _keep_scenes,
+        5: _let_scenes_go,
+        6: _index_kinds,
+        7: _keep_orders,
+    }
 )
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.
 A step changes tables only so that the version before still runs on them: workers are upgraded one by one."""

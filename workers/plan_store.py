@@ -13,8 +13,11 @@ import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
 from workers.database import Database
+from workers.engine_table import QUEUED, RUNNING, workflow_table
+from workers.job_order import JobOrder
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
+from workers.plan_filter import PlanFilter
 from workers.tables import DOCUMENTS, EVENTS, PLANS
 from workers.time_stamp import now_us
 from workers.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
@@ -43,6 +46,10 @@ class PlanRecord:
     """How much is done, 0 … 1; never falls."""
     outcome: str | None
     """Of the document, if there is one; it counts once the job has succeeded."""
+    work_master: str | None
+    priority: int
+    start_us: int | None
+    end_us: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +61,7 @@ class StoredDocument:
     """Of the uncompressed JSON."""
 
 
-_RECORD_COLUMNS = [
+_RECORD_COLUMNS: list[sa.ColumnElement[Any]] = [
     PLANS.c.id,
     PLANS.c.kind,
     PLANS.c.owner,
@@ -67,7 +74,13 @@ _RECORD_COLUMNS = [
     PLANS.c.stage,
     PLANS.c.fraction,
     DOCUMENTS.c.outcome,
+    PLANS.c.work_master,
+    sa.func.coalesce(PLANS.c.priority, 0).label("priority"),
+    PLANS.c.start_us,
+    PLANS.c.end_us,
 ]
+EVERYTHING = PlanFilter()
+NO_ORDER = JobOrder()
 _RECORDS = sa.select(*_RECORD_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
 
 
@@ -83,12 +96,12 @@ class PlanStore:
         idempotency_key: str | None,
         queue: JobQueue,
         owner: str | None = None,
-        webhook_id: str | None = None,
+        order: JobOrder = NO_ORDER,
     ) -> PlanRecord:
         """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
-        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named.
-        The caller compares fingerprints to learn whether the key was used for another task.
+        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named by
+        the order. The caller compares fingerprints to learn whether the key was used for another task.
         """
         known = self.by_key(idempotency_key, owner)
         if known is not None:
@@ -103,12 +116,16 @@ class PlanStore:
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
             "scene_id": task.get("scene_id"),
+            "work_master": order.work_master,
+            "priority": order.priority,
+            "start_us": order.start_us,
+            "end_us": order.end_us,
         }
         try:
             with self._engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
-                queue.enqueue(transaction, values["id"])
-                expect_deliveries(transaction, values["id"], owner, webhook_id)
+                queue.enqueue(transaction, values["id"], order.priority, _pause(order))
+                expect_deliveries(transaction, values["id"], owner, order.webhook_id)
         except IntegrityError:
             known = self.by_key(idempotency_key, owner)
             if known is None:
@@ -128,14 +145,10 @@ class PlanStore:
             return None
         return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(self, most: int, before: tuple[int, str] | None, owner: str | None = None) -> list[PlanRecord]:
-        """Return at most `most` plans, newest first, from behind the plan with (created_us, id) = `before`.
-
-        With an `owner`, only those that belong to it.
-        """
+    def newest(self, most: int, before: tuple[int, str] | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
+        """Return at most `most` of the wanted plans, newest first, from behind (created_us, id) = `before`."""
         query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
-        if owner is not None:
-            query = query.where(PLANS.c.owner == owner)
+        query = query.where(*wanted.conditions(self._engine.dialect.name))
         if before is not None:
             query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
         with self._engine.connect() as connection:
@@ -238,6 +251,23 @@ class PlanStore:
         with self._engine.connect() as connection:
             return connection.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
 
+    def overdue(self, time_us: int, most: int) -> list[str]:
+        """Return the ids of plans whose jobs have not ended and should have by a time, most overdue first."""
+        jobs = workflow_table(self._engine.dialect.name)
+        late = (
+            sa.select(PLANS.c.id)
+            .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
+            .where(jobs.c.status.in_((*QUEUED, RUNNING)), PLANS.c.end_us <= time_us)
+        )
+        with self._engine.connect() as connection:
+            return list(connection.scalars(late.order_by(PLANS.c.end_us).limit(most)))
+
+    def mark_overdue(self, plan_ids: Sequence[str]) -> None:
+        """Keep the time as the end of those that have none."""
+        ending = sa.update(PLANS).where(PLANS.c.id.in_(plan_ids), PLANS.c.finished_us.is_(None))
+        with self._engine.begin() as transaction:
+            transaction.execute(ending.values(finished_us=now_us()))
+
     def mark_finished(self, plan_id: str) -> None:
         """Keep the time: the engine's own, on SQLite, is a whole second."""
         with self._engine.begin() as transaction:
@@ -307,6 +337,11 @@ def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     if idempotency_key is None or owner is None:
         return idempotency_key
     return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
+
+
+def _pause(order: JobOrder) -> float:
+    """Return how long a job must wait before it may be begun [s]."""
+    return 0.0 if order.start_us is None else max(0.0, (order.start_us - now_us()) / 1e6)
 
 
 def _attempt(plan_id: str, attempt: int) -> sa.Update:

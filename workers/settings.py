@@ -54,6 +54,9 @@ class WorkerSettings(BaseSettings):
     solver_memory_mb: int = Field(default=4096, ge=256)
     """So much memory a solver process may take for data [MiB]; a task that needs more has failed. One that waits for
     work has about 600."""
+    solver_niceness: int = Field(default=10, ge=0, le=19)
+    """How far solvers stand back behind everything else in the worker's session, the API in the same process above all
+    (nice(1)): requests are answered soon while all cores plan, and an idle machine plans as fast."""
     watch_seconds: float = Field(default=2.0, gt=0.0, le=60.0)
     """How often a worker looks for jobs of workers that have died, and whether its own still are its own [s]."""
     patience_seconds: float = Field(default=5.0, ge=0.0, le=600.0)

@@ -45,10 +45,12 @@ class SolverCommand:
     """On top of the worker's own."""
     memory_bytes: int | None = None
     """So much it, and each process it starts, may take for data; None: as much as there is."""
+    niceness: int = 0
+    """Added to the worker's own, for it and each process it starts."""
 
 
 class SolverProcess:
-    """One child in a process group of its own."""
+    """One child in a process group of its own, and in the worker's session: the kernel weighs niceness within one."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdin is not None
@@ -64,12 +66,13 @@ class SolverProcess:
             env={**os.environ, **command.environment},
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
-            start_new_session=True,
+            process_group=0,
             limit=MAX_LINE,
         )
-        if command.memory_bytes is not None:
-            # It may have ended already; then there is nothing to limit.
-            with suppress(ProcessLookupError):
+        # It may have ended already; then there is nothing to limit.
+        with suppress(ProcessLookupError):
+            os.setpriority(os.PRIO_PROCESS, process.pid, os.getpriority(os.PRIO_PROCESS, 0) + command.niceness)
+            if command.memory_bytes is not None:
                 resource.prlimit(process.pid, resource.RLIMIT_DATA, (command.memory_bytes, command.memory_bytes))
         return cls(process)
 

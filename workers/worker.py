@@ -13,6 +13,7 @@ from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 from workers.database import Database
 from workers.database_loss import DATABASE_GONE
 from workers.executor_lock import AdvisoryLock
+from workers.expiry import Expiry
 from workers.fleet_watch import FleetWatch
 from workers.job_queue import (
     APPLICATION,
@@ -47,7 +48,8 @@ class Worker:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
         folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-        command = SolverCommand(settings.solver_command, folders, settings.solver_memory_mb * 2**20)
+        memory = settings.solver_memory_mb * 2**20
+        command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
         self._pool = SolverPool(command, settings.worker_slots)
         self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
@@ -67,6 +69,7 @@ class Worker:
         await self._pool.open()
         self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
         self._loops.append(asyncio.create_task(self._webhooks.watch()))
+        self._loops.append(asyncio.create_task(Expiry(self._store, self._queue, self._settings.watch_seconds).run()))
         if self._settings.retention_days is not None:
             retention = Retention(self._store, SceneStore(self._database), self._queue, self._settings.retention_days)
             self._loops.append(asyncio.create_task(retention.run()))

@@ -14,9 +14,12 @@ from starlette.responses import StreamingResponse
 from app.errors import BadHeader
 from app.events import stream_events, wait_for_end
 from app.intake import accept_task, read_body
-from app.page_token import read_page_token, write_page_token
+from app.job_order_query import JobOrderQuery
+from app.page_token import write_page_token
+from app.plan_query import PlanQuery
 from app.resources import PlanList, PlanResource, ProblemDocument
 from app.routes.given import Desk, Feed, Settings, Webhooks, scenes_of
+from workers.job_order import JobOrder
 
 KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
@@ -27,16 +30,13 @@ BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
 
 
-def _named_webhook(
-    webhooks: Webhooks,
-    webhook: Annotated[str | None, Query(description="A webhook of yours that is to know when the job ends")] = None,
-) -> str | None:
-    if webhook is not None:
-        webhooks.require_usable(webhook)
-    return webhook
+def _order(webhooks: Webhooks, query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
+    if query.webhook is not None:
+        webhooks.require_usable(query.webhook)
+    return query.order
 
 
-NamedWebhook = Annotated[str | None, Depends(_named_webhook)]
+Order = Annotated[JobOrder, Depends(_order)]
 
 
 @router.post(
@@ -65,7 +65,7 @@ async def post_plan(
     desk: Desk,
     feed: Feed,
     settings: Settings,
-    webhook: NamedWebhook,
+    order: Order,
     idempotency_key: Annotated[str | None, Header(json_schema_extra={"pattern": KEY_PATTERN})] = None,
     prefer: Annotated[str | None, Header(description="`wait=30`: answer when the job has ended, or after 30 s")] = None,
 ) -> Response:
@@ -75,8 +75,9 @@ async def post_plan(
     wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
     state = request.app.state
-    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, scenes_of(request).document)
-    plan = await run_in_threadpool(desk.submit, task, key, webhook)
+    scenes = scenes_of(request).document
+    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, scenes, state.tools)
+    plan = await run_in_threadpool(desk.submit, task, key, order)
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
@@ -87,11 +88,9 @@ async def post_plan(
 
 
 @router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)
-def list_plans(
-    desk: Desk, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
-) -> PlanList:
-    """Return one page of plans."""
-    plans, next_page = desk.page(page_size, None if page_token is None else read_page_token(page_token))
+def list_plans(desk: Desk, query: Annotated[PlanQuery, Query()]) -> PlanList:
+    """Return one page of those plans for which everything holds that the query says."""
+    plans, next_page = desk.page(query)
     return PlanList(plans=plans, next_page_token=None if next_page is None else write_page_token(next_page))
 
 

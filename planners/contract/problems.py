@@ -41,7 +41,7 @@ def problems_of(error: ValidationError | SceneError) -> list[Problem]:
         for fault in error.errors(include_url=False, include_input=False)
         if fault["type"] != "default_factory_not_called"
     ]
-    problems = [_problem(fault) for fault in faults[:MAX_PROBLEMS]]
+    problems = [problem_of(fault) for fault in faults[:MAX_PROBLEMS]]
     if len(faults) > MAX_PROBLEMS:
         problems.append(Problem(pointer="", detail=f"{len(faults) - MAX_PROBLEMS} more problems are not listed"))
     return problems
@@ -61,7 +61,8 @@ def json_pointer(path: Iterable[str | int]) -> str:
     return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in path)
 
 
-def _problem(fault: Mapping[str, Any]) -> Problem:
+def problem_of(fault: Mapping[str, Any]) -> Problem:
+    """Return one of pydantic's faults as it is told."""
     kind, context = fault["type"], fault.get("ctx", {})
     path = _body_path(fault["loc"], keep_last=kind == "extra_forbidden")
     if kind == "extra_forbidden" and len(str(path[-1])) > LONGEST_KEY:

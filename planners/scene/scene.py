@@ -26,6 +26,7 @@ from planners.scene.hand import Gripper
 from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
 from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
 from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
+from planners.scene.suction_tool import NO_TOOLS, SuctionTool
 from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 
@@ -85,6 +86,7 @@ def build_scene(
     cells: Mapping[str, Cell] | None = None,
     lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> PlateLiftScene: ...
 
 
@@ -94,6 +96,7 @@ def build_scene(
     cells: Mapping[str, Cell] | None = None,
     lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> SuctionToolScene: ...
 
 
@@ -103,6 +106,7 @@ def build_scene(
     cells: Mapping[str, Cell] | None = None,
     lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> PlateLiftScene | SuctionToolScene: ...
 
 
@@ -111,6 +115,7 @@ def build_scene(
     cells: Mapping[str, Cell] | None = None,
     lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> PlateLiftScene | SuctionToolScene:
     """Place everything a task names, and refuse what cannot stand as it says.
 
@@ -120,12 +125,13 @@ def build_scene(
             time.
         lifter: The bodies that stand for the vacuum lifter of a plate lift.
         uploads: Finds the meshes that the task names as uploads.
+        tools: Suction tools that were loaded before, by name; others are read from their files.
 
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
     if isinstance(task, SuctionToolTask):
-        return build_tool_scene(task, cells, uploads)
+        return build_tool_scene(task, cells, uploads, tools)
     return _build_lift_scene(task, cells, lifter, uploads)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -50,6 +52,13 @@ class SuctionTool:
     def T_world_tool(self) -> Transform:
         """The tool at the start."""
         return self.body.T_world_body
+
+    def at(self, T_world_tool: Transform) -> SuctionTool:
+        """Return the same tool somewhere else."""
+        return replace(self, body=replace(self.body, T_world_body=T_world_tool))
+
+
+NO_TOOLS: Mapping[str, SuctionTool] = MappingProxyType({})
 
 
 def known_tools() -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -50,19 +50,29 @@ class StillBodies:
         return cls(tuple(bodies), tuple(places), {body.name: body.solid.excess for body in obstacles})
 
 
-def place_tool(task: SuctionToolTask, cell: Cell, still: StillBodies, shapes: ShapeSource) -> SuctionTool:
+def place_tool(
+    task: SuctionToolTask, cell: Cell, still: StillBodies, shapes: ShapeSource, tools: Mapping[str, SuctionTool]
+) -> SuctionTool:
     """Settle the tool where the task says, else in the cell's rest: standing on its cup, or lying.
+
+    Args:
+        task: names or describes it.
+        cell: has the rest.
+        still: what it may stand on.
+        shapes: where meshes come from.
+        tools: shipped ones that were loaded before; others are read from their files.
 
     Raises:
         SceneError: It is no tool, or does not rest.
     """
     T_world_tool = _tool_pose(task, cell)
-    tool = load_tool(task.tool, T_world_tool, shapes)
+    known = tools.get(task.tool) if isinstance(task.tool, str) else None
+    tool = load_tool(task.tool, shapes=shapes) if known is None else known
     _check_tool(tool)
     footing = find_footing(tool.body.solid, T_world_tool, tool.com, still.places)
     if isinstance(footing, Unsupported):
         raise SceneError("/tool_pose", f"the tool {footing.reason}")
-    return replace(tool, body=replace(tool.body, T_world_body=footing.T_world_body), supports=footing.supports)
+    return replace(tool.at(footing.T_world_body), supports=footing.supports)
 
 
 def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: ShapeSource) -> tuple[MovedObject, ...]:

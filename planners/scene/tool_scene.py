@@ -14,7 +14,7 @@ from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
 from planners.scene.placements import place_obstacle
 from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
-from planners.scene.suction_tool import TOOL_NAME, SuctionTool
+from planners.scene.suction_tool import NO_TOOLS, TOOL_NAME, SuctionTool
 from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_placements import StillBodies, place_objects, place_tool, refuse_overlaps_but_rest
 
@@ -45,9 +45,14 @@ class SuctionToolScene:
 
 
 def build_tool_scene(
-    task: SuctionToolTask, cells: Mapping[str, Cell] | None = None, uploads: Uploads = no_uploads
+    task: SuctionToolTask,
+    cells: Mapping[str, Cell] | None = None,
+    uploads: Uploads = no_uploads,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> SuctionToolScene:
     """Place everything a suction-tool task names, and refuse what cannot stand as it says.
+
+    The arguments are those of `build_scene`.
 
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
@@ -61,7 +66,7 @@ def build_tool_scene(
     still = StillBodies.of(cell, obstacles)
     scene = SuctionToolScene(
         cell=cell,
-        tool=place_tool(task, cell, still, shapes),
+        tool=place_tool(task, cell, still, shapes, tools),
         objects=place_objects(task.objects, still, shapes),
         friction=task.friction,
         grip_force_limit=task.grip_force_limit,

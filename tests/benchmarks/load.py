@@ -15,12 +15,11 @@ import numpy as np
 import sqlalchemy as sa
 
 from tests.benchmarks.tasks import Note, task_body
-from tests.support.service import ServiceProcess, finished, running_service
+from tests.support.service import ServiceProcess, finished, running_service, wait_for
 from workers.database import open_database
 from workers.settings import WorkerSettings
 from workers.tables import PLANS
 
-NICE = ("nice", "-n", "10")
 ROWS_A_TIME = 500
 
 
@@ -49,6 +48,10 @@ class LoadFigures:
     last_page: float
     """The median of pages near the end of the list."""
     pages: int
+    search: float
+    """For one plan by the caller's name for it, the median."""
+    vain_search: float
+    """For plans that have an outcome which none has, the median: all are looked at."""
     watchers: int
     """Streams that told of the end of their job."""
     watcher_lag: float
@@ -56,9 +59,9 @@ class LoadFigures:
 
 
 def measure(effort: LoadEffort, solver: Sequence[str], folder: Path, note: Note) -> LoadFigures:
-    """Run a service with niced solvers, keep them busy, and ask."""
+    """Run a service, keep its solvers busy, and ask."""
     settings = {"worker_slots": 2, "max_queued": 1_000_000, "requests_per_second": 1e6, "request_burst": 1_000_000}
-    with running_service(folder, (*NICE, *solver), **settings) as service, service.client() as client:
+    with running_service(folder, tuple(solver), **settings) as service, service.client() as client:
         note(f"load: storing {effort.stored} plans")
         _store(folder, effort.stored)
         with _busy(client, effort.busy_jobs):
@@ -70,11 +73,15 @@ def measure(effort: LoadEffort, solver: Sequence[str], folder: Path, note: Note)
             reads = 1e3 * np.array(asyncio.run(_read(service.address, plans, effort)))
             note("load: pages")
             pages = 1e3 * np.array(list(_page(client)))
+            note("load: searches")
+            search = 1e3 * _search(client, [f"{n:032x}" for n in range(0, effort.stored, effort.stored // 100)])
+            vain_search = 1e3 * _search_in_vain(client)
         note(f"load: {effort.watchers} watchers")
         watchers, lag = _watch(service, client, effort)
     return LoadFigures(
         rate, float(np.percentile(reads, 50)), float(np.percentile(reads, 99)), float(reads.max()),
-        float(pages[0]), float(np.median(pages[-5:])), len(pages), watchers, lag,
+        float(pages[0]), float(np.median(pages[-5:])), len(pages), search, vain_search,
+        watchers, lag,
     )  # fmt: skip
 
 
@@ -120,11 +127,7 @@ def _busy(client: httpx.Client, jobs: int) -> Iterator[list[dict[str, Any]]]:
     """Have jobs plan until the block ends."""
     body = task_body("ab1", contact_density=2.0, hold_density=2.0)
     plans = [client.post("/v1/plans", json=body).json() for _ in range(jobs)]
-    deadline = time.monotonic() + 120.0
-    while time.monotonic() < deadline:
-        if all(client.get(plan["links"]["self"]).json()["state"] != "queued" for plan in plans):
-            break
-        time.sleep(0.2)
+    wait_for(lambda: all(client.get(each["links"]["self"]).json()["state"] == "running" for each in plans), 120.0)
     try:
         yield plans
     finally:
@@ -174,6 +177,22 @@ def _page(client: httpx.Client) -> Iterator[float]:
             return
 
 
+def _search(client: httpx.Client, names: Sequence[str]) -> float:
+    """Look for plans by the caller's names, and return how long that took in the median [s]."""
+    return float(np.median([_searched(client, 1, external_id=name) for name in names]))
+
+
+def _search_in_vain(client: httpx.Client) -> float:
+    return float(np.median([_searched(client, 0, outcome="not_found") for _ in range(20)]))
+
+
+def _searched(client: httpx.Client, expected: int, **query: str) -> float:
+    begun = time.perf_counter()
+    page = client.get("/v1/plans", params=query).raise_for_status().json()
+    assert len(page["plans"]) == expected, page
+    return time.perf_counter() - begun
+
+
 def _watch(service: ServiceProcess, client: httpx.Client, effort: LoadEffort) -> tuple[int, float]:
     """Have many follow one job to its end."""
     plan = client.post("/v1/plans", json=task_body("ab1", simulate=False)).json()
@@ -198,10 +217,8 @@ async def _follow(address: str, path: str, watchers: int) -> list[float]:
 
 
 def _cancel_the_rest(client: httpx.Client) -> None:
-    while True:
-        plans = client.get("/v1/plans", params={"page_size": 200}).json()["plans"]
-        unfinished = [plan for plan in plans if not plan["done"]]
-        for plan in unfinished:
-            client.post(plan["links"]["cancel"])
-        if not unfinished:
-            return
+    """Have nothing wait or run."""
+    for state in ("queued", "running"):
+        while plans := client.get("/v1/plans", params={"page_size": 200, "state": state}).json()["plans"]:
+            for plan in plans:
+                client.post(plan["links"]["cancel"])

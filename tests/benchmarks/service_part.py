@@ -93,9 +93,11 @@ def _load_section(asked: LoadFigures) -> str:
         ("a read, longest [ms]", asked.read_max),
         (f"the first of {asked.pages} pages of 200 plans [ms]", asked.first_page),
         ("one of the last pages [ms]", asked.last_page),
+        ("a search for one plan by its external_id, median [ms]", asked.search),
+        ("a search that looks at all plans, median [ms]", asked.vain_search),
         ("between the first and the last watcher being told of the end [s]", asked.watcher_lag),
     ]
-    return "\n\n".join(["### Under load", "On SQLite, solvers niced.", table(("", ""), rows)])
+    return "\n\n".join(["### Under load", "On SQLite, as `liftwright serve` runs it.", table(("", ""), rows)])
 
 
 def _fuzz_limit(abused: FuzzFigures) -> Limit:

@@ -14,8 +14,9 @@ STARTED_US = CREATED_US + 200_000
 
 def record(finished_us: int | None) -> PlanRecord:
     return PlanRecord(
-        "a" * 32, "plate_lift", None, None, "0" * 64, CREATED_US, STARTED_US, finished_us, 1, None, 0.0, None
-    )
+        "a" * 32, "plate_lift", None, None, "0" * 64, CREATED_US, STARTED_US, finished_us, 1, None, 0.0, None, None, 0,
+        None, None,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("state", [state for state in JobState if state.done])

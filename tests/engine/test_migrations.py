@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from support.old_tables import back_to_the_first_version
 from support.service import task
 
 from workers.database import open_database
@@ -34,15 +35,7 @@ def test_a_database_without_a_version_gets_what_a_new_one_has_and_keeps_its_plan
     database = open_database(settings)
     new, queue = shape(database.engine), JobQueue(database)
     plan = PlanStore(database).accept(task(), None, queue)
-    with database.engine.begin() as transaction:
-        VERSION_TABLE.drop(transaction)
-        transaction.exec_driver_sql("DROP INDEX liftwright_plans_external_id")
-        transaction.exec_driver_sql("DROP TABLE liftwright_totals")
-        transaction.exec_driver_sql("DROP TABLE liftwright_scenes")
-        transaction.exec_driver_sql("DROP INDEX liftwright_plans_newest_of_owner")
-        transaction.exec_driver_sql("ALTER TABLE liftwright_plans DROP COLUMN owner")
-        transaction.exec_driver_sql("DROP INDEX liftwright_plans_of_scene")
-        transaction.exec_driver_sql("ALTER TABLE liftwright_plans DROP COLUMN scene_id")
+    back_to_the_first_version(database.engine)
     queue.close()
     database.close()
     again = open_database(settings)

@@ -12,6 +12,8 @@ import psutil
 import pytest
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
+from workers.job_queue import INTERRUPTED_TOO_OFTEN
+
 LONGEST_CANCEL_SECONDS = 1.0
 LONGEST_ORPHAN_SECONDS = 2.0
 
@@ -95,6 +97,21 @@ def test_cancelling_ends_the_whole_process_group_within_a_second(service: Servic
         wait_for(lambda: gone(group), LONGEST_CANCEL_SECONDS)
         assert time.perf_counter() - begun < LONGEST_CANCEL_SECONDS
         assert finished(client, post(client, "now"))["outcome"] == "solved"
+
+
+def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next_one_runs(tmp_path: Path) -> None:
+    with running_service(tmp_path, FAKE_SOLVER, worker_slots=1, interruption_limit=2) as service:
+        with service.client() as client:
+            poison = post(client, "hang")
+            for _ in range(3):
+                wait_for(lambda: running(client, poison), 20)
+                service.kill()
+                service.start()
+            poison = finished(client, poison)
+            assert poison["state"] == "failed"
+            assert poison["error"]["detail"] == INTERRUPTED_TOO_OFTEN
+            assert client.get(poison["links"]["document"]).status_code == 404
+            assert finished(client, post(client, "now"))["outcome"] == "solved"
 
 
 def test_an_idle_solver_that_is_killed_costs_no_job(service: ServiceProcess) -> None:

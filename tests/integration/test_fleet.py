@@ -17,6 +17,8 @@ from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 from support.worker import WorkerProcess
 
+from workers.job_queue import INTERRUPTED_TOO_OFTEN
+
 pytestmark = needs_postgres
 SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 1.0}
 
@@ -122,7 +124,10 @@ def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes
     ] * 3
 
 
-def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it_is_back(fleet: Fleet) -> None:
+@pytest.mark.parametrize("seconds", [3.0, pytest.param(30.0, marks=pytest.mark.slow)])
+def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it_is_back(
+    fleet: Fleet, seconds: float
+) -> None:
     fleet.with_both_workers()
     plan, waiting = fleet.post("steps-100"), fleet.post("now")
     wait_for(lambda: fleet.begun(plan), 20)
@@ -133,10 +138,10 @@ def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it
         assert int(answer.headers["Retry-After"]) > 0
     assert fleet.client.post("/v1/plans", json=task()).status_code == 503
     assert fleet.client.get("/livez").status_code == 200
-    time.sleep(3.0)
+    time.sleep(seconds)
     fleet.server.start()
     for each in (plan, waiting):
-        assert finished(fleet.client, each, 120.0)["outcome"] == "solved"
+        assert finished(fleet.client, each, 180.0)["outcome"] == "solved"
     assert fleet.client.get("/readyz").status_code == 200
 
 
@@ -151,3 +156,23 @@ def test_a_cancelled_job_is_stopped_within_a_second_wherever_it_runs(fleet: Flee
     wait_for(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in at_work), 1.0)
     assert time.perf_counter() - begun < 1.0
     assert fleet.plan(plan)["state"] == "cancelled"
+
+
+def test_a_job_that_takes_each_worker_with_it_is_given_up_and_the_next_one_runs(tmp_path: Path) -> None:
+    with running_postgres() as server:
+        settings = {**SETTINGS, "interruption_limit": 2, "database_url": server.url}
+        worker = WorkerProcess("only", tmp_path / "only", FAKE_SOLVER, **settings)
+        with running_service(tmp_path / "api", FAKE_SOLVER, command="api", **settings) as api, api.client() as client:
+            fleet = Fleet(server, api, client, worker, worker)
+            poison = fleet.post("hang")
+            worker.start()
+            try:
+                for _ in range(3):
+                    wait_for(lambda: fleet.begun(poison), 30)
+                    worker.end(signal.SIGKILL)
+                    worker.start()
+                poison = finished(client, poison)
+                assert (poison["state"], poison["error"]["detail"]) == ("failed", INTERRUPTED_TOO_OFTEN)
+                assert finished(client, fleet.post("now"))["outcome"] == "solved"
+            finally:
+                worker.end(signal.SIGTERM)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import time
 from collections.abc import Iterator
@@ -66,6 +67,17 @@ def test_a_full_disk_is_a_503_and_afterwards_everything_goes_on(service: Service
         resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, whole)
     assert finished(client, under_way)["outcome"] == "solved"
     assert end_of(client, "now")["outcome"] == "solved"
+
+
+def test_solvers_stand_back_behind_the_service_within_its_session(service: ServiceProcess) -> None:
+    """Between sessions the kernel shares cores evenly, however nice a process is."""
+    assert service.process is not None
+    wait_for(service.descendants, 10.0)
+    api = psutil.Process(service.process.pid)
+    for solver in service.descendants():
+        wait_for(lambda solver=solver: solver.nice() == api.nice() + 10, 5.0)
+        assert os.getsid(solver.pid) == os.getsid(api.pid)
+        assert os.getpgid(solver.pid) != os.getpgid(api.pid)
 
 
 def test_the_limits_hold_for_the_solver_and_not_for_the_service(service: ServiceProcess) -> None:

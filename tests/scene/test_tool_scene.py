@@ -16,6 +16,7 @@ from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.scene.cell import known_cells, load_cell
 from planners.scene.scene import build_scene
+from planners.scene.suction_tool import load_tool
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool")
@@ -189,3 +190,13 @@ def test_the_document_lists_tool_and_objects_with_all_their_data(build):
     }  # fmt: skip
     assert bodies["tool"]["shape"]["type"] == "mesh"
     assert len(bodies["tool"]["shape"]["convex_parts"]) == 4
+
+
+def test_a_tool_that_was_loaded_before_stands_as_one_that_is_read_from_its_file():
+    cells = {name: load_cell(name) for name in known_cells()}
+    body = read_task(task("domino_pile"))
+    loaded = load_tool(body.tool)
+    read, given = build_scene(body, cells), build_scene(body, cells, tools={body.tool: loaded})
+    assert given.tool.body.solid is loaded.body.solid
+    np.testing.assert_array_equal(given.tool.T_world_tool, read.tool.T_world_tool)
+    assert (given.tool.name, given.tool.supports) == (read.tool.name, read.tool.supports)

@@ -20,8 +20,15 @@ def served(settings: ServiceSettings, *, with_worker: bool = True) -> Iterator[s
     Not for longer than needed: the job engine draws random numbers, which tests of properties must not see.
     """
     app = create_app(settings, with_worker=with_worker)
+    # The loop is the one that `liftwright serve` runs on.
     config = uvicorn.Config(
-        app, port=0, http="h11", ws="websockets-sansio", log_level="warning", timeout_graceful_shutdown=1
+        app,
+        port=0,
+        loop="asyncio",
+        http="h11",
+        ws="websockets-sansio",
+        log_level="warning",
+        timeout_graceful_shutdown=1,
     )
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)

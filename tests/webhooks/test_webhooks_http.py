@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import httpx
 import pytest
 from standardwebhooks.webhooks import Webhook
+from support.receiver import Receiver, running_receiver
 from support.service import FAKE_SOLVER, task, wait_for
 from support.serving import served
 
@@ -20,43 +18,10 @@ from app.keys_command import issue_key
 from app.settings import ServiceSettings
 
 
-@dataclass(eq=False)
-class Receiver:
-    """An MES: keeps what it is sent, and answers by the path."""
-
-    address: str = ""
-    got: list[tuple[str, dict[str, str], bytes]] = field(default_factory=list)
-
-    def at(self, path: str) -> list[tuple[dict[str, str], bytes]]:
-        return [(headers, body) for where, headers, body in self.got if where == path]
-
-
 @pytest.fixture(scope="module")
 def receiver() -> Iterator[Receiver]:
-    receiver = Receiver()
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            body = self.rfile.read(int(self.headers["Content-Length"]))
-            earlier = len(receiver.at(self.path))
-            receiver.got.append((self.path, {name.lower(): value for name, value in self.headers.items()}, body))
-            status = {"/gone": 410, "/elsewhere": 302, "/never": 500, "/later": 503 if earlier < 2 else 204}
-            self.send_response(status.get(self.path, 204))
-            if self.path == "/elsewhere":
-                self.send_header("Location", f"{receiver.address}/trap")
-            self.end_headers()
-
-        def log_message(self, *_: Any) -> None:
-            return
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    receiver.address = f"http://127.0.0.1:{server.server_port}"
-    yield receiver
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with running_receiver() as receiver:
+        yield receiver
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,102 @@
+"""GET /v1/plans with a query: every plan that fits is found once, nothing else is, and a wrong query is explained."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx
+import pytest
+from support.service import finished, task
+
+from app.plan_query import PlanQuery
+from planners.contract.task_spec import KINDS
+from workers.job_state import JobState
+
+TOOL_TASK = "domino_pile.json"
+PARAMETERS = sorted(PlanQuery.model_fields)
+
+
+@pytest.fixture
+def plans(client: httpx.Client) -> list[dict[str, Any]]:
+    """One plan of each state and kind, oldest first; `order-7` twice."""
+    posted = [
+        client.post("/v1/plans", json=body).json()
+        for body in (
+            task(external_id="order-7"), task(external_id="fail"), task(external_id="order-7", seed=1),
+            task(TOOL_TASK, external_id="order-8"),
+        )
+    ]  # fmt: skip
+    ended = [finished(client, plan) for plan in posted]
+    held = client.post("/v1/plans", json=task(external_id="hang")).json()
+    waiting = client.post("/v1/plans", json=task(external_id="cancelled")).json()
+    client.post(waiting["links"]["cancel"])
+    return [*ended, held, finished(client, waiting)]
+
+
+def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:
+    """Walk through all pages of a query, two plans at a time."""
+    listed, token = [], {}
+    while True:
+        page = client.get("/v1/plans", params={**query, "page_size": 2, **token}).raise_for_status().json()
+        listed += page["plans"]
+        if page["next_page_token"] is None:
+            return listed
+        assert len(page["plans"]) == 2
+        token = {"page_token": page["next_page_token"]}
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        {"external_id": "order-7"},
+        {"external_id": "order"},
+        {"kind": "suction_tool"},
+        {"state": "succeeded"},
+        {"state": "failed"},
+        {"state": "cancelled"},
+        {"outcome": "solved"},
+        {"outcome": "infeasible"},
+        {"kind": "plate_lift", "state": "succeeded", "outcome": "solved", "external_id": "order-7"},
+        {"state": "failed", "outcome": "solved"},
+    ],
+)
+def test_a_query_finds_what_a_look_at_all_plans_finds(
+    client: httpx.Client, plans: list[dict[str, Any]], query: dict[str, str]
+) -> None:
+    everything = found(client)
+    assert {plan["id"] for plan in plans} <= {plan["id"] for plan in everything}
+    fitting = [plan["id"] for plan in everything if all(plan[name] == wish for name, wish in query.items())]
+    assert [plan["id"] for plan in found(client, **query)] == fitting
+
+
+def test_every_kind_and_state_of_a_plan_can_be_asked_for() -> None:
+    properties = PlanQuery.model_json_schema()["properties"]
+    assert properties["kind"]["anyOf"][0]["enum"] == list(KINDS)
+    assert properties["state"]["anyOf"][0]["enum"] == [state.value for state in JobState]
+
+
+@pytest.mark.parametrize(
+    ("query", "pointer", "allowed"),
+    [
+        ({"state": "done"}, "/query/state", ["queued", "running", "succeeded", "failed", "cancelled"]),
+        ({"outcome": "perfect"}, "/query/outcome", ["solved", "infeasible", "not_found"]),
+        ({"kind": "regrasp"}, "/query/kind", list(KINDS)),
+        ({"externalId": "order-7"}, "/query/externalId", PARAMETERS),
+    ],
+)
+def test_a_query_that_cannot_be_followed_is_answered_with_the_choices(
+    client: httpx.Client, query: dict[str, str], pointer: str, allowed: list[str]
+) -> None:
+    answer = client.get("/v1/plans", params=query)
+    assert (answer.status_code, answer.headers["Content-Type"]) == (422, "application/problem+json")
+    (problem,) = answer.json()["errors"]
+    assert problem["pointer"] == pointer
+    assert sorted(problem["allowed"]) == sorted(allowed)
+
+
+def test_a_name_that_no_task_can_have_is_refused(client: httpx.Client) -> None:
+    assert client.get("/v1/plans", params={"external_id": "a\0b"}).status_code == 422
+
+
+def test_head_and_get_agree_on_a_wrong_query(client: httpx.Client) -> None:
+    assert client.head("/v1/plans", params={"order": "newest"}).status_code == 422

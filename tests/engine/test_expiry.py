@@ -1,0 +1,97 @@
+"""Jobs whose time is over are cancelled, whoever has them; those that have ended are let be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from support.service import task
+
+from workers.database import Database, open_database
+from workers.engine_table import workflow_table
+from workers.expiry import BATCH, Expiry
+from workers.job_order import JobOrder
+from workers.job_queue import JobQueue
+from workers.job_state import JobState
+from workers.plan_store import PlanStore
+from workers.settings import WorkerSettings
+from workers.time_stamp import now_us
+
+HOUR_US = 3_600_000_000
+
+
+@dataclass(frozen=True)
+class Desk:
+    database: Database
+    store: PlanStore
+    queue: JobQueue
+
+    def accept(self, end_in_us: int | None, start_in_us: int | None = None) -> str:
+        now = now_us()
+        times = [None if each is None else now + each for each in (start_in_us, end_in_us)]
+        order = JobOrder(start_us=times[0], end_us=times[1])
+        return self.store.accept(task(), None, self.queue, order=order).id
+
+    def become(self, plan_id: str, status: str) -> None:
+        jobs = workflow_table("sqlite")
+        with self.database.engine.begin() as transaction:
+            changed = sa.update(jobs).where(jobs.c.workflow_uuid == plan_id)
+            transaction.execute(changed.values(status=status, executor_id="worker"))
+
+    def state(self, plan_id: str) -> JobState:
+        return self.queue.jobs([plan_id])[plan_id].state
+
+    def sweep(self) -> None:
+        Expiry(self.store, self.queue, 1.0).sweep()
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    database = open_database(WorkerSettings(data_dir=tmp_path))
+    queue = JobQueue(database)
+    yield Desk(database, PlanStore(database), queue)
+    queue.close()
+    database.close()
+
+
+def test_only_what_is_overdue_is_cancelled_queued_delayed_or_running(desk: Desk) -> None:
+    waiting, running = desk.accept(-1), desk.accept(-1)
+    delayed = desk.accept(-1, start_in_us=HOUR_US)
+    kept = [desk.accept(None), desk.accept(HOUR_US)]
+    desk.become(running, "PENDING")
+    desk.sweep()
+    for plan_id in (waiting, running, delayed):
+        record = desk.store.get(plan_id)
+        assert desk.state(plan_id) is JobState.CANCELLED
+        assert record is not None
+        assert record.end_us is not None
+        assert record.finished_us is not None
+        assert record.finished_us >= record.end_us
+    assert [desk.state(plan_id) for plan_id in kept] == [JobState.QUEUED] * 2
+
+
+@pytest.mark.parametrize("status", ["SUCCESS", "ERROR", "CANCELLED"])
+def test_what_has_ended_before_stays_as_it_is(desk: Desk, status: str) -> None:
+    plan_id = desk.accept(-1)
+    desk.become(plan_id, status)
+    before = desk.store.get(plan_id)
+    desk.sweep()
+    assert desk.store.get(plan_id) == before
+
+
+def test_more_than_a_batch_is_cancelled(desk: Desk) -> None:
+    plans = [desk.accept(-1) for _ in range(BATCH + 1)]
+    desk.sweep()
+    desk.sweep()
+    assert {job.state for job in desk.queue.jobs(plans).values()} == {JobState.CANCELLED}
+
+
+def test_an_end_that_was_seen_stays(desk: Desk) -> None:
+    plan_id = desk.accept(-1)
+    desk.sweep()
+    before = desk.store.get(plan_id)
+    desk.store.mark_overdue([plan_id])
+    assert desk.store.get(plan_id) == before

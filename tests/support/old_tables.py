@@ -1,0 +1,35 @@
+"""Our tables as the first version had them, for tests of upgrades."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from workers.migrations import VERSION_TABLE
+
+NEWER = (
+    "DROP INDEX liftwright_plans_external_id",
+    "DROP INDEX liftwright_plans_newest_of_kind",
+    "DROP INDEX liftwright_plans_newest_of_owner",
+    "DROP INDEX liftwright_documents_outcome",
+    "DROP INDEX liftwright_plans_work_master",
+    "DROP INDEX liftwright_plans_of_scene",
+    *(f"ALTER TABLE liftwright_plans DROP COLUMN {name}" for name in ("work_master", "priority", "start_us", "end_us")),
+    "ALTER TABLE liftwright_plans DROP COLUMN scene_id",
+    "DROP TABLE liftwright_totals",
+    "DROP TABLE liftwright_scenes",
+    "DROP TABLE liftwright_api_keys",
+    "DROP TABLE liftwright_sessions",
+    "DROP TABLE liftwright_audit",
+    "DROP TABLE liftwright_webhooks",
+    "DROP TABLE liftwright_webhook_deliveries",
+    "DROP TABLE liftwright_webhook_attempts",
+    "ALTER TABLE liftwright_plans DROP COLUMN owner",
+)
+
+
+def back_to_the_first_version(engine: sa.Engine) -> None:
+    """Take away what later versions have brought."""
+    with engine.begin() as transaction:
+        VERSION_TABLE.drop(transaction)
+        for statement in NEWER:
+            transaction.exec_driver_sql(statement)
