@@ -19,6 +19,7 @@ from planners.errors import LiftwrightError
 from workers.database import open_database
 from workers.executor_lock import FileLock
 from workers.job_queue import JobQueue
+from workers.kernel_cache import forget_stale_kernels
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
 from workers.solver_process import COMPILE
@@ -103,6 +104,7 @@ def warm_up(settings: WorkerSettings) -> None:
     Raises:
         WarmUpFailed: The solver does not work.
     """
+    forget_stale_kernels()
     sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, which takes minutes\n")
     command = (*settings.solver_command, COMPILE)
     # It ends when its stdin does: with this process, however that ends.

@@ -1,8 +1,12 @@
-"""What holds for all tests: files that take long begin first, so that all cores end at about the same time."""
+"""What holds for all tests: kernels are those of today's sources, and files that take long begin first."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
+
+from workers.kernel_cache import PACKAGES, forget_stale_kernels
 
 LONG_FIRST = (
     "viewer/test_viewer_in_browser",
@@ -13,6 +17,11 @@ LONG_FIRST = (
     "contract_http/",
 )
 """Beginnings of paths of files that take long, the longest first."""
+
+
+def pytest_configure() -> None:
+    """Test no kernel that was compiled before the last change of any source."""
+    forget_stale_kernels((*PACKAGES, Path(__file__).parent))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

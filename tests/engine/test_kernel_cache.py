@@ -1,0 +1,39 @@
+"""Which compiled kernels are still believed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from workers.kernel_cache import forget_stale_kernels
+
+
+def written(path: Path, seconds: int) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("")
+    os.utime(path, (seconds, seconds))
+    return path
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_kernel_older_than_any_source_is_forgotten_even_if_its_own_has_not_changed(
+    tmp_path: Path, apart: bool
+) -> None:
+    package, cache = tmp_path / "package", tmp_path / "cache"
+    compiled = cache / "package" if apart else package / "__pycache__"
+    written(package / "unchanged.py", 100)
+    written(package / "deep" / "changed.py", 300)
+    stale = [written(compiled / name, 200) for name in ("unchanged.f.nbi", "unchanged.f.1.nbc")]
+    fresh = written(compiled / "changed.g.nbi", 301)
+    other = written(compiled / "unchanged.pyc", 200)
+    assert forget_stale_kernels((package,), str(cache) if apart else "") == len(stale)
+    assert not any(path.exists() for path in stale)
+    assert fresh.exists()
+    assert other.exists()
+    assert forget_stale_kernels((package,), str(cache) if apart else "") == 0
+
+
+def test_a_folder_without_sources_or_kernels_is_left_alone(tmp_path: Path) -> None:
+    assert forget_stale_kernels((tmp_path / "nowhere",), "") == 0
