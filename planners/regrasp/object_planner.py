@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -119,8 +120,11 @@ class ObjectPlanner:
     def _try_group(
         self, stage: ToolStage, target: MovedObject, routes: list[SuctionRoute], report: ObjectReport
     ) -> tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None:
-        """Try the sequences of several suction poses, those with the fewest handovers first."""
+        """Try the sequences of several suction poses, those with the fewest handovers first; a slow one not alone."""
         realised: dict[tuple[int | Edge, ...], ToolStage] = {}
+        best: tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None = None
+        least = math.inf
+        second_thoughts = self.settings.second_thoughts
         for number, sequence in islice(self._sequences(routes), self.settings.group_tries):
             route = routes[number]
             route.sequences += 1
@@ -128,10 +132,19 @@ class ObjectPlanner:
             done = self._realise(stage, target, route, sequence, realised, (number,), report)
             route.tell(ObjectStage.GRAPH)
             if done is not None:
-                return done, (route, sequence)
+                q = done.q[self.choreographer.workcell.joints(done.held.arm)]
+                total = done.duration + route.prospect(sequence.last, q)
+                if total < least:
+                    best, least = (done, (route, sequence)), total
+                edge, seconds = _slowest(stage, realised, number, sequence)
+                if seconds <= self.settings.slow_motion or not second_thoughts:
+                    break
+                second_thoughts -= 1
+                route.delete(edge, Rejection("transit", f"A motion of {seconds:.1f} s: a shorter way was looked for"))
+                report.counts["edges deleted"] += 1
             if report.counts["tries"] >= self.settings.tries:
                 break
-        return None
+        return best
 
     def _sequences(self, routes: list[SuctionRoute]) -> Iterator[tuple[int, Sequence]]:
         """Yield route numbers and sequences: direct ones of all routes, cheapest first, then route by route."""
@@ -258,6 +271,20 @@ class ObjectPlanner:
                 held = self.routes.held(edge.node)
                 report.steps.append(RegraspStep(report.name, 0, held.arm, held.grasp, by))
         report.counts["handovers"] += sequence.handovers
+
+
+def _slowest(
+    stage: ToolStage, realised: Mapping[tuple[int | Edge, ...], ToolStage], number: int, sequence: Sequence
+) -> tuple[Edge, float]:
+    """Return the edge of a sequence that was moved with the motion that takes longest, and how long that is [s]."""
+    slowest, longest = sequence.edges[0], 0.0
+    for count, edge in enumerate(sequence.edges, start=1):
+        after = realised[number, *sequence.edges[:count]]
+        for segment in after.segments[len(stage.segments) :]:
+            if segment.trajectory.duration > longest:
+                slowest, longest = edge, segment.trajectory.duration
+        stage = after
+    return slowest, longest
 
 
 def _ahead(route: SuctionRoute, goal: GraspLayer, following: Edge | None) -> Array:

@@ -58,7 +58,7 @@ def _edge(edge: Edge, route: SuctionRoute, chosen: Sequence | None) -> EdgeFigur
     rejection = route.tried[edge]
     state = EdgeState.MOVED if rejection is None else EdgeState.DELETED
     if chosen is not None and edge in chosen.edges:
-        state = EdgeState.CHOSEN
+        state, rejection = EdgeState.CHOSEN, None
     reason = None if rejection is None else rejection.reason
     if isinstance(edge, Pick):
         return EdgeFigures(EdgeKind.PICK, 0, None, edge.node, None, state, reason)

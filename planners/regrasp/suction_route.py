@@ -101,6 +101,12 @@ class SuctionRoute:
         for graph in self._graphs.values():
             graph.delete(edge)
 
+    def prospect(self, node: int, q: Array) -> float:
+        """Return what it costs to end with a grasp where its arm is at `q` (6,) [s]."""
+        positions = np.full((len(self.start.nodes), 1, 6), np.nan)
+        positions[node, 0] = q
+        return float(self.costs.onward(positions)[node])
+
     def emptiness(self) -> Rejection:
         """Say why there was no sequence, of layers that were asked as far as sequences could use them."""
         if not self.suction.reached.any():

@@ -86,6 +86,10 @@ class ToolPlannerSettings:
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
     """Sequences of one suction pose whose motion is tried before the next suction pose."""
+    slow_motion: float = 6.0
+    """Where the longest motion of a sequence takes longer than this, others are tried too [s]."""
+    second_thoughts: int = 3
+    """Slow sequences of one object that are put back while others are tried; the shortest of all is moved."""
     group_tries: int = 16
     """Sequences of one group of suction poses whose motion is tried before the next group."""
     tries: int = 40

@@ -33,6 +33,11 @@ class ToolStage:
     segments: tuple[ToolSegment, ...]
 
     @property
+    def duration(self) -> float:
+        """Of all segments up to here [s]."""
+        return sum(segment.trajectory.duration for segment in self.segments)
+
+    @property
     def held(self) -> HeldGrasp:
         """The grasp of the hand that holds the tool, in steps in which one does."""
         assert self.holder is not None, "the tool is held in this step"

@@ -102,6 +102,18 @@ def test_the_same_seed_gives_the_same_plan(handovers: HandoverDatabase) -> None:
         np.testing.assert_array_equal(a.trajectory.positions, b.trajectory.positions)
 
 
+def test_second_thoughts_about_slow_motion_never_make_one_object_slower(handovers: HandoverDatabase) -> None:
+    objects = json.loads((TASKS / "can_stack.json").read_text())["objects"]
+    scene = scene_of("can_stack", objects=objects[:1])
+    seconds = []
+    for thoughts in (0, 1, 4):
+        settings = replace(SETTINGS, slow_motion=0.0, second_thoughts=thoughts)
+        plan = SuctionToolPlanner(scene, settings, handovers, silent).plan()
+        assert plan.outcome is ToolOutcome.SOLVED
+        seconds.append(sum(segment.trajectory.duration for segment in plan.segments))
+    assert seconds == sorted(seconds, reverse=True)
+
+
 def test_a_spent_budget_is_told_as_not_found_with_counts(handovers: HandoverDatabase) -> None:
     motion = replace(SETTINGS.motion, straight_attempts=0, max_iterations=0)
     settings = replace(SETTINGS, motion=motion, tries=3, orders=0)
