@@ -11,6 +11,7 @@ from workers.kernel_cache import PACKAGES, forget_stale_kernels
 LONG_FIRST = (
     "viewer/test_viewer_in_browser",
     "acceptance/",
+    "regrasp/test_hard_objects",
     "integration/",
     "simulation/",
     "certify/",
