@@ -28,13 +28,13 @@ SHOTS = {
         "player.choose('simulation'), player.seek(0.9 * player.source.duration), player.panel.open('Lift')",
     ),
     "viewer-suction": (
-        "domino_pile",
+        "tissue_pile_short_tool",
         "player.panel.open('Regrasp'),"
         "player.seek(player.source.segments.find(({ kind }) => kind === 'handover').start)",
     ),
     "viewer-regrasp": (
-        "domino_pile",
-        "player.panel.open('Regrasp'), player.panel.regrasp.choose('domino_2'), player.panel.regrasp.toggle(true)",
+        "tissue_pile_short_tool",
+        "player.panel.open('Regrasp'), player.panel.regrasp.choose('tissue_box_2'), player.panel.regrasp.toggle(true)",
     ),
 }
 """Name of the picture: task, and what is done in its page."""
