@@ -53,6 +53,11 @@ class TimingSettings:
     """Acceleration ramps from one bound to the other within this time, which each motion takes longer [s]."""
     velocity_mismatch: float = 0.02
     """Most |Δq/Δt - mean velocity| over a step [rad/s] (the plan document's rule)."""
+    acceleration_mismatch: float = 0.18
+    """Most that Δv/Δt may lie outside the accelerations at both ends of a step [rad/s²], where a blend is passed within
+    it (the certificate allows 0.2) ..."""
+    acceleration_fraction: float = 0.09
+    """... to which this part of the largest Δv/Δt is added (0.1)."""
     longest: float = 600.0
     """Time between two stops that no motion takes unless its path is broken [s]."""
     rounds: int = 6
@@ -180,6 +185,7 @@ class _PieceTiming:
             reached.velocity_mismatch.max(axis=1) / self.settings.velocity_mismatch,
         )
         excess_a = (acceleration / self.acceleration).max(axis=1)
+        excess_a = np.maximum(excess_a, self._unresolved(trajectory))
         if self.rate_limits:
             rates = self._rates(trajectory.path_parameter)
             rate_v = (rates * sampled.speed[:, None] / self.rate_velocity).max(axis=1)
@@ -187,6 +193,14 @@ class _PieceTiming:
             excess_v = np.maximum(excess_v, _greater_end(rate_v))
             excess_a = np.maximum(excess_a, _greater_end(rate_a))
         return excess_v, excess_a
+
+    def _unresolved(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """Return how much more than is allowed happens between the samples of each step (n - 1,); 1 is at the limit."""
+        mean = np.diff(trajectory.velocities, axis=0) / np.diff(trajectory.time)[:, None]
+        start, end = trajectory.accelerations[:-1], trajectory.accelerations[1:]
+        outside = np.maximum(np.minimum(start, end) - mean, mean - np.maximum(start, end)).max(axis=1)
+        settings = self.settings
+        return outside / (settings.acceleration_mismatch + settings.acceleration_fraction * np.abs(mean).max())
 
     def _rates(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """dx/ds (n, c) of the quantities of the c rate limits."""
