@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numba
-
 PACKAGES = tuple(Path(__file__).resolve().parents[1] / name for name in ("planners", "workers"))
+CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+"""Tells the compiler where to keep compiled kernels."""
 _SUFFIXES = (".nbi", ".nbc")
 
 
@@ -22,7 +23,7 @@ def forget_stale_kernels(packages: tuple[Path, ...] = PACKAGES, cache_dir: str |
         cache_dir: where compiled kernels are kept; None: where the compiler is told to, else beside the sources.
     """
     newest = max((path.stat().st_mtime_ns for package in packages for path in package.rglob("*.py")), default=0)
-    kept_apart = numba.config.CACHE_DIR if cache_dir is None else cache_dir
+    kept_apart = os.environ.get(CACHE_VARIABLE) if cache_dir is None else cache_dir
     folders = (Path(kept_apart),) if kept_apart else packages
     stale = [path for folder in folders for path in _compiled(folder) if path.stat().st_mtime_ns < newest]
     for path in stale:

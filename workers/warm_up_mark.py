@@ -11,13 +11,14 @@ from pathlib import Path
 
 from llvmlite import binding
 
+from workers.kernel_cache import CACHE_VARIABLE
 from workers.settings import WorkerSettings
 
 MARK = "warm"
 """File beside the handovers: whoever removes these has them computed again."""
 SOURCES = tuple(Path(__file__).resolve().parents[1] / name for name in ("assets", "planners", "workers"))
 COMPILERS = ("llvmlite", "numba", "numpy")
-VARIABLES = ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+VARIABLES = (CACHE_VARIABLE, "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 """Where compiled kernels are kept, and what processor they are for."""
 
 
