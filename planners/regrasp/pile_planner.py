@@ -91,6 +91,7 @@ class PilePlanner:
         suctions: SuctionFinder,
         stopovers: Stopovers,
         most_plans: int,
+        most_tries: int,
     ) -> None:
         """Take what all orders share.
 
@@ -99,8 +100,10 @@ class PilePlanner:
             suctions: suction poses.
             stopovers: free places.
             most_plans: moves that are planned at all, whatever becomes of them.
+            most_tries: sequences of all moves whose motion is tried, after which no further move is planned.
         """
-        self.objects, self.suctions, self.stopovers, self.most_plans = objects, suctions, stopovers, most_plans
+        self.objects, self.suctions, self.stopovers = objects, suctions, stopovers
+        self.most_plans, self.most_tries = most_plans, most_tries
         self.failed: list[ObjectReport] = []
         """Of moves that were not found, and of those that led nowhere."""
         self.counts = Counter[str]()
@@ -112,7 +115,7 @@ class PilePlanner:
             return course
         order = ObjectOrder.of(tuple(course.objects.values()))
         for target, stopover in self._moves(course, order):
-            if self.planned >= self.most_plans:
+            if self.planned >= self.most_plans or self.counts["tries"] >= self.most_tries:
                 return None
             after = self._moved(course, target, stopover)
             found = None if after is None else self.plan(after)

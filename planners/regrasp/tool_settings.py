@@ -94,6 +94,9 @@ class ToolPlannerSettings:
     """Sequences of one group of suction poses whose motion is tried before the next group."""
     tries: int = 40
     """Sequences of one object whose motion is tried, over all suction poses."""
+    tries_for_each: int = 40
+    """Sequences whose motion is tried for each object of a task, over all orders and stopovers: plans that are found
+    need few, and a "no" should not take a minute."""
     orientations: int = 6
     """Handover orientations of one pair of grasps whose motion is tried."""
     orders: int = 8
