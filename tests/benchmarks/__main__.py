@@ -21,7 +21,8 @@ PARTS = {
         Part("suction", "The suction tool", suction_part.measure),
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
-        Part("service", "The service: faults, load, bad input", service_part.measure),
+        Part("service", "The service: load, bad input", service_part.measure),
+        Part("faults", "The service: killed at random", service_part.measure_faults),
     )
 }
 """In the order in which they stand in the report."""

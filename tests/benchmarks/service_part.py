@@ -1,4 +1,4 @@
-"""The part of RESULTS.md on what a factory asks of the service: faults, load, bad input."""
+"""The parts of RESULTS.md on what a factory asks of the service: faults; load and bad input."""
 
 from __future__ import annotations
 
@@ -23,19 +23,23 @@ LONGEST_READ = 50.0
 """99 of 100 reads [ms]."""
 
 
-def measure(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Kill, ask, and abuse, each with a service of its own."""
+def measure_faults(effort: Effort, note: Note, folder: Path) -> Findings:
+    """Kill parts of a fleet of its own while it plans: about an hour."""
     del folder
-    limits: list[Limit] = []
-    sections: list[str] = []
     soaks = {}
     for place, postgres, jobs, kills in effort.soaks:
         note(f"soak on {place}: {jobs} jobs, {kills} kills")
         with tempfile.TemporaryDirectory() as place_of_files:
             soaks[place] = soak.soak(SoakSettings(jobs, kills, postgres, _cheap_task), Path(place_of_files), note)
-    if soaks:
-        limits += [_soak_limit(place, figures) for place, figures in soaks.items()]
-        sections.append(_soak_section(soaks))
+    limits = [_soak_limit(place, figures) for place, figures in soaks.items()]
+    return Findings(limits, [_soak_section(soaks)] if soaks else [])
+
+
+def measure(effort: Effort, note: Note, folder: Path) -> Findings:
+    """Ask, and abuse, each with a service of its own."""
+    del folder
+    limits: list[Limit] = []
+    sections: list[str] = []
     if effort.load is not None:
         with tempfile.TemporaryDirectory() as place_of_files:
             asked = load.measure(effort.load, SOLVER_COMMAND, Path(place_of_files), note)
