@@ -51,7 +51,10 @@ class FuzzFigures:
 
 @st.composite
 def changed_tasks(draw: st.DrawFn) -> Any:
-    """Draw a shipped task in which up to three members were replaced, removed, repeated or added."""
+    """Draw a shipped task in which up to three members were replaced, removed, repeated or added.
+
+    What is drawn is copied: later changes would be seen by the next draw.
+    """
     task = copy.deepcopy(draw(st.sampled_from(BASES)))
     for _ in range(draw(st.integers(1, 3))):
         holder: Any = task
@@ -63,11 +66,11 @@ def changed_tasks(draw: st.DrawFn) -> Any:
         key = draw(st.sampled_from(_members(holder)))
         match draw(st.sampled_from(["replace", "replace", "remove", "add", "repeat"])):
             case "replace":
-                holder[key] = draw(UNUSUAL)
+                holder[key] = copy.deepcopy(draw(UNUSUAL))
             case "remove" if len(holder) > 1:
                 del holder[key]
             case "add" if isinstance(holder, dict):
-                holder[draw(st.text(max_size=10))] = draw(UNUSUAL)
+                holder[draw(st.text(max_size=10))] = copy.deepcopy(draw(UNUSUAL))
             case "repeat" if isinstance(holder, list):
                 holder += [holder[key]] * draw(st.integers(1, 200))
     return task
