@@ -90,13 +90,13 @@ class MotionStatistics:
     length: float = 0.0
     """Length of the path returned [rad of the slowest joint]."""
 
-    def after(self, earlier: MotionStatistics) -> MotionStatistics:
-        """Return what both took together; lengths are those of the later."""
+    def including(self, other: MotionStatistics) -> MotionStatistics:
+        """Return what both took together, with the lengths of this one."""
         return replace(
             self,
-            straight_attempts=earlier.straight_attempts + self.straight_attempts,
-            iterations=earlier.iterations + self.iterations,
-            edges_checked=earlier.edges_checked + self.edges_checked,
+            straight_attempts=self.straight_attempts + other.straight_attempts,
+            iterations=self.iterations + other.iterations,
+            edges_checked=self.edges_checked + other.edges_checked,
         )
 
 
@@ -136,7 +136,7 @@ def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Gen
     result = _to_any(query, settings, rng, metric, near, costs)
     if result.path is None and near.size < order.size:
         everywhere = _to_any(query, settings, rng, metric, order, costs)
-        result = replace(everywhere, statistics=everywhere.statistics.after(result.statistics))
+        result = replace(everywhere, statistics=everywhere.statistics.including(result.statistics))
     return result
 
 
@@ -179,14 +179,14 @@ def _search(
     best = MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED, statistics=MotionStatistics(attempts))
     least = math.inf
     for _ in range(settings.searches):
-        found = _search_once(query, settings, rng, metric, order)
-        spent = found.statistics.after(best.statistics)
-        if found.path is not None and found.goal_index is not None:
-            straight = metric.distances(query.start, found.path[-1:])[0]
-            detour = found.statistics.length / straight if straight > 0.0 else 1.0
-            if costs[found.goal_index] * detour < least:
-                best, least = found, costs[found.goal_index] * detour
-        best = replace(best, statistics=replace(spent, **_lengths(best.statistics)))
+        other = _search_once(query, settings, rng, metric, order)
+        if other.path is not None and other.goal_index is not None:
+            straight = metric.distances(query.start, other.path[-1:])[0]
+            detour = other.statistics.length / straight if straight > 0.0 else 1.0
+            cost = costs[other.goal_index] * detour
+            if cost < least:
+                best, other, least = other, best, cost
+        best = replace(best, statistics=best.statistics.including(other.statistics))
         if least <= settings.good_share * costs[order[0]]:
             break
     return best
@@ -215,10 +215,6 @@ def _search_once(
     path = shorten(growth.path, query.edge_checker, metric, settings.shortcut_attempts, rng)
     statistics = replace(statistics, length_found=metric.length(growth.path), length=metric.length(path))
     return MotionResult(MotionOutcome.FOUND, path, int(order[growth.goal_index]), statistics)
-
-
-def _lengths(statistics: MotionStatistics) -> dict[str, float]:
-    return {"length_found": statistics.length_found, "length": statistics.length}
 
 
 def _check_shapes(query: MotionQuery) -> None:
