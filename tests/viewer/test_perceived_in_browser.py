@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from playwright.sync_api import Page
-from support.browser import CHROMIUM, LOADING_MILLISECONDS, running_browser
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
 from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
 from support.service import FAKE_SOLVER, ServiceProcess, running_service
 
@@ -17,9 +16,7 @@ from tests.support.scan_frames import shipped
 LAYERS = {"points": 2e-3, "models": 2e-3, "tool": 1e-3, "robot": 2e-3}
 """Share of the picture that each one covers at least."""
 
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None and "CI" not in os.environ, reason="no Chromium on this machine: the viewer cannot be looked at"
-)
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")

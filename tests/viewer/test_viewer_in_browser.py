@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize
-from support.browser import CHROMIUM, LOADING_MILLISECONDS, running_browser, wait_for_plan
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
 from support.scene_pictures import LAYER_SHARE, settled, wait_until_it_differs, wait_until_it_is_as_before
 from support.service import ServiceProcess, finished, running_service, task, wait_for
 
@@ -18,9 +17,7 @@ WINDOW: ViewportSize = {"width": 960, "height": 640}
 PIXELS_PER_POINT = 0.5
 """Few: every pixel is drawn without a graphics card."""
 
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None and "CI" not in os.environ, reason="no Chromium on this machine: the viewer cannot be looked at"
-)
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
