@@ -80,7 +80,7 @@ class SuctionToolPlanner:
             self.suctions,
             Stopovers(StillBodies.of(scene.cell, scene.obstacles), settings.stopover),
             len(scene.objects) + settings.orders,
-            len(scene.objects) * settings.tries_for_each,
+            (len(scene.objects) + 1) * settings.tries,
         )
         self._targets = {each.name: each for each in scene.objects}
 
