@@ -93,8 +93,8 @@ class ToolPlannerSettings:
     group_tries: int = 16
     """Sequences of one group of suction poses whose motion is tried before the next group."""
     tries: int = 40
-    """Sequences of one move whose motion is tried, over all suction poses. A task has as many for each of its objects and
-    for one move more, over all orders and stopovers: plans that are found need few, and a "no" should not take a
+    """Sequences of one move whose motion is tried, over all suction poses. A task has as many for each of its objects,
+    and for one move more, over all orders and stopovers: plans that are found need few, and a "no" should not take a
     minute."""
     orientations: int = 6
     """Handover orientations of one pair of grasps whose motion is tried."""

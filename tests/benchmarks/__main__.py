@@ -21,7 +21,8 @@ PARTS = {
         Part("suction", "The suction tool", suction_part.measure),
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
-        Part("service", "The service: load, bad input", service_part.measure),
+        Part("load", "The service: under load", service_part.measure_load),
+        Part("fuzz", "The service: bad input", service_part.measure_bad_input),
         Part("faults", "The service: killed at random", service_part.measure_faults),
     )
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import os
 import signal
@@ -17,12 +18,15 @@ import httpx
 from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings
 from hypothesis import strategies as st
 
+from tests.benchmarks.tasks import Note
 from tests.support import mesh_bombs
 from tests.support.audited_service import NOTES
 from tests.support.service import TASKS, ServiceProcess, running_service
 
 MOST_MIB = 1500.0
 """Of the service's process, at its largest [MiB]. Half of it are libraries and compiled kernels."""
+NOTED = 1000
+"""Cases between two notes of how far it has come."""
 UNUSUAL = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=40), st.sampled_from(mesh_bombs.PATHS),
     st.sampled_from([2**63, -(2**63), 1e308, -0.0, 5e-324, "", [], {}, [[[]]]]),
@@ -138,8 +142,14 @@ def watched_service(folder: Path) -> Iterator[Target]:
         del os.environ[NOTES]
 
 
-def fuzz(target: Target, cases: int, number: int = 0) -> None:
+def fuzz(target: Target, cases: int, number: int = 0, note: Note | None = None) -> None:
     """Send every bomb, and then so many made-up cases, half tasks and half meshes."""
+    sent = itertools.count(1)
+
+    def tell() -> None:
+        if (count := next(sent)) % NOTED == 0 and note is not None:
+            note(f"fuzz: {count} of {cases} cases")
+
     for body in mesh_bombs.bodies():
         target.send("/v1/plans", body, "application/json", refused=True)
     for media_type, content in mesh_bombs.meshes():
@@ -148,10 +158,12 @@ def fuzz(target: Target, cases: int, number: int = 0) -> None:
     @given(changed_tasks())
     def send_task(task: Any) -> None:
         target.send("/v1/plans", json.dumps(task).encode(), "application/json")
+        tell()
 
     @given(near_meshes())
     def send_mesh(mesh: tuple[str, bytes]) -> None:
         target.send("/v1/meshes", mesh[1], mesh[0])
+        tell()
 
     for send in (send_task, send_mesh):
         effort = settings(

@@ -44,7 +44,8 @@ SECTIONS = {
         "The largest scans",
     ),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
-    "The service: load, bad input": ("Aimed at and reached",),
+    "The service: under load": ("Aimed at and reached",),
+    "The service: bad input": ("Aimed at and reached",),
     "The service: killed at random": ("Aimed at and reached",),
 }
 
