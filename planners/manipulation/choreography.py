@@ -27,7 +27,8 @@ from planners.motion.blended_path import BlendedPath
 from planners.motion.curve_path import CurvePath
 from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
-from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings, plan_motion
+from planners.motion.path_search import plan_motion
+from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
 from planners.motion.timing import TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, hold_still
 from planners.segment import ContactSet, GripHold, PushHold, Segment, SegmentKind

@@ -19,7 +19,8 @@ from planners.motion.checker import EdgeChecker
 from planners.motion.curve_path import CurvePath
 from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
-from planners.motion.query import MotionOutcome, MotionQuery, plan_motion
+from planners.motion.path_search import plan_motion
+from planners.motion.query import MotionOutcome, MotionQuery
 from planners.motion.timing import TimingError, time_path
 from planners.motion.trajectory import Trajectory
 from planners.regrasp.bearing import Bearing, CarryingHand

@@ -19,7 +19,8 @@ from planners.motion.arm_checker import ArmEdgeChecker
 from planners.motion.blended_path import BlendedPath
 from planners.motion.joint_metric import JointMetric
 from planners.motion.limits import JointLimits
-from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings, plan_motion
+from planners.motion.path_search import plan_motion
+from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
 from planners.motion.timing import time_path
 from planners.motion.trajectory import Trajectory
 from planners.scene.arm import Arm

@@ -14,7 +14,8 @@ from planners.geometry.pose import Array
 from planners.motion.blended_path import BlendedPath
 from planners.motion.joint_metric import JointMetric
 from planners.motion.limits import JointLimits
-from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings, plan_motion
+from planners.motion.path_search import plan_motion
+from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
 from planners.motion.timing import time_path
 from planners.progress import silent
 from planners.regrasp import tool_motion

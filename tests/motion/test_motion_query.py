@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.errors import PlanningCancelled
-from planners.motion.query import MotionOutcome, MotionQuery, MotionQueryError, MotionSettings, plan_motion
+from planners.motion.path_search import plan_motion
+from planners.motion.query import MotionOutcome, MotionQuery, MotionQueryError, MotionSettings
 
 Array = NDArray[np.float64]
 
