@@ -1,28 +1,34 @@
 # One image for API and workers. Not built yet; say so in the README until it was.
-FROM python:3.11.14-slim-bookworm
-
-ARG COMMIT=""
-ENV LIFTWRIGHT_COMMIT=${COMMIT} \
-    LIFTWRIGHT_DATA_DIR=/data \
-    NUMBA_CACHE_DIR=/opt/liftwright/kernels \
-    PYTHONDONTWRITEBYTECODE=1 \
-    PYTHONUNBUFFERED=1
-
-WORKDIR /opt/liftwright
+FROM python:3.11.14-slim-bookworm AS source
+WORKDIR /source
 COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY app ./app
 COPY assets ./assets
 COPY planners ./planners
 COPY workers ./workers
-RUN pip install --no-cache-dir --constraint constraints.txt '.[postgres]' \
+RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
+
+FROM python:3.11.14-slim-bookworm
+ARG COMMIT=""
+ENV LIFTWRIGHT_COMMIT=${COMMIT} \
+    LIFTWRIGHT_DATA_DIR=/data \
+    NUMBA_CACHE_DIR=/kernels \
+    PYTHONDONTWRITEBYTECODE=1 \
+    PYTHONUNBUFFERED=1
+
+# The packages are there once, installed: compiled kernels belong to the path of their source.
+COPY --from=source /wheels /source/constraints.txt /wheels/
+RUN pip install --no-cache-dir --constraint /wheels/constraints.txt "$(echo /wheels/*.whl)[postgres]" \
     && useradd --create-home --uid 10001 liftwright \
-    && mkdir -p /data /opt/liftwright/kernels \
-    && chown -R liftwright /data /opt/liftwright/kernels
+    && mkdir -p /data /kernels \
+    && chown -R liftwright /data /kernels
 
 USER liftwright
-# The root file system is read-only when it runs: all kernels are compiled here.
+WORKDIR /home/liftwright
 RUN liftwright warmup
-VOLUME /data
+# The root file system is read-only when it runs. The compiler refuses a cache that it cannot write to, so that each
+# container gets a copy of the kernels.
+VOLUME /data /kernels
 EXPOSE 8040
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=60s CMD \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,16 @@ def instructions() -> list[tuple[str, str]]:
 
 
 DOCKERFILE = instructions()
+FINAL = DOCKERFILE[max(number for number, (word, _) in enumerate(DOCKERFILE) if word == "FROM") :]
+"""The stage that becomes the image."""
 
 
-def arguments(instruction: str) -> list[str]:
-    return [rest for word, rest in DOCKERFILE if word == instruction]
+def arguments(instruction: str, stage: list[tuple[str, str]] = DOCKERFILE) -> list[str]:
+    return [rest for word, rest in stage if word == instruction]
+
+
+def environment_of_the_image() -> dict[str, str]:
+    return dict(pair.split("=", 1) for line in arguments("ENV", FINAL) for pair in shlex.split(line))
 
 
 @pytest.mark.parametrize("name", SERVICES)
@@ -107,8 +114,10 @@ def test_the_image_is_built_as_linters_ask() -> None:
     known = {"FROM", "ARG", "ENV", "WORKDIR", "COPY", "RUN", "USER", "VOLUME", "EXPOSE", "STOPSIGNAL", "HEALTHCHECK"}
     assert set(words) <= known | {"CMD"}
     assert words[0] == "FROM"
-    assert [words.count(once) for once in ("FROM", "CMD", "HEALTHCHECK")] == [1, 1, 1]
-    assert re.fullmatch(r"python:3\.11\.\d+-slim-\w+", arguments("FROM")[0]), "a version, and not the latest"
+    assert [words.count(once) for once in ("CMD", "HEALTHCHECK")] == [1, 1]
+    bases = {line.partition(" ")[0] for line in arguments("FROM")}
+    assert len(bases) == 1, "kernels and wheels are made for what they run on"
+    assert re.fullmatch(r"python:3\.11\.\d+-slim-\w+", bases.pop()), "a version, and not the latest"
     assert all(path.startswith("/") for path in arguments("WORKDIR"))
     runs = " && ".join(arguments("RUN"))
     assert not re.search(r"\b(sudo|apt|curl|wget|cd)\b", runs)
@@ -127,9 +136,33 @@ def test_the_image_does_not_run_as_root_and_its_user_is_that_of_compose() -> Non
 
 
 def test_what_is_copied_exists_and_is_all_that_is_packaged() -> None:
-    copied = [source for line in arguments("COPY") for source in shlex.split(line)[:-1]]
+    copied = [
+        source for line in arguments("COPY") if not line.startswith("--from=") for source in shlex.split(line)[:-1]
+    ]
     assert all((ROOT / source).exists() for source in copied)
-    assert {"app", "assets", "planners", "workers", "pyproject.toml", "constraints.txt"} <= set(copied)
+    packages = set(
+        tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]["include"]
+    )
+    assert {each.rstrip("*.") for each in packages} | {"pyproject.toml", "constraints.txt"} <= set(copied)
+    let_in = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    assert let_in == set(copied)
+
+
+def test_packages_are_in_the_image_once_and_kernels_are_compiled_from_there_by_who_runs_them() -> None:
+    words = [word for word, _ in FINAL]
+    assert not any(re.search(r"\b(planners|workers|app)\b", line) for line in arguments("COPY", FINAL))
+    warmup = next(number for number, (_, rest) in enumerate(FINAL) if rest == "liftwright warmup")
+    assert words.index("USER") < warmup < words.index("VOLUME")
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_what_is_written_while_it_runs_is_on_volumes_or_in_memory(name: str) -> None:
+    """The compiler refuses to import kernels whose cache it cannot write to."""
+    environment = environment_of_the_image()
+    volumes = " ".join(arguments("VOLUME", FINAL)).split()
+    mounted = [volume.partition(":")[2] for volume in OURS[name]["volumes"]] + OURS[name]["tmpfs"]
+    assert environment["NUMBA_CACHE_DIR"] in volumes
+    assert environment["LIFTWRIGHT_DATA_DIR"] in {*volumes, *mounted}
 
 
 def test_the_command_of_the_image_is_ours() -> None:
