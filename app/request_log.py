@@ -14,6 +14,11 @@ from app.metrics import REQUEST_SECONDS
 
 HEADER = "X-Request-ID"
 UNKNOWN_ROUTE = "none"
+METHODS = frozenset({"CONNECT", "DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT", "TRACE"})
+OTHER_METHOD = "other"
+"""Counts together what anybody may make up: each label is kept for as long as the process lives."""
+LONGEST_METHOD = 20
+"""In the log [characters]."""
 PROBES = ("/livez", "/readyz", "/metrics")
 """Asked every few seconds: measured, and not logged while all is well."""
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
@@ -52,14 +57,15 @@ class RequestLog:
 
 def _tell(scope: Scope, status: int, seconds: float) -> None:
     route = getattr(scope.get("route"), "path", UNKNOWN_ROUTE)
-    REQUEST_SECONDS.labels(scope["method"], route, str(status)).observe(seconds)
+    method = scope["method"] if scope["method"] in METHODS else OTHER_METHOD
+    REQUEST_SECONDS.labels(method, route, str(status)).observe(seconds)
     if scope["path"] in PROBES and status < 400:
         return
     plan_id = scope.get("path_params", {}).get("plan_id")
     told = log if plan_id is None else log.bind(job_id=plan_id)
     told.info(
         "request",
-        method=scope["method"],
+        method=scope["method"][:LONGEST_METHOD],
         # Never the query: it may hold what its sender would not want to read here.
         path=scope["path"][:200],
         status=status,

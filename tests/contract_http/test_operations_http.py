@@ -25,6 +25,16 @@ def test_a_job_shows_in_the_metrics_of_documents_and_requests(client: httpx.Clie
     assert value(after, 'liftwright_jobs{state="running"}') == 0
 
 
+def test_methods_that_somebody_makes_up_are_counted_as_one(client: httpx.Client) -> None:
+    other = 'liftwright_request_seconds_count{method="other",route="/livez",status="405"}'
+    before = client.get("/metrics").text
+    for method in ("BREW", "WHEN", "GET2"):
+        assert client.request(method, "/livez").status_code == 405
+    after = client.get("/metrics").text
+    assert value(after, other) == value(before, other) + 3
+    assert not re.search('method="(BREW|WHEN|GET2)"', after)
+
+
 def test_deaths_of_solvers_and_failures_are_counted_by_why(client: httpx.Client) -> None:
     before = client.get("/metrics").text
     finished(client, client.post("/v1/plans", json=task(external_id="die")).json())
