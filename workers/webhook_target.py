@@ -14,6 +14,8 @@ from planners.errors import LiftwrightError
 LONGEST_URL = 2000
 DEFAULT_PORTS = {"http": 80, "https": 443}
 NAT64 = IPv6Network("64:ff9b::/96")
+GLOBAL_UNICAST = IPv6Network("2000::/3")
+"""All of IPv6 that is routed on the internet (RFC 4291, IANA's address space registry)."""
 
 Address = IPv4Address | IPv6Address
 Network = IPv4Network | IPv6Network
@@ -99,12 +101,14 @@ class TargetRules:
 
 
 def _is_public(address: Address) -> bool:
-    if isinstance(address, IPv6Address):
-        inner = [address.ipv4_mapped, address.sixtofour, *(address.teredo or ())]
-        if address in NAT64:
-            inner.append(IPv4Address(int(address) & 0xFFFFFFFF))
-        if not all(_is_public(part) for part in inner if part is not None):
-            return False
-        if address.ipv4_mapped is not None:
-            return True
-    return address.is_global and not address.is_multicast
+    if isinstance(address, IPv4Address):
+        return address.is_global and not address.is_multicast
+    inner = [address.ipv4_mapped, address.sixtofour, *(address.teredo or ())]
+    if address in NAT64:
+        inner.append(IPv4Address(int(address) & 0xFFFFFFFF))
+    if not all(_is_public(part) for part in inner if part is not None):
+        return False
+    if address.ipv4_mapped is not None or address in NAT64:
+        return True
+    # What the language knows as global is more: translated, site-local and IPv4-compatible addresses, too.
+    return address in GLOBAL_UNICAST and address.is_global
