@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
+import structlog
+
 from planners.errors import LiftwrightError
 from workers.packed_document import PackedDocument
 from workers.solver_protocol import MAX_LINE, DocumentHeader, Message, Report, Request
@@ -20,16 +22,21 @@ from workers.solver_protocol import MAX_LINE, DocumentHeader, Message, Report, R
 READY_SECONDS = 300.0
 """A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""
 
+START_PAUSES_SECONDS = (0.5, 2.0)
+"""A machine that is short of memory or processes is given so long before a start is tried again [s]."""
+
 OnReport = Callable[[Report], Awaitable[None]]
+log = structlog.get_logger(__name__)
 
 
 class SolverDied(LiftwrightError):
-    """A solver process ended without an answer."""
+    """A solver process gave no answer, or there could not even be one. Another one may do better."""
 
-    def __init__(self, return_code: int) -> None:
-        self.return_code = return_code
+    @classmethod
+    def with_code(cls, return_code: int) -> Self:
+        """Of a process that has ended."""
         ending = f"signal {signal.Signals(-return_code).name}" if return_code < 0 else f"exit code {return_code}"
-        super().__init__(f"the solver process ended without an answer ({ending})")
+        return cls(f"the solver process ended without an answer ({ending})")
 
 
 class SolverFault(LiftwrightError):
@@ -60,15 +67,22 @@ class SolverProcess:
 
     @classmethod
     async def start(cls, command: SolverCommand) -> Self:
-        """Start a child; it gets ready on its own."""
-        process = await asyncio.create_subprocess_exec(
-            *command.words,
-            env={**os.environ, **command.environment},
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            process_group=0,
-            limit=MAX_LINE,
-        )
+        """Start a child; it gets ready on its own.
+
+        Raises:
+            SolverDied: The machine has no process or no memory for it, or there is no such program.
+        """
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *command.words,
+                env={**os.environ, **command.environment},
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                process_group=0,
+                limit=MAX_LINE,
+            )
+        except OSError as error:
+            raise SolverDied(f"the solver process could not be started ({error.strerror})") from error
         # It may have ended already; then there is nothing to limit.
         with suppress(ProcessLookupError):
             os.setpriority(os.PRIO_PROCESS, process.pid, os.getpriority(os.PRIO_PROCESS, 0) + command.niceness)
@@ -109,7 +123,7 @@ class SolverProcess:
             self._stdin.write(json.dumps(request).encode() + b"\n")
             await self._stdin.drain()
         except ConnectionError:
-            raise SolverDied(await self._process.wait()) from None
+            raise SolverDied.with_code(await self._process.wait()) from None
         while True:
             message = await self._receive()
             if "progress" in message:
@@ -131,8 +145,14 @@ class SolverProcess:
         except ValueError:
             raise SolverFault(f"the solver sent a line of more than {MAX_LINE} bytes") from None
         if not line.endswith(b"\n"):
-            raise SolverDied(await self._process.wait())
-        message: Message = json.loads(line)
+            raise SolverDied.with_code(await self._process.wait())
+        try:
+            message: Message | None = json.loads(line)
+        except ValueError:
+            message = None
+        if not isinstance(message, dict):
+            # Last words of what runs under it, rather than of the solver.
+            raise SolverDied("the solver process sent what is no message")
         if "fault" in message:
             raise SolverFault(message["fault"])
         return message
@@ -141,7 +161,7 @@ class SolverProcess:
         try:
             packed = await self._stdout.readexactly(header["size"])
         except asyncio.IncompleteReadError:
-            raise SolverDied(await self._process.wait()) from None
+            raise SolverDied.with_code(await self._process.wait()) from None
         return PackedDocument(header["outcome"], header["sha256"], packed, header["stages"])
 
 
@@ -192,13 +212,25 @@ class SolverPool:
         # It failed while nobody looked: one that this job starts itself tells the job what is wrong.
         if child is not None:
             await child.kill()
+        return await self._start_despite_shortage()
+
+    async def _start_despite_shortage(self) -> SolverProcess:
+        for pause in START_PAUSES_SECONDS:
+            try:
+                return await SolverProcess.start(self._command)
+            except SolverDied as death:
+                log.warning("solver not started", error=str(death), again_in_seconds=pause)
+            await asyncio.sleep(pause)
         return await SolverProcess.start(self._command)
 
     def _start_one(self) -> None:
         self._waiting.append(asyncio.create_task(self._get_ready()))
 
     async def _get_ready(self) -> SolverProcess | None:
-        child = await SolverProcess.start(self._command)
+        try:
+            child = await SolverProcess.start(self._command)
+        except SolverDied:
+            return None
         try:
             async with asyncio.timeout(READY_SECONDS):
                 await child.ready()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import gzip
 import hashlib
 import json
@@ -10,11 +11,13 @@ import os
 import signal
 import subprocess
 import sys
+from typing import Any
 
 import psutil
 import pytest
 from support.service import FAKE_SOLVER, ROOT, wait_for
 
+from workers import solver
 from workers.packed_document import PackedDocument
 from workers.solver import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver_protocol import Report, Request
@@ -94,6 +97,49 @@ def test_a_death_and_a_fault_are_told_apart(wish: str, error: type[Exception]) -
 def test_a_command_that_is_no_solver_is_a_death_with_its_exit_code() -> None:
     with pytest.raises(SolverDied, match="exit code 7"):
         solve("now", SolverCommand((sys.executable, "-c", "raise SystemExit(7)"), {}))
+
+
+def test_what_is_no_message_is_a_death() -> None:
+    for said in (b"out of memory\n", b"\xff\n", b"7\n", b"[]\n"):
+        with pytest.raises(SolverDied, match="no message"):
+            solve("now", SolverCommand((sys.executable, "-c", f"import os; os.write(1, {said!r}); os.read(0, 1)"), {}))
+
+
+def test_a_pool_whose_solvers_cannot_be_started_tells_each_job_so_and_closes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solver, "START_PAUSES_SECONDS", (0.0,))
+
+    async def run() -> None:
+        pool = SolverPool(SolverCommand(("/no/such/solver",), {}), slots=2)
+        await pool.open()
+        for _ in range(3):
+            with pytest.raises(SolverDied, match="could not be started"):
+                await pool.solve(request("now"), ignore)
+        await pool.close()
+
+    asyncio.run(run())
+
+
+def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solver, "START_PAUSES_SECONDS", (0.05, 0.05))
+    start, refusals = asyncio.create_subprocess_exec, 3
+
+    async def refuse_some(*words: str, **options: Any) -> asyncio.subprocess.Process:
+        nonlocal refusals
+        if refusals:
+            refusals -= 1
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        return await start(*words, **options)
+
+    async def run() -> PackedDocument:
+        monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse_some)
+        pool = SolverPool(COMMAND, slots=1)
+        await pool.open()
+        try:
+            return await pool.solve(request("now"), ignore)
+        finally:
+            await pool.close()
+
+    assert asyncio.run(run()).outcome == "solved"
 
 
 def test_every_job_of_a_pool_has_a_process_of_its_own_and_none_is_left_when_it_closes() -> None:
