@@ -56,14 +56,14 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        database = await run_in_threadpool(open_database, settings)
+        database = app.state.database = await run_in_threadpool(open_database, settings)
         queue = JobQueue(database)
         store = PlanStore(database)
         app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
         app.state.meshes = MeshStore(database)
         app.state.scenes = SceneDesk(SceneStore(database), store, queue)
         app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
-        app.state.desk = PlanDesk(store, queue, settings.max_queued)
+        app.state.desk = PlanDesk(store, queue, settings.max_queued, settings.max_delayed)
         rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
         app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)
         app.state.feed = PlanFeed(store, queue)

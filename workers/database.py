@@ -11,9 +11,10 @@ import structlog
 from dbos import run_dbos_database_migrations
 from sqlalchemy import event
 
-from workers.database_loss import DATABASE_GONE
+from workers.database_loss import DATABASE_GONE, tell_read_only_as_loss
 from workers.migrations import migrate
 from workers.settings import WorkerSettings
+from workers.tables import TOTALS
 
 SQLITE_FILE = "liftwright.sqlite"
 BUSY_MS = 30_000
@@ -43,6 +44,12 @@ class Database:
     engine_url: str
     """The same database as the job engine wants it named."""
 
+    def require_writable(self) -> None:
+        """Raise what `DATABASE_GONE` lists if it cannot be reached, or takes no writes."""
+        # A server that refuses to lock refuses to write; SQLite, where nobody else may be the primary, is only read.
+        with self.engine.connect() as connection:
+            connection.execute(sa.select(TOTALS.c.count).where(sa.false()).with_for_update())
+
     def close(self) -> None:
         """Give all connections back."""
         self.engine.dispose()
@@ -54,6 +61,7 @@ def open_database(settings: WorkerSettings) -> Database:
     Raises:
         DatabaseTooNew: A newer version of this software has used it.
     """
+    tell_read_only_as_loss()
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     if settings.database_url is None:
         path = settings.data_dir.resolve() / SQLITE_FILE

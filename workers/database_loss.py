@@ -6,17 +6,38 @@ import asyncio
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
+import sqlalchemy as sa
 import structlog
-from sqlalchemy import exc
+from sqlalchemy import event, exc
 
 FIRST_PAUSE_SECONDS = 0.2
 LONGEST_PAUSE_SECONDS = 5.0
 DATABASE_GONE = (exc.OperationalError, exc.InterfaceError, exc.TimeoutError)
-"""What the database layer raises if the server is away, has no connection to spare, or has no room on its disk."""
+"""What the database layer raises if the server is away, has no connection to spare, has no room on its disk, or takes
+no writes (`tell_read_only_as_loss`)."""
+READ_ONLY = "25006"
+"""SQLSTATE of a write that a server refuses which is no primary, or is none any more after a failover."""
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 log = structlog.get_logger(__name__)
+
+
+def tell_read_only_as_loss() -> None:
+    """Have a server that takes no writes count as one that is away: its connections are closed, and made anew.
+
+    After a failover a name leads to another server, while connections to the one before may live on.
+    """
+    # On the class: the job engine makes database engines of its own, and waits for lost connections as we do.
+    event.listen(sa.Engine, "handle_error", _lose_read_only)
+
+
+def _lose_read_only(context: sa.engine.ExceptionContext) -> exc.OperationalError | None:
+    if getattr(context.original_exception, "sqlstate", None) != READ_ONLY:
+        return None
+    context.is_disconnect = True
+    original = context.original_exception
+    return exc.OperationalError(context.statement, context.parameters, original, connection_invalidated=True)
 
 
 async def once_it_is_there(

@@ -8,6 +8,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from app.errors import NotReady
 from app.metrics import PROCESS_METRICS, ServiceMetrics
 from app.plan_desk import PlanDesk
+from workers.database import Database
 from workers.database_loss import DATABASE_GONE
 
 router = APIRouter(tags=["operations"])
@@ -21,12 +22,12 @@ async def livez() -> dict[str, str]:
 
 @router.get("/readyz", summary="Can it work?")
 def readyz(request: Request) -> dict[str, str]:
-    """Answer once the database can be reached."""
-    desk: PlanDesk = request.app.state.desk
+    """Answer once the database can be reached and takes writes."""
+    database: Database = request.app.state.database
     try:
-        desk.store.check()
+        database.require_writable()
     except DATABASE_GONE as error:
-        raise NotReady("the database cannot be reached") from error
+        raise NotReady("the database cannot be reached, or takes no writes") from error
     return {"status": "ready"}
 
 

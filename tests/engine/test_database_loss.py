@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 from sqlalchemy import exc
+from support.postgres import needs_postgres, running_postgres
 
 from workers import database_loss
-from workers.database_loss import once_it_is_there
+from workers.database import open_database
+from workers.database_loss import DATABASE_GONE, once_it_is_there
+from workers.settings import WorkerSettings
+from workers.tables import TOTALS
 
 
 def test_a_call_is_repeated_until_the_database_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,3 +35,27 @@ def test_other_errors_are_not_waited_for() -> None:
 
     with pytest.raises(exc.IntegrityError):
         asyncio.run(once_it_is_there(call))
+
+
+@needs_postgres
+def test_a_server_that_takes_no_writes_counts_as_gone_and_its_connections_are_not_used_again(tmp_path: Path) -> None:
+    with running_postgres() as server:
+        database = open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))
+        own = sa.create_engine(database.engine.url)
+        """As the job engine has one."""
+        write = sa.insert(TOTALS).values(name="a", label="b", count=1, seconds=0.0)
+        database.require_writable()
+        with database.engine.connect() as connection:
+            before = connection.scalar(sa.select(sa.func.pg_backend_pid()))
+        server.take_writes(takes=False)
+        for engine in (database.engine, own):
+            with pytest.raises(DATABASE_GONE), engine.begin() as transaction:
+                transaction.execute(write)
+        with pytest.raises(DATABASE_GONE):
+            database.require_writable()
+        with database.engine.connect() as connection:
+            assert connection.scalar(sa.select(sa.func.pg_backend_pid())) != before
+        server.take_writes(takes=True)
+        database.require_writable()
+        own.dispose()
+        database.close()

@@ -145,6 +145,28 @@ def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it
     assert fleet.client.get("/readyz").status_code == 200
 
 
+def test_a_database_that_takes_no_writes_is_waited_for_and_what_can_be_read_is_answered(fleet: Fleet) -> None:
+    """As after a failover, while connections lead to the server that was the primary."""
+    fleet.with_both_workers()
+    plan, waiting = fleet.post("steps-60"), fleet.post("now")
+    ended = finished(fleet.client, fleet.post("now"))
+    wait_for(lambda: fleet.begun(plan), 20)
+    fleet.server.take_writes(takes=False)
+    try:
+        refused = [("POST", "/v1/plans"), ("POST", plan["links"]["cancel"]), ("DELETE", ended["links"]["self"])]
+        for method, path in (*refused, ("GET", "/readyz")):
+            answer = fleet.client.request(method, path, json=task() if path == "/v1/plans" else None)
+            assert (answer.status_code, answer.headers["Content-Type"]) == (503, "application/problem+json"), path
+        assert fleet.plan(ended) == ended
+        # Longer than the job takes, and than anybody waits before looking around again.
+        time.sleep(6.0)
+    finally:
+        fleet.server.take_writes(takes=True)
+    for each in (plan, waiting, fleet.post("now")):
+        assert finished(fleet.client, each, 60.0)["outcome"] == "solved"
+    assert fleet.client.get("/readyz").status_code == 200
+
+
 def test_a_cancelled_job_is_stopped_within_a_second_wherever_it_runs(fleet: Fleet) -> None:
     fleet.with_both_workers()
     plan = fleet.post("child")

@@ -93,6 +93,18 @@ class PostgresServer:
         with self._connect("liftwright") as connection:
             assert connection.execute(query, (f"liftwright worker {worker}",)).fetchall() == [(True,)]
 
+    def take_writes(self, *, takes: bool) -> None:
+        """Refuse writes from now on, on connections that are open as well, as a primary that was replaced; or not."""
+        with self._connect("postgres", "-c default_transaction_read_only=off") as connection:
+            connection.autocommit = True
+            connection.execute(f"ALTER SYSTEM SET default_transaction_read_only = {'off' if takes else 'on'}")
+            connection.execute("SELECT pg_reload_conf()")
+        wait_for(lambda: self._takes_writes() == takes, 10.0)
+
+    def _takes_writes(self) -> bool:
+        with self._connect("postgres") as connection:
+            return connection.execute("SHOW transaction_read_only").fetchone() == ("off",)
+
     def _end(self, number: signal.Signals) -> None:
         if self.process is not None:
             self.process.send_signal(number)
@@ -127,8 +139,9 @@ class PostgresServer:
             if not connection.execute("SELECT 1 FROM pg_database WHERE datname = 'liftwright'").fetchone():
                 connection.execute("CREATE DATABASE liftwright")
 
-    def _connect(self, database: str) -> psycopg.Connection:
-        return psycopg.connect(host="127.0.0.1", port=self.port, user="liftwright", dbname=database, connect_timeout=5)
+    def _connect(self, database: str, options: str = "") -> psycopg.Connection:
+        where = {"host": "127.0.0.1", "port": self.port, "user": "liftwright", "dbname": database}
+        return psycopg.connect(**where, connect_timeout=5, options=options)
 
     @property
     def _account(self) -> dict[str, Any]:
