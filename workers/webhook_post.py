@@ -16,6 +16,8 @@ from workers.webhook_target import Address, Target, TargetRefused, TargetRules
 READ_BYTES = 4096
 LARGEST_HEAD_BYTES = 16_384
 LONGEST_RETRY_AFTER = 86_400
+LONGEST_FAILURE = 300
+"""Of a sentence that is kept [characters]; what it quotes may be as long as it likes."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class PostResult:
 
     status: int | None
     failure: str | None
-    """A sentence; None if it has taken the message."""
+    """A sentence of at most `LONGEST_FAILURE` characters; None if it has taken the message."""
     retry_after: float = 0.0
     """When it wants to be asked again at the earliest [s from now]."""
 
@@ -44,11 +46,16 @@ async def post(
             address = rules.choose(target, await _addresses(target))
             return _judge(await _exchange(target, address, headers, body, trust))
     except TargetRefused as error:
-        return PostResult(None, str(error))
+        return _failure(str(error))
     except TimeoutError:
-        return PostResult(None, f"no answer within {seconds:g} s")
-    except (OSError, h11.ProtocolError) as error:
-        return PostResult(None, f"{type(error).__name__}: {error}"[:300])
+        return _failure(f"no answer within {seconds:g} s")
+    except (OSError, ValueError, h11.ProtocolError) as error:
+        # ValueError: names that have no encoding, and whatever else is in a URL or an answer that others have written.
+        return _failure(f"{type(error).__name__}: {error}")
+
+
+def _failure(sentence: str) -> PostResult:
+    return PostResult(None, sentence[:LONGEST_FAILURE])
 
 
 async def _addresses(target: Target) -> list[Address]:
@@ -85,5 +92,13 @@ def _judge(response: h11.Response) -> PostResult:
     if 200 <= status < 300:
         return PostResult(status, None)
     why = "redirects are not followed" if 300 <= status < 400 else "not taken"
-    wait = dict(response.headers).get(b"retry-after", b"")
-    return PostResult(status, f"{status}: {why}", float(min(int(wait), LONGEST_RETRY_AFTER)) if wait.isdigit() else 0.0)
+    return PostResult(status, f"{status}: {why}", _seconds(dict(response.headers).get(b"retry-after", b"")))
+
+
+def _seconds(retry_after: bytes) -> float:
+    """Read the header's number [s]; a date, which it may be too, is not waited for."""
+    if not retry_after.isdigit():
+        return 0.0
+    # One digit more than the longest time has is more than that, however many follow.
+    digits = retry_after.lstrip(b"0")[: len(str(LONGEST_RETRY_AFTER)) + 1]
+    return float(min(int(digits or b"0"), LONGEST_RETRY_AFTER))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -12,6 +13,9 @@ from urllib.parse import urlsplit
 from planners.errors import LiftwrightError
 
 LONGEST_URL = 2000
+LONGEST_HOST = 253
+LABEL = re.compile(r"[a-z0-9_]([a-z0-9_-]{0,61}[a-z0-9_])?")
+"""One part of a name in the DNS (RFC 1035); underscores are found inside of factories."""
 DEFAULT_PORTS = {"http": 80, "https": 443}
 NAT64 = IPv6Network("64:ff9b::/96")
 GLOBAL_UNICAST = IPv6Network("2000::/3")
@@ -53,6 +57,8 @@ class Target:
             raise TargetRefused(f"not a URL: {error}") from None
         if parts.scheme not in DEFAULT_PORTS or not parts.hostname:
             raise TargetRefused("a webhook's URL is https://host/path")
+        if not _is_host(parts.hostname):
+            raise TargetRefused("a webhook's URL has a name or an address as its host")
         if parts.username is not None or parts.fragment or "\\" in url:
             raise TargetRefused("a webhook's URL has no user, password or fragment")
         path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
@@ -98,6 +104,21 @@ class TargetRules:
         raise TargetRefused(
             f"{target.host} leads to {where}, where webhooks {'' if target.tls else 'without TLS '}may not"
         )
+
+
+def _is_host(text: str) -> bool:
+    if ":" in text:
+        return _is_ipv6(text)
+    # One dot at the end says that the name is whole.
+    return len(text) <= LONGEST_HOST and all(map(LABEL.fullmatch, text.removesuffix(".").split(".")))
+
+
+def _is_ipv6(text: str) -> bool:
+    try:
+        # A zone is a matter of this machine alone.
+        return IPv6Address(text).scope_id is None
+    except ValueError:
+        return False
 
 
 def _is_public(address: Address) -> bool:

@@ -103,11 +103,31 @@ def test_with_a_list_of_hosts_no_other_is_allowed() -> None:
         "https://a\\@b.example/",
         "https://mäs.example/",
         "https://mes.example/" + "a" * 3000,
+        "https://a..b/",
+        "https://.b/",
+        "https://./",
+        "https://b../",
+        f"https://{'a' * 64}.example/",
+        f"https://{'abcdefg.' * 32}example/",
+        "https://-a.example/",
+        "https://a-.example/",
+        "https://a%00b.example/",
+        "https://a*b.example/",
+        "https://[fe80::1%25eth0]/",
+        "https://[fe80::1%eth0]/",
     ],
 )
 def test_what_is_no_plain_https_url_is_refused(url: str) -> None:
     with pytest.raises(TargetRefused):
         Target.of(url)
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["mes", "mes.example.", "m-e-s.example", "mes_1.factory", f"{'a' * 63}.example", "8.8.8.8", "[2606:4700::1]"],
+)
+def test_names_and_addresses_are_hosts(host: str) -> None:
+    assert Target.of(f"https://{host}:8443/hook").host == host.strip("[]")
 
 
 @pytest.mark.parametrize(
@@ -153,6 +173,61 @@ def test_a_name_that_leads_inside_is_not_connected_to(monkeypatch: pytest.Monkey
     result, connected, _ = posted(monkeypatch, [["127.0.0.1", "10.0.0.1"]], PUBLIC_ONLY)
     assert connected == []
     assert "127.0.0.1" in result.failure
+
+
+def test_a_failure_is_a_sentence_that_can_be_kept_however_many_addresses_it_names(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result, _, _ = posted(monkeypatch, [[f"10.0.0.{number}" for number in range(200)]], PUBLIC_ONLY)
+    assert result.failure.startswith("mes.example leads to 10.0.0.0, ")
+    assert len(result.failure) <= 300
+
+
+@pytest.mark.parametrize("url", ["https://a..b/", f"https://{'a' * 64}/", "no url"])
+def test_a_target_that_was_registered_once_and_is_none_is_told_and_not_raised(url: str) -> None:
+    result = asyncio.run(post(url, {}, b"{}", PUBLIC_ONLY, ssl.create_default_context(), 5.0))
+    assert result.status is None
+    assert result.failure
+
+
+def test_a_name_that_has_no_encoding_is_told_and_not_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def getaddrinfo(*_: Any, **__: Any) -> list[Any]:
+        return "a..b".encode("idna").split()
+
+    async def run() -> Any:
+        monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)
+        return await post("https://mes.example/", {}, b"{}", PUBLIC_ONLY, ssl.create_default_context(), 5.0)
+
+    assert "UnicodeError" in asyncio.run(run()).failure
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [
+        ("7", 7.0),
+        ("0", 0.0),
+        ("0007", 7.0),
+        ("0" * 6000 + "7", 7.0),
+        ("86400", 86_400.0),
+        ("86401", 86_400.0),
+        ("9" * 6000, 86_400.0),
+        ("-7", 0.0),
+        ("Fri, 21 Nov 2036 07:28:00 GMT", 0.0),
+    ],
+)
+def test_a_receiver_may_ask_for_a_day_at_most_in_as_many_digits_as_it_likes(header: str, seconds: float) -> None:
+    async def answer(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(f"HTTP/1.1 503 Busy\r\nRetry-After: {header}\r\nContent-Length: 0\r\n\r\n".encode())
+        await writer.drain()
+        writer.close()
+
+    async def run() -> Any:
+        async with await asyncio.start_server(answer, "127.0.0.1", 0) as server:
+            url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/"
+            return await post(url, {}, b"{}", LOOPBACK, ssl.create_default_context(), 5.0)
+
+    result = asyncio.run(run())
+    assert (result.status, result.retry_after) == (503, seconds)
 
 
 def test_a_message_is_verified_by_the_standards_own_library() -> None:
