@@ -7,10 +7,11 @@ from typing import Any
 
 import structlog
 from dbos import error
+from sqlalchemy.exc import SQLAlchemyError
 
 from planners.contract.uploads import named_uploads
 from planners.errors import LiftwrightError
-from workers.database_loss import DATABASE_GONE, once_it_is_there
+from workers.database_loss import once_it_is_there
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.packed_document import PackedDocument
@@ -122,8 +123,8 @@ class JobRunner:
             event: dict[str, Any] = {"attempt": attempt, **report, "fraction": round(fraction, 4)}
             try:
                 await asyncio.to_thread(self._store.add_event, plan_id, event)
-            except DATABASE_GONE as loss:
-                # The solver does not wait for it: what it reports next tells more.
+            except SQLAlchemyError as loss:
+                # Whatever the database says, it is no reason to end a job: what the solver reports next tells more.
                 log.warning("progress not kept", job_id=plan_id, error=str(loss.args[0] if loss.args else loss))
 
         limit = self._settings.solver_seconds

@@ -64,6 +64,17 @@ def _keep_orders(connection: sa.Connection) -> None:
     _create_index(connection, PLANS, "liftwright_plans_work_master")
 
 
+def _name_stages_in_full(connection: sa.Connection) -> None:
+    """A stage has the name of an object in it, and with that any length; SQLite never minded."""
+    if connection.dialect.name == "postgresql":
+        connection.exec_driver_sql(f"ALTER TABLE {PLANS.name} ALTER COLUMN {PLANS.c.stage.name} TYPE TEXT")
+
+
+def _keep_what_was_sent(connection: sa.Connection) -> None:
+    """A repeat is known by what was sent; of plans of before only what it was taken for is known."""
+    _add_columns(connection, PLANS, "sent_fingerprint")
+
+
 def _add_columns(connection: sa.Connection, table: sa.Table, *names: str) -> None:
     there = {column["name"] for column in sa.inspect(connection).get_columns(table.name)}
     for name in names:
@@ -84,6 +95,8 @@ STEPS: Mapping[int, Callable[[sa.Connection], None]] = MappingProxyType(
         5: _let_scenes_go,
         6: _index_kinds,
         7: _keep_orders,
+        8: _name_stages_in_full,
+        9: _keep_what_was_sent,
     }
 )
 """Each leads from the version before to its own. Tables that are new need none: they are made where they are missing.

@@ -36,6 +36,11 @@ UNCOUNTED_HALF = 20.0
 """A stage that does not know its total is shown half done after so many parts [1]."""
 
 
+def without_object(stage: str) -> str:
+    """Return a stage's name without that of its object, if it has one."""
+    return stage.rpartition(" ")[0] or stage
+
+
 class ProgressScale:
     """Follows one job. Stages may repeat, or be unknown here: the fraction then waits."""
 

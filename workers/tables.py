@@ -4,27 +4,30 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
+from workers.stored_text import StoredText
+
 METADATA = sa.MetaData()
 
 PLANS = sa.Table(
     "liftwright_plans",
     METADATA,
-    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("id", StoredText(64), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
-    sa.Column("kind", sa.String(32), nullable=False),
-    sa.Column("external_id", sa.String(128)),
-    sa.Column("owner", sa.String(64)),
-    sa.Column("idempotency_key", sa.String(255), unique=True),
-    sa.Column("fingerprint", sa.String(64), nullable=False),
+    sa.Column("kind", StoredText(32), nullable=False),
+    sa.Column("external_id", StoredText(128)),
+    sa.Column("owner", StoredText(64)),
+    sa.Column("idempotency_key", StoredText(255), unique=True),
+    sa.Column("fingerprint", StoredText(64), nullable=False),
+    sa.Column("sent_fingerprint", StoredText(64)),
     sa.Column("task", sa.Text, nullable=False),
     sa.Column("started_us", sa.BigInteger),
     sa.Column("finished_us", sa.BigInteger),
     sa.Column("attempts", sa.Integer, nullable=False, default=0),
     sa.Column("crashes", sa.Integer, nullable=False, default=0),
-    sa.Column("stage", sa.String(64)),
+    sa.Column("stage", sa.Text),
     sa.Column("fraction", sa.Float, nullable=False, default=0.0),
-    sa.Column("scene_id", sa.String(64)),
-    sa.Column("work_master", sa.String(128)),
+    sa.Column("scene_id", StoredText(64)),
+    sa.Column("work_master", StoredText(128)),
     sa.Column("priority", sa.Integer),
     sa.Column("start_us", sa.BigInteger),
     sa.Column("end_us", sa.BigInteger),
@@ -39,7 +42,7 @@ PLANS = sa.Table(
 EVENTS = sa.Table(
     "liftwright_plan_events",
     METADATA,
-    sa.Column("plan_id", sa.String(64), primary_key=True),
+    sa.Column("plan_id", StoredText(64), primary_key=True),
     sa.Column("sequence", sa.Integer, primary_key=True),
     sa.Column("event", sa.Text, nullable=False),
 )
@@ -47,9 +50,9 @@ EVENTS = sa.Table(
 DOCUMENTS = sa.Table(
     "liftwright_documents",
     METADATA,
-    sa.Column("plan_id", sa.String(64), primary_key=True),
-    sa.Column("outcome", sa.String(32), nullable=False),
-    sa.Column("sha256", sa.String(64), nullable=False),
+    sa.Column("plan_id", StoredText(64), primary_key=True),
+    sa.Column("outcome", StoredText(32), nullable=False),
+    sa.Column("sha256", StoredText(64), nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
     sa.Index("liftwright_documents_outcome", "outcome"),
 )
@@ -57,7 +60,7 @@ DOCUMENTS = sa.Table(
 MESHES = sa.Table(
     "liftwright_meshes",
     METADATA,
-    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("id", StoredText(64), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
 )
@@ -65,11 +68,11 @@ MESHES = sa.Table(
 SCENES = sa.Table(
     "liftwright_scenes",
     METADATA,
-    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("id", StoredText(64), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
     sa.Column("preview", sa.LargeBinary, nullable=False),
-    sa.Column("owner", sa.String(64)),
+    sa.Column("owner", StoredText(64)),
     sa.Column("posted_us", sa.BigInteger),
     sa.Column("points", sa.LargeBinary),
     sa.Index("liftwright_scenes_newest", "created_us", "id"),
@@ -79,10 +82,10 @@ SCENES = sa.Table(
 API_KEYS = sa.Table(
     "liftwright_api_keys",
     METADATA,
-    sa.Column("id", sa.String(16), primary_key=True),
-    sa.Column("owner", sa.String(64), nullable=False),
-    sa.Column("scope", sa.String(16), nullable=False),
-    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("id", StoredText(16), primary_key=True),
+    sa.Column("owner", StoredText(64), nullable=False),
+    sa.Column("scope", StoredText(16), nullable=False),
+    sa.Column("digest", StoredText(64), nullable=False),
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("expires_us", sa.BigInteger),
     sa.Column("last_used_us", sa.BigInteger),
@@ -92,8 +95,8 @@ API_KEYS = sa.Table(
 SESSIONS = sa.Table(
     "liftwright_sessions",
     METADATA,
-    sa.Column("digest", sa.String(64), primary_key=True),
-    sa.Column("key_id", sa.String(16), nullable=False),
+    sa.Column("digest", StoredText(64), primary_key=True),
+    sa.Column("key_id", StoredText(16), nullable=False),
     sa.Column("expires_us", sa.BigInteger, nullable=False),
 )
 
@@ -102,24 +105,24 @@ AUDIT = sa.Table(
     METADATA,
     sa.Column("number", sa.Integer, primary_key=True, autoincrement=True),
     sa.Column("at_us", sa.BigInteger, nullable=False),
-    sa.Column("key_id", sa.String(16)),
-    sa.Column("owner", sa.String(64)),
-    sa.Column("address", sa.String(64)),
-    sa.Column("action", sa.String(64), nullable=False),
-    sa.Column("target", sa.String(300), nullable=False),
+    sa.Column("key_id", StoredText(16)),
+    sa.Column("owner", StoredText(64)),
+    sa.Column("address", StoredText(64)),
+    sa.Column("action", StoredText(64), nullable=False),
+    sa.Column("target", StoredText(300), nullable=False),
     sa.Column("status", sa.Integer, nullable=False),
 )
 
 WEBHOOKS = sa.Table(
     "liftwright_webhooks",
     METADATA,
-    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("id", StoredText(32), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
-    sa.Column("owner", sa.String(64)),
-    sa.Column("url", sa.String(2000), nullable=False),
-    sa.Column("plans", sa.String(8), nullable=False),
-    sa.Column("secret", sa.String(64), nullable=False),
-    sa.Column("previous_secret", sa.String(64)),
+    sa.Column("owner", StoredText(64)),
+    sa.Column("url", StoredText(2000), nullable=False),
+    sa.Column("plans", StoredText(8), nullable=False),
+    sa.Column("secret", StoredText(64), nullable=False),
+    sa.Column("previous_secret", StoredText(64)),
     sa.Column("previous_until_us", sa.BigInteger),
     sa.Column("disabled_us", sa.BigInteger),
     sa.Index("liftwright_webhooks_of_owner", "owner"),
@@ -128,11 +131,11 @@ WEBHOOKS = sa.Table(
 DELIVERIES = sa.Table(
     "liftwright_webhook_deliveries",
     METADATA,
-    sa.Column("id", sa.String(32), primary_key=True),
+    sa.Column("id", StoredText(32), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
-    sa.Column("webhook_id", sa.String(32), nullable=False),
-    sa.Column("plan_id", sa.String(64), nullable=False),
-    sa.Column("state", sa.String(16), nullable=False),
+    sa.Column("webhook_id", StoredText(32), nullable=False),
+    sa.Column("plan_id", StoredText(64), nullable=False),
+    sa.Column("state", StoredText(16), nullable=False),
     sa.Column("body", sa.Text),
     sa.Index("liftwright_webhook_deliveries_newest", "webhook_id", "created_us", "id"),
     sa.Index("liftwright_webhook_deliveries_by_state", "state"),
@@ -141,18 +144,18 @@ DELIVERIES = sa.Table(
 DELIVERY_ATTEMPTS = sa.Table(
     "liftwright_webhook_attempts",
     METADATA,
-    sa.Column("delivery_id", sa.String(32), primary_key=True),
+    sa.Column("delivery_id", StoredText(32), primary_key=True),
     sa.Column("number", sa.Integer, primary_key=True),
     sa.Column("at_us", sa.BigInteger, nullable=False),
     sa.Column("status", sa.Integer),
-    sa.Column("failure", sa.String(300)),
+    sa.Column("failure", StoredText(300)),
 )
 
 TOTALS = sa.Table(
     "liftwright_totals",
     METADATA,
-    sa.Column("name", sa.String(64), primary_key=True),
-    sa.Column("label", sa.String(64), primary_key=True),
+    sa.Column("name", StoredText(64), primary_key=True),
+    sa.Column("label", StoredText(64), primary_key=True),
     sa.Column("count", sa.BigInteger, nullable=False),
     sa.Column("seconds", sa.Float, nullable=False),
 )

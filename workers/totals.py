@@ -8,16 +8,17 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
+from workers.progress_scale import without_object
 from workers.tables import TOTALS
 
 DOCUMENT = "document"
 """One for each document, by outcome."""
 STAGE = "stage"
-"""One for each stage of a job that led to a document, by the stage's name, with its seconds."""
+"""One for each stage of a job that led to a document, by the stage's name without an object's, with its seconds."""
 SOLVER_DEATH = "solver_death"
 """One for each solver process that ended without an answer."""
 FAILURE = "failure"
-"""One for each job that ended without a document because a solver said so or was stopped, by why."""
+"""One for each job that failed, by why."""
 TAKEOVER = "takeover"
 """One for each job that was put back into the queue because its worker had died or lost it."""
 
@@ -45,9 +46,13 @@ def add_to_total(
 def count_document(transaction: sa.Connection, outcome: str, stages: Mapping[str, float]) -> None:
     """Count a document and the stages that led to it."""
     add_to_total(transaction, DOCUMENT, outcome)
+    spent: dict[str, list[float]] = {}
+    for stage, seconds in stages.items():
+        # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
+        spent.setdefault(without_object(stage), []).append(seconds)
     # In one order everywhere, so that two workers never wait for each other.
-    for stage, seconds in sorted(stages.items()):
-        add_to_total(transaction, STAGE, stage, seconds=seconds)
+    for stage, each in sorted(spent.items()):
+        add_to_total(transaction, STAGE, stage, count=len(each), seconds=sum(each))
 
 
 def read_totals(connection: sa.Connection) -> list[Total]:

@@ -11,7 +11,9 @@ from workers.database import Database
 from workers.tables import AUDIT
 from workers.time_stamp import now_us
 
+LONGEST_ADDRESS = LONGEST_ACTION = 64
 LONGEST_TARGET = 300
+"""Callers choose methods and paths, and proxies addresses: what is longer is cut."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,8 @@ class AuditLog:
             "at_us": now_us(),
             "key_id": caller.key_id,
             "owner": caller.owner,
-            "address": address,
-            "action": action,
+            "address": None if address is None else address[:LONGEST_ADDRESS],
+            "action": action[:LONGEST_ACTION],
             "target": target[:LONGEST_TARGET],
             "status": status,
         }

@@ -24,7 +24,10 @@ NEWER = (
     "DROP TABLE liftwright_webhook_deliveries",
     "DROP TABLE liftwright_webhook_attempts",
     "ALTER TABLE liftwright_plans DROP COLUMN owner",
+    "ALTER TABLE liftwright_plans DROP COLUMN sent_fingerprint",
 )
+POSTGRES = "ALTER TABLE liftwright_plans ALTER COLUMN stage TYPE VARCHAR(64)"
+"""SQLite does not mind lengths, and cannot change them."""
 
 
 def back_to_the_first_version(engine: sa.Engine) -> None:
@@ -33,3 +36,5 @@ def back_to_the_first_version(engine: sa.Engine) -> None:
         VERSION_TABLE.drop(transaction)
         for statement in NEWER:
             transaction.exec_driver_sql(statement)
+        if engine.dialect.name == "postgresql":
+            transaction.exec_driver_sql(POSTGRES)

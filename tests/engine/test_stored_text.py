@@ -1,0 +1,134 @@
+"""Text of every length and with every character is kept, or looked for and not found, on either database."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from sqlalchemy.exc import DataError
+from support.places import database_at, on_both_databases
+from support.service import task
+
+from app.access.audit_log import AuditLog
+from app.access.caller import Caller
+from app.access.scope import Scope
+from workers.database import Database, open_database
+from workers.engine_table import workflow_table
+from workers.job_queue import JobQueue
+from workers.job_runner import JobRunner
+from workers.mesh_store import MeshStore
+from workers.packed_document import PackedDocument
+from workers.plan_store import PlanStore
+from workers.scene_store import SceneStore
+from workers.settings import WorkerSettings
+from workers.solver_protocol import Report
+from workers.stored_text import StoredText
+from workers.tables import METADATA
+from workers.totals import STAGE
+from workers.webhook_store import WebhookStore
+
+LONGEST_NAME = "n" * 64
+
+
+@pytest.fixture(scope="module")
+def place(request: pytest.FixtureRequest) -> Iterator[dict[str, str]]:
+    with database_at(request.param) as settings:
+        yield settings
+
+
+@pytest.fixture
+def database(place: dict[str, str], tmp_path: Path) -> Iterator[Database]:
+    database = open_database(WorkerSettings.model_validate({"data_dir": tmp_path, **place}))
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def queue(database: Database) -> Iterator[JobQueue]:
+    queue = JobQueue(database)
+    yield queue
+    queue.close()
+
+
+@on_both_databases
+def test_progress_of_an_object_with_the_longest_name_is_kept(database: Database, queue: JobQueue) -> None:
+    store = PlanStore(database)
+    plan_id = store.accept(task(), None, queue).id
+    stage = f"second regrasp {LONGEST_NAME}"
+    store.add_event(plan_id, {"attempt": 0, "stage": stage, "fraction": 0.5})
+    record = store.get(plan_id)
+    assert record is not None
+    assert (record.stage, record.fraction) == (stage, 0.5)
+
+
+@on_both_databases
+def test_stages_are_counted_without_the_names_of_objects(database: Database, queue: JobQueue) -> None:
+    store = PlanStore(database)
+    stages = {"scene": 0.125, f"second regrasp {LONGEST_NAME}": 0.25, "second regrasp b": 0.5}
+    document = PackedDocument("solved", "0" * 64, b"", stages)
+    assert store.save_document(store.accept(task(), None, queue).id, 0, document)
+    counted = {total.label: (total.count, total.seconds) for total in store.totals() if total.name == STAGE}
+    assert counted == {"scene": (1, 0.125), "second regrasp": (2, 0.75)}
+
+
+@on_both_databases
+def test_whatever_callers_and_proxies_send_is_kept_in_the_audit_log(database: Database) -> None:
+    audit = AuditLog(database)
+    audit.add(Caller(None, None, Scope.ADMIN), "a" * 200, "X" * 200, "/v1/plans/\0" + "x" * 400, 404)
+    (entry,) = audit.newest(1, None)
+    assert (entry.address, entry.action) == ("a" * 64, "X" * 64)
+    assert entry.target.startswith("/v1/plans/\N{REPLACEMENT CHARACTER}xxx")
+
+
+@on_both_databases
+@pytest.mark.parametrize("name", ["\0", "a\0b", "x" * 200, "\N{ROBOT FACE}"])
+def test_an_id_that_cannot_exist_is_not_found(database: Database, name: str) -> None:
+    plans = PlanStore(database)
+    assert plans.get(name) is None
+    assert plans.task(name) is None
+    assert plans.by_key(name) is None
+    assert WebhookStore(database).get(name) is None
+    assert SceneStore(database).get(name) is None
+    assert MeshStore(database).get(name) is None
+
+
+def test_every_column_of_text_takes_what_any_other_takes() -> None:
+    """Columns without a limit have JSON in them, which writes every odd character out."""
+    for table in METADATA.tables.values():
+        for column in table.columns:
+            limited = isinstance(column.type, sa.String) and not isinstance(column.type, sa.Text)
+            assert isinstance(column.type, StoredText) or not limited, column
+
+
+class ForgetfulStore(PlanStore):
+    """A store that takes no progress."""
+
+    def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
+        raise DataError("INSERT …", {}, ValueError(f"too long: {event['stage']} of {plan_id}"))
+
+
+class QuickPool:
+    """Solvers that report once and are done."""
+
+    async def solve(self, _request: Any, show: Any) -> PackedDocument:
+        await show(Report(stage="scene", done=1, total=1))
+        return PackedDocument("solved", "0" * 64, b"document", {})
+
+
+def test_a_job_goes_on_whatever_the_database_says_to_its_progress(tmp_path: Path) -> None:
+    settings = WorkerSettings(data_dir=tmp_path)
+    database = open_database(settings)
+    queue, store = JobQueue(database), ForgetfulStore(database)
+    plan_id = store.accept(task(), None, queue).id
+    with database.engine.begin() as transaction:
+        begun = sa.update(workflow_table("sqlite")).values(status="PENDING", executor_id=settings.executor_name)
+        transaction.execute(begun)
+    runner = JobRunner(settings, queue, store, MeshStore(database), QuickPool())  # pyright: ignore[reportArgumentType]
+    assert asyncio.run(runner.run(plan_id)) == "solved"
+    assert store.outcome(plan_id) == "solved"
+    queue.close()
+    database.close()

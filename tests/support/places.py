@@ -1,0 +1,23 @@
+"""The databases that a test runs on, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from .postgres import needs_postgres, running_postgres
+
+PLACES = ("sqlite", pytest.param("postgres", marks=needs_postgres))
+on_both_databases = pytest.mark.parametrize("place", PLACES, indirect=True, scope="module")
+
+
+@contextmanager
+def database_at(place: str) -> Iterator[dict[str, str]]:
+    """Have such a database for the time of a test, and yield the settings that lead to it."""
+    if place == "sqlite":
+        yield {}
+        return
+    with running_postgres() as server:
+        yield {"database_url": server.url}
