@@ -216,6 +216,14 @@ class QueueFull(ServiceError):
         self.headers = {"Retry-After": "10"}
 
 
+class TooManyDelayed(ServiceError):
+    """Too many jobs of one owner wait for their start."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} of your jobs wait for their start_time already; cancel some, or post later")
+        self.headers = {"Retry-After": "60"}
+
+
 class NotReady(ServiceError):
     """The service cannot work right now."""
 
@@ -280,6 +288,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
+    TooManyDelayed: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs for later"),
     **dict.fromkeys(DATABASE_GONE, Answer(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
     TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
     NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),

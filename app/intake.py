@@ -122,19 +122,34 @@ def accept_task(
     scenes: Scenes = no_scenes,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> dict[str, Any]:
-    """Return the task in a body with every default filled in, once it is known that it can be begun.
+    """Return the task in a body; see `accept_sent`.
+
+    Raises:
+        NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
+    """
+    return accept_sent(parse_json(body), cells, uploads, scenes, tools)
+
+
+def accept_sent(
+    sent: Any,
+    cells: Mapping[str, Cell],
+    uploads: Uploads = no_uploads,
+    scenes: Scenes = no_scenes,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
+) -> dict[str, Any]:
+    """Return a task with every default filled in, once it is known that it can be begun.
 
     Args:
-        body: of the request.
+        sent: the task as JSON data.
         cells: that there are, by name.
         uploads: finds meshes.
         scenes: finds perceived scenes, which a task may name in place of poses.
         tools: that were loaded before, by name; others are read from their files.
 
     Raises:
-        NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
+        pydantic.ValidationError, SceneError: What is wrong with it.
     """
-    task = read_task(_with_scene(parse_json(body), cells, scenes))
+    task = read_task(_with_scene(sent, cells, scenes))
     build_scene(task, cells, uploads=uploads, tools=tools)
     return write_task(task)
 

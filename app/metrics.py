@@ -40,6 +40,7 @@ class ServiceMetrics(Collector):
         """Yield every family of metrics."""
         jobs = GaugeMetricFamily("liftwright_jobs", "Unfinished jobs", labels=["state"])
         jobs.add_metric(["queued"], self._depth.queued)
+        jobs.add_metric(["delayed"], self._depth.delayed)
         jobs.add_metric(["running"], self._depth.running)
         yield jobs
         documents = GaugeMetricFamily("liftwright_documents", "Stored plan documents", labels=["outcome"])

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from app.access.caller import ANYBODY, Caller
 from app.access.scope import Scope
-from app.errors import AlreadyFinished, DocumentNotReady, KeyUsedForAnotherTask, NotFinished, PlanNotFound, QueueFull
+from app.errors import (
+    AlreadyFinished,
+    DocumentNotReady,
+    KeyUsedForAnotherTask,
+    NotFinished,
+    PlanNotFound,
+    QueueFull,
+    TooManyDelayed,
+)
 from app.plan_query import PlanQuery
 from app.resources import PlanResource, plan_resource
 from workers.job_order import JobOrder
 from workers.job_queue import JobQueue
 from workers.job_state import Job, JobState
 from workers.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
+from workers.time_stamp import now_us
 
 
 class PlanDesk:
@@ -22,28 +31,56 @@ class PlanDesk:
     All methods block on the database: call them from a thread.
     """
 
-    def __init__(self, store: PlanStore, queue: JobQueue, max_queued: int, caller: Caller = ANYBODY) -> None:
-        self.store, self.queue, self._max_queued, self._caller = store, queue, max_queued, caller
+    def __init__(
+        self, store: PlanStore, queue: JobQueue, max_queued: int, max_delayed: int, caller: Caller = ANYBODY
+    ) -> None:
+        self.store, self.queue, self._caller = store, queue, caller
+        self._max_queued, self._max_delayed = max_queued, max_delayed
 
     def seen_by(self, caller: Caller) -> PlanDesk:
         """Return the desk as another caller sees it."""
-        return PlanDesk(self.store, self.queue, self._max_queued, caller)
+        return PlanDesk(self.store, self.queue, self._max_queued, self._max_delayed, caller)
 
-    def submit(self, task: Mapping[str, Any], idempotency_key: str | None, order: JobOrder = NO_ORDER) -> PlanResource:
+    def submit(
+        self,
+        sent: Any,
+        accepted: Callable[[], Mapping[str, Any]],
+        idempotency_key: str | None,
+        order: JobOrder = NO_ORDER,
+    ) -> PlanResource:
         """Accept a task, or find the plan that the same key made; then its first order stands.
+
+        Args:
+            sent: the task as JSON data, as it came.
+            accepted: fills defaults in, or raises what is wrong with the task; not asked about one that came before,
+                which may name what is gone since.
+            idempotency_key: of the caller, if it has one.
+            order: what it says about the job.
 
         Raises:
             QueueFull: There are too many unfinished jobs.
+            TooManyDelayed: Too many of the caller's wait for their start.
             KeyUsedForAnotherTask: The key was used for another task.
         """
+        sent_fingerprint = fingerprint(sent)
         record = self.store.by_key(idempotency_key, self._caller.owner)
         if record is None:
-            if self.queue.depth(self._max_queued).total >= self._max_queued:
-                raise QueueFull(self._max_queued)
-            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order)
-        if record.fingerprint != fingerprint(task):
+            task = accepted()
+            self._require_room(order)
+            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order, sent_fingerprint)
+        # The same may be sent in other words, and of old plans only what they were taken for is known.
+        if record.sent_fingerprint != sent_fingerprint and record.fingerprint != fingerprint(accepted()):
             raise KeyUsedForAnotherTask
         return self._with_job(record)
+
+    def _require_room(self, order: JobOrder) -> None:
+        if self.queue.depth(self._max_queued).due >= self._max_queued:
+            raise QueueFull(self._max_queued)
+        # Jobs for later are in nobody's way, so they are no reason to refuse those of others.
+        if order.pause(now_us()) > 0.0:
+            delayed = self.store.delayed(self._caller.owner, self._max_delayed)
+            if delayed >= self._max_delayed:
+                raise TooManyDelayed(self._max_delayed)
 
     def plan(self, plan_id: str) -> PlanResource:
         """Return one plan.

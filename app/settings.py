@@ -28,7 +28,9 @@ class ServiceSettings(WorkerSettings):
     max_scans_held: int = Field(default=6, ge=1)
     """So many scans are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     max_queued: int = Field(default=1000, ge=1)
-    """With this many jobs unfinished, a new one is refused [1]."""
+    """With this many jobs unfinished that may be begun, a new one is refused [1]."""
+    max_delayed: int = Field(default=200, ge=0)
+    """With this many jobs of one owner that wait for their start, another such one is refused [1]."""
     authentication: Literal["auto", "required"] = "auto"
     """Whether keys are asked for. auto: once there is one, or if `host` is not this machine's own."""
     requests_per_second: float = Field(default=100.0, gt=0.0)

@@ -9,8 +9,13 @@ from __future__ import annotations
 import sqlalchemy as sa
 
 POSTGRES_SCHEMA = "dbos"
-QUEUED = ("ENQUEUED", "DELAYED")
+ENQUEUED = "ENQUEUED"
+DELAYED = "DELAYED"
+"""Until the start of its order."""
+QUEUED = (ENQUEUED, DELAYED)
 RUNNING = "PENDING"
+FAILED = "ERROR"
+GIVEN_UP = "MAX_RECOVERY_ATTEMPTS_EXCEEDED"
 
 
 def workflow_table(dialect: str) -> sa.TableClause:

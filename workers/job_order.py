@@ -21,3 +21,7 @@ class JobOrder:
     """The job is not begun before."""
     end_us: int | None = None
     """A job that has not ended by then is cancelled."""
+
+    def pause(self, time_us: int) -> float:
+        """Return how long the job must wait, at a time, before it may be begun [s]."""
+        return 0.0 if self.start_us is None else max(0.0, (self.start_us - time_us) / 1e6)

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
 
 from workers.database import Database
-from workers.engine_table import QUEUED, RUNNING, workflow_table
+from workers.engine_table import DELAYED, ENQUEUED, RUNNING, workflow_table
 from workers.job_order import HIGHEST_PRIORITY
 from workers.job_state import STATE_OF_STATUS, Job, JobState
 from workers.totals import TAKEOVER, add_to_total
@@ -32,11 +32,14 @@ class Depth:
     """How many jobs have not ended."""
 
     queued: int
+    """That may be begun."""
+    delayed: int
+    """That wait for their start."""
     running: int
 
     @property
-    def total(self) -> int:
-        """Both together."""
+    def due(self) -> int:
+        """How many of them want a worker now."""
         return self.queued + self.running
 
 
@@ -135,9 +138,9 @@ class JobQueue:
 
     def depth(self, most: int) -> Depth:
         """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
-        queued, running = self._jobs.c.status.in_(QUEUED), self._jobs.c.status == RUNNING
+        counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
         with self._engine.connect() as connection:
-            return Depth(*connection.execute(sa.select(self._count(queued, most), self._count(running, most))).one())
+            return Depth(*connection.execute(sa.select(*counts)).one())
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
@@ -164,7 +167,7 @@ class JobQueue:
                 self._jobs.c.status == RUNNING,
                 self._jobs.c.executor_id == worker,
             )
-            .values(status=QUEUED[0], owner_xid=None, started_at_epoch_ms=None, updated_at=time.time_ns() // 1_000_000)
+            .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=time.time_ns() // 1_000_000)
         )
         with self._engine.begin() as transaction:
             number = transaction.execute(taken).rowcount

@@ -7,13 +7,14 @@ import json
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
 from workers.database import Database
-from workers.engine_table import QUEUED, RUNNING, workflow_table
+from workers.engine_table import DELAYED, FAILED, GIVEN_UP, QUEUED, RUNNING, workflow_table
 from workers.job_order import JobOrder
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
@@ -35,6 +36,8 @@ class PlanRecord:
     external_id: str | None
     fingerprint: str
     """Hash of the task as accepted."""
+    sent_fingerprint: str | None
+    """Hash of the task as sent; None: it was accepted by software that kept none."""
     created_us: int
     """Microseconds since 1970, UTC."""
     started_us: int | None
@@ -67,6 +70,7 @@ _RECORD_COLUMNS: list[sa.ColumnElement[Any]] = [
     PLANS.c.owner,
     PLANS.c.external_id,
     PLANS.c.fingerprint,
+    PLANS.c.sent_fingerprint,
     PLANS.c.created_us,
     PLANS.c.started_us,
     PLANS.c.finished_us,
@@ -79,6 +83,8 @@ _RECORD_COLUMNS: list[sa.ColumnElement[Any]] = [
     PLANS.c.start_us,
     PLANS.c.end_us,
 ]
+WHY_OF_STATUS = MappingProxyType({FAILED: "error", GIVEN_UP: "interruptions"})
+"""Why a job has failed if no solver said so and none was stopped, by the engine's word for its end."""
 EVERYTHING = PlanFilter()
 NO_ORDER = JobOrder()
 _RECORDS = sa.select(*_RECORD_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
@@ -97,11 +103,13 @@ class PlanStore:
         queue: JobQueue,
         owner: str | None = None,
         order: JobOrder = NO_ORDER,
+        sent_fingerprint: str | None = None,
     ) -> PlanRecord:
         """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
         The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named by
-        the order. The caller compares fingerprints to learn whether the key was used for another task.
+        the order. The caller compares fingerprints to learn whether the key was used for another task:
+        `sent_fingerprint` is of what it was sent, before defaults were filled in.
         """
         known = self.by_key(idempotency_key, owner)
         if known is not None:
@@ -114,6 +122,7 @@ class PlanStore:
             "owner": owner,
             "idempotency_key": _stored_key(idempotency_key, owner),
             "fingerprint": fingerprint(task),
+            "sent_fingerprint": sent_fingerprint,
             "task": json.dumps(task),
             "scene_id": task.get("scene_id"),
             "work_master": order.work_master,
@@ -124,7 +133,7 @@ class PlanStore:
         try:
             with self._engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
-                queue.enqueue(transaction, values["id"], order.priority, _pause(order))
+                queue.enqueue(transaction, values["id"], order.priority, order.pause(now_us()))
                 expect_deliveries(transaction, values["id"], owner, order.webhook_id)
         except IntegrityError:
             known = self.by_key(idempotency_key, owner)
@@ -262,6 +271,17 @@ class PlanStore:
         with self._engine.connect() as connection:
             return list(connection.scalars(late.order_by(PLANS.c.end_us).limit(most)))
 
+    def delayed(self, owner: str | None, most: int) -> int:
+        """Return how many jobs of an owner wait for their start, counted up to `most`."""
+        jobs = workflow_table(self._engine.dialect.name)
+        waiting = (
+            sa.select(sa.literal(1))
+            .select_from(PLANS.join(jobs, jobs.c.workflow_uuid == PLANS.c.id))
+            .where(jobs.c.status == DELAYED, PLANS.c.owner.is_not_distinct_from(owner))
+        )
+        with self._engine.connect() as connection:
+            return connection.scalar(sa.select(sa.func.count()).select_from(waiting.limit(most).subquery())) or 0
+
     def mark_overdue(self, plan_ids: Sequence[str]) -> None:
         """Keep the time as the end of those that have none."""
         ending = sa.update(PLANS).where(PLANS.c.id.in_(plan_ids), PLANS.c.finished_us.is_(None))
@@ -280,6 +300,30 @@ class PlanStore:
                 return False
             add_to_total(transaction, FAILURE, why)
         return True
+
+    def count_failures(self, most: int) -> list[str]:
+        """Count jobs that the engine has ended as failed with no word from here, and return the ids of their plans.
+
+        Each is counted once, however often it is asked: a plan whose end is kept has been counted.
+        """
+        jobs = workflow_table(self._engine.dialect.name)
+        uncounted = (
+            sa.select(PLANS.c.id, jobs.c.status, jobs.c.updated_at)
+            .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
+            .where(jobs.c.status.in_(tuple(WHY_OF_STATUS)), PLANS.c.finished_us.is_(None))
+            # In one order everywhere, so that two workers never wait for each other.
+            .order_by(PLANS.c.id)
+            .limit(most)
+        )
+        counted: list[str] = []
+        with self._engine.begin() as transaction:
+            for row in transaction.execute(uncounted).all():
+                ending = sa.update(PLANS).where(PLANS.c.id == row.id, PLANS.c.finished_us.is_(None))
+                # As the engine has it, so that the plan is shown as before.
+                if transaction.execute(ending.values(finished_us=row.updated_at * 1000)).rowcount:
+                    add_to_total(transaction, FAILURE, WHY_OF_STATUS[row.status])
+                    counted.append(row.id)
+        return counted
 
     def document(self, plan_id: str) -> StoredDocument | None:
         """Return a plan's document."""
@@ -339,16 +383,11 @@ def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
 
 
-def _pause(order: JobOrder) -> float:
-    """Return how long a job must wait before it may be begun [s]."""
-    return 0.0 if order.start_us is None else max(0.0, (order.start_us - now_us()) / 1e6)
-
-
 def _attempt(plan_id: str, attempt: int) -> sa.Update:
     """Return an update of a plan that touches nothing once a newer attempt has begun."""
     return sa.update(PLANS).where(PLANS.c.id == plan_id, PLANS.c.attempts == attempt)
 
 
-def fingerprint(task: Mapping[str, Any]) -> str:
-    """Return a hash that two tasks share only if they ask for the same."""
+def fingerprint(task: Any) -> str:
+    """Return a hash that two tasks as JSON data share only if they are equal, in whatever order their members are."""
     return hashlib.sha256(json.dumps(task, sort_keys=True).encode()).hexdigest()

@@ -14,6 +14,7 @@ from workers.database import Database
 from workers.database_loss import DATABASE_GONE
 from workers.executor_lock import AdvisoryLock
 from workers.expiry import Expiry
+from workers.failure_watch import FailureWatch
 from workers.fleet_watch import FleetWatch
 from workers.job_queue import (
     APPLICATION,
@@ -70,6 +71,7 @@ class Worker:
         self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
         self._loops.append(asyncio.create_task(self._webhooks.watch()))
         self._loops.append(asyncio.create_task(Expiry(self._store, self._queue, self._settings.watch_seconds).run()))
+        self._loops.append(asyncio.create_task(FailureWatch(self._store, self._settings.watch_seconds).run()))
         if self._settings.retention_days is not None:
             retention = Retention(self._store, SceneStore(self._database), self._queue, self._settings.retention_days)
             self._loops.append(asyncio.create_task(retention.run()))

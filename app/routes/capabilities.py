@@ -22,6 +22,8 @@ class Limits(Resource):
     max_body_bytes: int
     max_mesh_bytes: int
     max_queued: int
+    max_delayed: int
+    """Of one owner's jobs, that wait for their start."""
     max_wait_seconds: float
     requests_per_second: float
     """With one key."""
@@ -75,6 +77,7 @@ def get_capabilities(request: Request, settings: Settings) -> Capabilities:
             max_body_bytes=settings.max_body_bytes,
             max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
+            max_delayed=settings.max_delayed,
             max_wait_seconds=settings.max_wait_seconds,
             requests_per_second=settings.requests_per_second,
             worker_slots=settings.worker_slots,

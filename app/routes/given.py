@@ -31,6 +31,11 @@ def scenes_of(connection: HTTPConnection) -> SceneDesk:
     return connection.app.state.scenes.seen_by(caller_of(connection))
 
 
+def webhooks_of(connection: HTTPConnection) -> WebhookDesk:
+    """Return the webhooks that the caller may see."""
+    return connection.app.state.webhook_desk(caller_of(connection))
+
+
 def _caller(request: Request) -> Caller:
     return caller_of(request)
 
@@ -56,7 +61,7 @@ def _settings(request: Request) -> ServiceSettings:
 
 
 def _webhooks(request: Request) -> WebhookDesk:
-    return request.app.state.webhook_desk(caller_of(request))
+    return webhooks_of(request)
 
 
 CallerGiven = Annotated[Caller, Depends(_caller)]

@@ -13,12 +13,13 @@ from starlette.responses import StreamingResponse
 
 from app.errors import BadHeader
 from app.events import stream_events, wait_for_end
-from app.intake import accept_task, read_body
+from app.intake import accept_sent, read_body
 from app.job_order_query import JobOrderQuery
 from app.page_token import write_page_token
 from app.plan_query import PlanQuery
 from app.resources import PlanList, PlanResource, ProblemDocument
-from app.routes.given import Desk, Feed, Settings, Webhooks, scenes_of
+from app.routes.given import Desk, Feed, Settings, scenes_of, webhooks_of
+from planners.contract.strict_json import parse_json
 from workers.job_order import JobOrder
 
 KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
@@ -30,9 +31,7 @@ BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
 
 
-def _order(webhooks: Webhooks, query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
-    if query.webhook is not None:
-        webhooks.require_usable(query.webhook)
+def _order(query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
     return query.order
 
 
@@ -57,7 +56,7 @@ Order = Annotated[JobOrder, Depends(_order)]
         413: {**PROBLEM, "description": "Too large"},
         415: {**PROBLEM, "description": "Not declared as JSON"},
         422: {**PROBLEM, "description": "A task that cannot be planned: every reason with its JSON pointer"},
-        429: {**PROBLEM, "description": "Too many unfinished jobs"},
+        429: {**PROBLEM, "description": "Too many unfinished jobs, or too many of yours that wait for their start"},
     },
 )
 async def post_plan(
@@ -74,10 +73,19 @@ async def post_plan(
     # There may be several, of which the framework would give one.
     wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
-    state = request.app.state
-    scenes = scenes_of(request).document
-    task = await run_in_threadpool(accept_task, body, state.cells, state.meshes.get, scenes, state.tools)
-    plan = await run_in_threadpool(desk.submit, task, key, order)
+    state, scenes, webhooks = request.app.state, scenes_of(request).document, webhooks_of(request)
+
+    def submit() -> PlanResource:
+        sent = parse_json(body)
+
+        def accepted() -> dict[str, Any]:
+            if order.webhook_id is not None:
+                webhooks.require_usable(order.webhook_id)
+            return accept_sent(sent, state.cells, state.meshes.get, scenes, state.tools)
+
+        return desk.submit(sent, accepted, key, order)
+
+    plan = await run_in_threadpool(submit)
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))

@@ -12,10 +12,12 @@ from support.service import task
 
 from workers.database import Database, open_database
 from workers.engine_table import workflow_table
-from workers.job_queue import APPLICATION_VERSION, JobQueue
+from workers.job_order import JobOrder
+from workers.job_queue import APPLICATION_VERSION, Depth, JobQueue
 from workers.packed_document import PackedDocument
 from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
+from workers.time_stamp import now_us
 from workers.totals import DOCUMENT, STAGE, TAKEOVER
 
 JOBS = workflow_table("sqlite")
@@ -55,8 +57,18 @@ def test_depth_counts_waiting_and_running_jobs_up_to_the_limit(
     begin(database, plans[0], "a")
     queue.cancel(plans[1])
     depth = queue.depth(100)
-    assert (depth.queued, depth.running, depth.total) == (3, 1, 4)
+    assert (depth.queued, depth.running, depth.due) == (3, 1, 4)
     assert queue.depth(2).queued == 2
+
+
+def test_jobs_that_wait_for_their_start_are_counted_apart(store: PlanStore, queue: JobQueue) -> None:
+    later = JobOrder(start_us=now_us() + 3_600_000_000)
+    for order in (later, later, JobOrder(), JobOrder(start_us=1)):
+        store.accept(task(), None, queue, "mes", order)
+    assert queue.depth(100) == Depth(queued=2, delayed=2, running=0)
+    assert queue.depth(100).due == 2
+    assert [store.delayed(owner, 100) for owner in ("mes", "other", None)] == [2, 0, 0]
+    assert store.delayed("mes", 1) == 1
 
 
 def test_a_job_is_of_the_pinned_version_so_that_workers_of_the_next_release_take_it(

@@ -43,7 +43,7 @@ def test_one_key_makes_one_plan_however_many_ask_at_once(desk: tuple[PlanStore, 
     with ThreadPoolExecutor(8) as pool:
         records = list(pool.map(lambda _: store.accept(task(), "key", queue), range(16)))
     assert len({record.id for record in records}) == 1
-    assert queue.depth(100).total == 1
+    assert queue.depth(100).due == 1
 
 
 def test_pages_hold_every_plan_once(desk: tuple[PlanStore, JobQueue]) -> None:
