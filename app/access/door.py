@@ -7,6 +7,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
 from app.access.audit_log import AuditLog
@@ -21,8 +23,11 @@ COOKIE = "liftwright"
 TRUSTED_SECONDS = 1.0
 """A key that was good is taken for good this long without a look at the database: so long a revoked one still opens."""
 MOST_TRUSTED = 1000
+UNNOTED_SECONDS = 60.0
+"""So long no use of a key is noted after that has failed, so that not every request waits for it to fail again."""
 FAILURES_PER_SECOND, FAILURE_BURST = 10.0, 100
 """So many wrong keys may come from one address [1/s], [1]."""
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,7 @@ class Door:
         self._limiter = limiter
         self._failures = RateLimiter(FAILURES_PER_SECOND, FAILURE_BURST)
         self._trusted: dict[bytes, tuple[KeyRecord, float]] = {}
+        self._next_note = 0.0
 
     @property
     def open(self) -> bool:
@@ -99,8 +105,18 @@ class Door:
     def _by_key(self, secret: str) -> KeyRecord | None:
         record = self.keys.holder(secret)
         if record is not None:
-            self.keys.note_use(record)
+            self._note_use(record)
         return record
+
+    def _note_use(self, record: KeyRecord) -> None:
+        """Note that a key was used; a database that cannot be written to is no reason to turn its holder away."""
+        if time.monotonic() < self._next_note:
+            return
+        try:
+            self.keys.note_use(record)
+        except SQLAlchemyError as error:
+            self._next_note = time.monotonic() + UNNOTED_SECONDS
+            log.warning("use of a key not noted", key_id=record.id, error=str(error.args[0] if error.args else error))
 
     def _by_session(self, secret: str) -> KeyRecord | None:
         key_id = self.sessions.key_id(secret)
