@@ -18,6 +18,7 @@ from app.errors import (
 )
 from app.plan_query import PlanQuery
 from app.resources import PlanResource, plan_resource
+from planners.contract.task_spec import read_task, write_task
 from workers.job_order import JobOrder
 from workers.job_queue import JobQueue
 from workers.job_state import Job, JobState
@@ -69,9 +70,14 @@ class PlanDesk:
             self._require_room(order)
             record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order, sent_fingerprint)
         # The same may be sent in other words, and of old plans only what they were taken for is known.
-        if record.sent_fingerprint != sent_fingerprint and record.fingerprint != fingerprint(accepted()):
+        if record.sent_fingerprint != sent_fingerprint and not self._asks_for(record, accepted()):
             raise KeyUsedForAnotherTask
         return self._with_job(record)
+
+    def _asks_for(self, record: PlanRecord, task: Mapping[str, Any]) -> bool:
+        """Tell whether a plan's task is the same as another one, with the defaults of today filled in both."""
+        stored = self.store.task(record.id)
+        return stored is not None and write_task(read_task(stored)) == task
 
     def _require_room(self, order: JobOrder) -> None:
         if self.queue.depth(self._max_queued).due >= self._max_queued:

@@ -34,8 +34,6 @@ class PlanRecord:
     owner: str | None
     """Whose key it was posted with; None where no keys were asked for."""
     external_id: str | None
-    fingerprint: str
-    """Hash of the task as accepted."""
     sent_fingerprint: str | None
     """Hash of the task as sent; None: it was accepted by software that kept none."""
     created_us: int
@@ -69,7 +67,6 @@ _RECORD_COLUMNS: list[sa.ColumnElement[Any]] = [
     PLANS.c.kind,
     PLANS.c.owner,
     PLANS.c.external_id,
-    PLANS.c.fingerprint,
     PLANS.c.sent_fingerprint,
     PLANS.c.created_us,
     PLANS.c.started_us,
@@ -108,8 +105,8 @@ class PlanStore:
         """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
 
         The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named by
-        the order. The caller compares fingerprints to learn whether the key was used for another task:
-        `sent_fingerprint` is of what it was sent, before defaults were filled in.
+        the order. The caller compares `sent_fingerprint`, of what it was sent before defaults were filled in, to
+        learn whether the key was used for another task.
         """
         known = self.by_key(idempotency_key, owner)
         if known is not None:
@@ -121,6 +118,7 @@ class PlanStore:
             "external_id": task.get("external_id"),
             "owner": owner,
             "idempotency_key": _stored_key(idempotency_key, owner),
+            # For the version before, which compares this one.
             "fingerprint": fingerprint(task),
             "sent_fingerprint": sent_fingerprint,
             "task": json.dumps(task),
