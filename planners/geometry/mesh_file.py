@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,9 @@ import numpy as np
 import trimesh
 
 from planners.errors import LiftwrightError
+from planners.geometry.obj_file import count_obj, read_obj
 from planners.geometry.pose import Array
+from planners.geometry.stl_file import count_stl, read_stl
 from planners.geometry.surface import Faces
 
 MeshFormat = Literal["stl", "ply", "obj", "glb"]
@@ -23,7 +24,15 @@ MOST_TRIANGLES = 20_000
 """In a file; more than that make a plan document unwieldy and say nothing about grasping."""
 MOST_VERTICES = 3 * MOST_TRIANGLES
 MOST_NODES = 1000
-"""Of a GLB's scene."""
+"""Of a GLB's scene; so many parts of meshes may hang at them."""
+MOST_ENTRIES = 20 * MOST_VERTICES
+"""Of a GLB's accessors together: every vertex has a normal and the like, and all are read, needed or not."""
+LONGEST_HEADER = {"ply": 16_384, "glb": 2_000_000}
+"""What a file says of itself, of a GLB its JSON [bytes]."""
+MOST_PROPERTIES = 100
+"""Of a PLY's elements together."""
+MOST_ROWS_BEHIND = 1000
+"""Lines that a PLY of text may have behind those it announces: every one is parsed."""
 
 
 class MeshRefused(LiftwrightError):
@@ -48,17 +57,13 @@ def read_mesh_file(content: bytes, file_format: MeshFormat) -> tuple[Array, Face
     Raises:
         MeshRefused: It is not such a file, is too large, or refers to other files.
     """
-    counts = _COUNTERS[file_format](content)
-    _check_counts(counts)
-    # A file that is cut short or lies fails anywhere in the parser, and in many ways.
     try:
-        scene = trimesh.load_scene(
-            io.BytesIO(content), file_type=file_format, resolver={}, process=False, skip_materials=True
-        )
-        mesh = scene.to_mesh()
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error, OSError, LookupError) as error:
+        counts = _COUNTERS[file_format](content)
+        _check_counts(counts)
+        vertices, faces = _READERS[file_format](content)
+    # A file that is cut short or lies fails anywhere in the parser, and in many ways.
+    except _BROKEN as error:
         raise MeshRefused(f"the file cannot be read as {file_format.upper()}: {error}") from error
-    vertices, faces = np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64)
     if len(faces) == 0:
         raise MeshRefused("the file holds no triangles")
     _check_counts(_Counts(len(faces), len(vertices)))
@@ -73,31 +78,60 @@ def _check_counts(counts: _Counts) -> None:
 
 
 def _count_stl(content: bytes) -> _Counts:
-    if len(content) >= 84:
-        (triangles,) = struct.unpack_from("<I", content, 80)
-        if len(content) == 84 + 50 * triangles:
-            return _Counts(triangles, 3 * triangles)
-    if not content.lstrip().startswith(b"solid"):
-        raise MeshRefused("the file is no STL file: its length is not that of the triangles it announces")
-    triangles = len(re.findall(rb"\bendfacet\b", content, re.IGNORECASE))
+    try:
+        triangles = count_stl(content)
+    except ValueError as error:
+        raise MeshRefused(f"the file is no STL file: {error}") from error
     return _Counts(triangles, 3 * triangles)
 
 
-def _count_ply(content: bytes) -> _Counts:
-    header, end, _ = content[:65536].partition(b"end_header")
-    if not content.startswith(b"ply") or not end:
-        raise MeshRefused("the file is no PLY file: it has no header")
-    elements = dict(re.findall(rb"^element\s+(\w+)\s+(\d{1,12})\s*$", header, re.MULTILINE))
-    for name, count in elements.items():
-        if int(count) > MOST_VERTICES:
-            raise MeshRefused(f"the file announces {int(count)} elements {name.decode()}: simplify the mesh")
-    return _Counts(int(elements.get(b"face", 0)), int(elements.get(b"vertex", 0)))
-
-
 def _count_obj(content: bytes) -> _Counts:
-    faces = re.findall(rb"^\s*f\s+(.*)$", content, re.MULTILINE)
-    triangles = sum(max(0, len(face.split()) - 2) for face in faces)
-    return _Counts(triangles, len(re.findall(rb"^\s*v\s", content, re.MULTILINE)))
+    return _Counts(*count_obj(content))
+
+
+def _count_ply(content: bytes) -> _Counts:
+    """Add up what the header announces, word for word as the parser will read it."""
+    elements: dict[str, int] = {}
+    properties = 0
+    header = _ply_header(content)
+    for words in header:
+        if b"element" in words[0]:
+            _, name, count = words
+            elements[name.decode()] = _whole(count)
+        properties += b"property" in words[0]
+    if properties > MOST_PROPERTIES:
+        raise MeshRefused(f"the file's elements have {properties} properties, at most {MOST_PROPERTIES} are taken")
+    for name, count in elements.items():
+        if count > MOST_VERTICES:
+            raise MeshRefused(f"the file announces {count} elements {name[:40]}: simplify the mesh")
+    if b"ascii" in b" ".join(header[1]).lower() and _ply_rows(content) > sum(elements.values()) + MOST_ROWS_BEHIND:
+        raise MeshRefused("the file goes on for many lines behind those that it announces")
+    return _Counts(elements.get("face", 0), elements.get("vertex", 0))
+
+
+def _ply_header(content: bytes) -> list[list[bytes]]:
+    """Return the words of a PLY file's lines up to the one with which its header ends."""
+    if not content.startswith(b"ply"):
+        raise MeshRefused("the file is no PLY file: it has no header")
+    lines = [line.split() for line in content[: LONGEST_HEADER["ply"]].split(b"\n")]
+    end = next((number for number, words in enumerate(lines) if b"end_header" in words), None)
+    if end is None:
+        raise MeshRefused("the file is no PLY file: its header does not end")
+    return lines[:end]
+
+
+def _ply_rows(content: bytes) -> int:
+    """Return how many lines a PLY file of text has behind its header, as its reader will divide it."""
+    return len(content.partition(b"end_header")[2].decode("utf-8").splitlines())
+
+
+def _whole(count: object) -> int:
+    """Return a count of a header, which nothing can be taken away from."""
+    if isinstance(count, bytes) and count.isdigit() and len(count) <= 12:
+        return int(count)
+    if type(count) is int and 0 <= count:
+        return count
+    raise ValueError(f"{str(count)[:40]!r} is no count")
 
 
 def _count_glb(content: bytes) -> _Counts:
@@ -113,14 +147,23 @@ def _count_glb(content: bytes) -> _Counts:
     if tree.get("extensionsRequired"):
         raise MeshRefused(f"the file needs extensions that are not read: {tree['extensionsRequired']}")
     try:
+        entries = sum(_whole(accessor["count"]) for accessor in accessors)
+        viewed = sum(_whole(view["byteLength"]) for view in _list_of(tree, "bufferViews"))
         children = [child for node in nodes for child in node.get("children", ())]
-        meshes = [[_primitive(part, accessors) for part in mesh["primitives"]] for mesh in meshes]
-        placed = [part for node in nodes if "mesh" in node for part in meshes[node["mesh"]]]
+        parts = [[_primitive(part, accessors) for part in mesh["primitives"]] for mesh in meshes]
+        held = [part for mesh in parts for part in mesh]
+        placed = [part for node in nodes if "mesh" in node for part in parts[node["mesh"]]]
     except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
         raise MeshRefused(f"the GLB file contradicts itself: {error!r}") from error
     if len(set(children)) != len(children):
         raise MeshRefused("a node of the file's scene has several parents")
-    held = [part for mesh in meshes for part in mesh]
+    if max(len(held), len(placed)) > MOST_NODES:
+        raise MeshRefused(
+            f"the file has {max(len(held), len(placed))} parts, at most {MOST_NODES} are taken: join them"
+        )
+    # Accessors and views that overlap would make much of a small file.
+    if entries > MOST_ENTRIES or viewed > 2 * len(content):
+        raise MeshRefused("the file says that it holds far more than it does, or than is needed for a mesh")
     return _Counts(
         max(sum(part.triangles for part in parts) for parts in (held, placed)),
         max(sum(part.vertices for part in parts) for parts in (held, placed)),
@@ -128,15 +171,25 @@ def _count_glb(content: bytes) -> _Counts:
 
 
 def _primitive(primitive: Mapping[str, Any], accessors: list[Any]) -> _Counts:
-    vertices = int(accessors[primitive["attributes"]["POSITION"]]["count"])
-    corners = int(accessors[primitive["indices"]]["count"]) if "indices" in primitive else vertices
+    vertices = _whole(accessors[primitive["attributes"]["POSITION"]]["count"])
+    corners = _whole(accessors[primitive["indices"]]["count"]) if "indices" in primitive else vertices
     # A strip or fan (modes 5 and 6) has a triangle for every corner.
     return _Counts(corners // 3 if primitive.get("mode", 4) == 4 else corners, vertices)
+
+
+def _read_scene(content: bytes, file_format: MeshFormat) -> tuple[Array, Faces]:
+    scene = trimesh.load_scene(
+        io.BytesIO(content), file_type=file_format, resolver={}, process=False, skip_materials=True
+    )
+    mesh = scene.to_mesh()
+    return np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64)
 
 
 def _glb_tree(content: bytes) -> Mapping[str, Any]:
     try:
         magic, version, _, length, kind = struct.unpack_from("<4sIII4s", content)
+        if length > LONGEST_HEADER["glb"]:
+            raise MeshRefused(f"the file has {length} bytes of JSON, at most {LONGEST_HEADER['glb']} are taken")
         tree = json.loads(content[20 : 20 + length]) if (magic, version, kind) == (b"glTF", 2, b"JSON") else None
     except (struct.error, ValueError, RecursionError) as error:
         raise MeshRefused(f"the file is no GLB file: {error}") from error
@@ -152,6 +205,18 @@ def _list_of(tree: Mapping[str, Any], name: str) -> list[Any]:
     return entries
 
 
+_BROKEN = (
+    ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OverflowError, struct.error, OSError,
+    LookupError,
+)  # fmt: skip
 _COUNTERS: Mapping[MeshFormat, Callable[[bytes], _Counts]] = MappingProxyType(
     {"stl": _count_stl, "ply": _count_ply, "obj": _count_obj, "glb": _count_glb}
+)
+_READERS: Mapping[MeshFormat, Callable[[bytes], tuple[Array, Faces]]] = MappingProxyType(
+    {
+        "stl": read_stl,
+        "obj": read_obj,
+        "ply": lambda content: _read_scene(content, "ply"),
+        "glb": lambda content: _read_scene(content, "glb"),
+    }
 )

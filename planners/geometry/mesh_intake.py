@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
-from scipy.spatial import KDTree
 
+from planners.geometry.clusters import clusters
 from planners.geometry.convex_cover import CoverSettings, cover
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, read_mesh_file
 from planners.geometry.pose import Array
@@ -18,7 +18,7 @@ from planners.geometry.solid_mesh import SolidMesh
 from planners.geometry.surface import Faces, triangle_normals, volume, winding_numbers
 
 SAME_VERTEX = 1e-6
-"""Vertices closer together than this share of the diagonal are one."""
+"""Vertices closer together than this share of the diagonal are one; four times as far apart they never are."""
 LEAST_VOLUME = 1e-8
 """A mesh that encloses less than this share of its cubed diagonal is flat."""
 SHARPEST = 1e-12
@@ -64,14 +64,12 @@ def repaired(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
 
 def _merged(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     """Give equal vertices one number, and drop triangles that have no area then, or are there twice."""
-    diagonal = float(np.linalg.norm(np.ptp(vertices[np.unique(faces)], axis=0)))
+    used, faces = _renumbered(faces)
+    vertices = vertices[used]
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     if diagonal == 0.0:
         raise MeshRefused("the mesh is a single point")
-    pairs = KDTree(vertices).query_pairs(SAME_VERTEX * diagonal, output_type="ndarray")
-    size = len(vertices)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    _, labels = connected_components(graph, directed=False)
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(clusters(vertices, SAME_VERTEX * diagonal), return_index=True, return_inverse=True)
     vertices, faces = vertices[first], inverse[faces]
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     faces = faces[distinct]
@@ -79,8 +77,14 @@ def _merged(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
     faces = faces[np.sort(once)]
     if len(faces) == 0:
         raise MeshRefused("the mesh is flat: no triangle has an area")
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return vertices[used], renumbered.reshape(-1, 3).astype(np.int64)
+    used, faces = _renumbered(faces)
+    return vertices[used], faces
+
+
+def _renumbered(faces: Faces) -> tuple[Faces, Faces]:
+    """Return the numbers of the vertices that triangles have, and the triangles by their places among them."""
+    used, places = np.unique(faces, return_inverse=True)
+    return used, places.reshape(-1, 3).astype(np.int64)
 
 
 def _neighbours(faces: Faces) -> Faces:
