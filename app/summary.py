@@ -10,7 +10,7 @@ import numpy as np
 
 
 def summarise(document: Mapping[str, Any]) -> str:
-    """Return a few lines: outcome, what happens, largest force, times, certificate; or why there is no plan."""
+    """Return a few lines: outcome, what happens, largest force, times, certificate, physics; or why there is no plan."""
     if document["outcome"] != "solved":
         return _explain(document)
     checks = document["certificate"]["checks"]
@@ -26,6 +26,7 @@ def summarise(document: Mapping[str, Any]) -> str:
         "largest force": f"{force:.1f} N on one contact normal ({where})",
         "planning time": f"{total - certifying - simulating:.2f} s",
         "certificate": f"{verdict}, {len(checks)} checks in {certifying:.2f} s",
+        "simulation": _simulated(document["simulation"], simulating),
     }
     return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
 
@@ -34,6 +35,20 @@ def _happening(document: Mapping[str, Any]) -> dict[str, str]:
     """Return what the plan does: the contact states of a plate, or which objects are moved how."""
     states = contact_states(document)
     return {"contact states": " > ".join(states)} if states else {"moved": str(document["explanation"]["summary"])}
+
+
+def _simulated(simulation: Mapping[str, Any] | None, seconds: float) -> str:
+    """Return how the plan fared in physics, and how long that took to find out."""
+    if simulation is None:
+        return "none, options.simulate is false"
+    match simulation["outcome"]:
+        case "lifted":
+            return f"lifted, {1e3 * simulation['lift']['height']:.0f} mm, in {seconds:.1f} s"
+        case "done":
+            return f"done, in {seconds:.1f} s"
+        case failure:
+            when = simulation.get("failed_at", simulation["time"])
+            return f"FAILED: {failure} at {when:.2f} s of motion: {simulation['cause']}"
 
 
 def contact_states(document: Mapping[str, Any]) -> list[str]:

@@ -126,13 +126,39 @@ def test_a_plan_without_contact_states_tells_what_is_moved() -> None:
     document = {
         "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, [])],
         "explanation": {"summary": "3 objects moved, nearest to its goal first (a, b, c), with 1 handover."},
-        "certificate": {"passed": True, "checks": []},
+        "certificate": {"passed": True, "checks": []}, "simulation": None,
         "statistics": {"total_seconds": 3.0, "stages": [{"name": "certify", "seconds": 1.0}]},
     }  # fmt: skip
     told = summarise(document)
     assert "3 objects moved" in told
     assert "contact states" not in told
     assert "2.00 s" in told
+
+
+@pytest.mark.parametrize(
+    ("simulation", "line"),
+    [
+        (None, "simulation:     none, options.simulate is false"),
+        ({"outcome": "lifted", "lift": {"height": 0.188}}, "simulation:     lifted, 188 mm, in 17.7 s"),
+        ({"outcome": "done"}, "simulation:     done, in 17.7 s"),
+        (
+            {"outcome": "cup_lost", "time": 9.5, "cause": "the pad peels off"},
+            "simulation:     FAILED: cup_lost at 9.50 s of motion: the pad peels off",
+        ),
+        (
+            {"outcome": "object_dropped", "time": 7.0, "failed_at": 6.25, "cause": "the cup lets go"},
+            "simulation:     FAILED: object_dropped at 6.25 s of motion: the cup lets go",
+        ),
+    ],
+)
+def test_a_solved_plan_tells_how_it_fared_in_physics(simulation: dict[str, Any] | None, line: str) -> None:
+    document = {
+        "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, [])],
+        "explanation": {"summary": "1 object moved."}, "certificate": {"passed": True, "checks": []},
+        "simulation": simulation,
+        "statistics": {"total_seconds": 20.0, "stages": [{"name": "simulate", "seconds": 17.7}]},
+    }  # fmt: skip
+    assert line in summarise(document).splitlines()
 
 
 def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:
