@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from importlib import resources
 from importlib.metadata import version
@@ -23,7 +22,7 @@ from app.head import HeadAsGet
 from app.intake import accept_task
 from app.openapi import install_openapi
 from app.plan_desk import PlanDesk
-from app.plan_feed import PlanFeed
+from app.plan_feed import POLL_SECONDS, PlanFeed
 from app.request_log import RequestLog
 from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
 from app.scan_gate import ScanGate
@@ -38,6 +37,7 @@ from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
 from workers.scene_store import SceneStore
+from workers.supervisor import Supervisor
 from workers.webhook_store import WebhookStore
 from workers.webhook_target import TargetRules
 from workers.worker import Worker
@@ -56,32 +56,31 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        database = app.state.database = await run_in_threadpool(open_database, settings)
-        queue = JobQueue(database)
-        store = PlanStore(database)
-        app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
-        app.state.meshes = MeshStore(database)
-        app.state.scenes = SceneDesk(SceneStore(database), store, queue)
-        app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
-        app.state.desk = PlanDesk(store, queue, settings.max_queued, settings.max_delayed)
-        rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
-        app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)
-        app.state.feed = PlanFeed(store, queue)
-        feeding = asyncio.create_task(app.state.feed.run())
-        app.state.door = await run_in_threadpool(_door, settings, database)
-        app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")
-        worker = Worker(settings, database, queue, store) if with_worker else None
-        try:
+        async with AsyncExitStack() as to_close:
+            database = app.state.database = await run_in_threadpool(open_database, settings)
+            to_close.callback(database.close)
+            queue, store, supervisor = JobQueue(database), PlanStore(database), Supervisor()
+            to_close.callback(queue.close)
+            app.state.supervisor = supervisor
+            app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
+            app.state.meshes = MeshStore(database)
+            app.state.scenes = SceneDesk(SceneStore(database), store, queue)
+            app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
+            app.state.desk = PlanDesk(store, queue, settings.max_queued, settings.max_delayed)
+            rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
+            app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)
+            app.state.feed = PlanFeed(store, queue)
+            app.state.door = await run_in_threadpool(_door, settings, database)
+            app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")
+            worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
+            if worker is not None:
+                to_close.push_async_callback(worker.stop)
+            to_close.push_async_callback(app.state.theatre.close)
+            to_close.push_async_callback(supervisor.stop)
+            supervisor.repeat("feed", app.state.feed.look, POLL_SECONDS)
             if worker is not None:
                 await worker.start()
             yield
-        finally:
-            feeding.cancel()
-            await app.state.theatre.close()
-            if worker is not None:
-                await worker.stop()
-            queue.close()
-            database.close()
 
     app = FastAPI(
         title="Liftwright",

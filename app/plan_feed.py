@@ -9,19 +9,14 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-import structlog
 from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
-from workers.database_loss import DATABASE_GONE
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 
 POLL_SECONDS = 0.1
 """How often the database is looked at while somebody waits [s]."""
-RETRY_SECONDS = 1.0
-"""How long after the database was found to be gone [s]."""
-log = structlog.get_logger(__name__)
 
 Event = tuple[int, dict[str, Any]]
 SentEvent = tuple[int, bytes]
@@ -71,21 +66,11 @@ class PlanFeed:
             if plan.followers == 0:
                 del self._plans[plan_id]
 
-    async def run(self) -> None:
-        """Look for news until cancelled; a database that is gone is waited for."""
-        while True:
+    async def look(self) -> None:
+        """Wait until somebody follows a plan, and look for news once."""
+        while not self._plans:
+            self._wanted.clear()
             await self._wanted.wait()
-            if not self._plans:
-                self._wanted.clear()
-                continue
-            try:
-                await self._look()
-            except DATABASE_GONE as error:
-                log.warning("followers wait for the database", error=str(error.args[:1]))
-                await asyncio.sleep(RETRY_SECONDS)
-            await asyncio.sleep(POLL_SECONDS)
-
-    async def _look(self) -> None:
         known = {plan_id: plan.events[-1][0] if plan.events else 0 for plan_id, plan in self._plans.items()}
         ended, news = await run_in_threadpool(self._read, known)
         for plan_id in known:

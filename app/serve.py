@@ -24,6 +24,7 @@ from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
 from workers.solver_process import COMPILE
 from workers.solver_protocol import HANDOVERS_VARIABLE
+from workers.supervisor import Supervisor
 from workers.warm_up_mark import WarmUpMark
 from workers.worker import Worker
 
@@ -164,12 +165,14 @@ async def _work(settings: WorkerSettings) -> None:
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
     database = open_database(settings)
     queue = JobQueue(database)
-    worker = Worker(settings, database, queue, PlanStore(database))
+    supervisor = Supervisor()
+    worker = Worker(settings, database, queue, PlanStore(database), supervisor)
     await worker.start()
     log.info("working", worker=settings.worker_name, slots=settings.worker_slots)
     try:
         await stop.wait()
     finally:
+        await supervisor.stop()
         await worker.stop()
         queue.close()
         database.close()

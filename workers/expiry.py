@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
-
 import structlog
 
-from workers.database_loss import DATABASE_GONE
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.time_stamp import now_us
@@ -19,17 +16,8 @@ log = structlog.get_logger(__name__)
 class Expiry:
     """Cancels jobs that have not ended by the end of their order. Any number of workers may do so."""
 
-    def __init__(self, store: PlanStore, queue: JobQueue, watch_seconds: float) -> None:
-        self._store, self._queue, self._watch_seconds = store, queue, watch_seconds
-
-    async def run(self) -> None:
-        """Look for such jobs until cancelled; a database that is gone is waited for."""
-        while True:
-            await asyncio.sleep(self._watch_seconds)
-            try:
-                await asyncio.to_thread(self.sweep)
-            except DATABASE_GONE as error:
-                log.warning("overdue jobs not looked for", error=str(error.args[0] if error.args else error))
+    def __init__(self, store: PlanStore, queue: JobQueue) -> None:
+        self._store, self._queue = store, queue
 
     def sweep(self) -> None:
         """Cancel what is overdue now."""

@@ -66,14 +66,12 @@ class FleetWatch:
         if self._lock is not None:
             self._lock.close()
 
-    async def run(self) -> None:
-        """Look around until cancelled."""
-        while True:
-            await asyncio.sleep(self._settings.watch_seconds)
-            try:
-                await asyncio.to_thread(self._look)
-            except DATABASE_GONE as error:
-                self._lose(str(error.args[0] if error.args else error))
+    async def look(self) -> None:
+        """Look around once; a database that is gone is for the worker to know."""
+        try:
+            await asyncio.to_thread(self._look)
+        except DATABASE_GONE as error:
+            self._lose(str(error.args[0] if error.args else error))
 
     def _look(self) -> None:
         if self._lock is not None and not self._lock.hold():

@@ -5,11 +5,8 @@ Meshes stay, since tasks may name them for ever.
 
 from __future__ import annotations
 
-import asyncio
-
 import structlog
 
-from workers.database_loss import DATABASE_GONE
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.scene_store import SceneStore
@@ -28,15 +25,6 @@ class Retention:
 
     def __init__(self, store: PlanStore, scenes: SceneStore, queue: JobQueue, days: float) -> None:
         self._store, self._scenes, self._queue, self._days = store, scenes, queue, days
-
-    async def run(self) -> None:
-        """Sweep once an hour until cancelled."""
-        while True:
-            try:
-                await asyncio.to_thread(self.sweep)
-            except DATABASE_GONE as error:
-                log.warning("retention put off", error=str(error.args[0] if error.args else error))
-            await asyncio.sleep(PAUSE_SECONDS)
 
     def sweep(self) -> int:
         """Delete every plan that ended more than so many days ago, and return how many there were.

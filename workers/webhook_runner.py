@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import random
 import ssl
@@ -13,7 +12,7 @@ from functools import partial
 import sqlalchemy as sa
 import structlog
 
-from workers.database_loss import DATABASE_GONE, once_it_is_there
+from workers.database_loss import once_it_is_there
 from workers.job_queue import JobQueue
 from workers.job_state import Job, JobState
 from workers.plan_store import PlanRecord, PlanStore
@@ -40,16 +39,8 @@ class WebhookRunner:
         self._rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
         self._trust = ssl.create_default_context(cafile=settings.webhook_ca_file)
 
-    async def watch(self) -> None:
-        """Have messages delivered as jobs end, until cancelled. Several workers may: each message is begun once."""
-        while True:
-            await asyncio.sleep(LOOK_SECONDS)
-            try:
-                await asyncio.to_thread(self._look)
-            except DATABASE_GONE as error:
-                log.warning("webhooks wait for the database", error=str(error.args[0] if error.args else error))
-
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Have messages about jobs that have ended delivered. Several workers may: each message is begun once."""
         waiting = self._webhooks.waiting()
         jobs = self._queue.jobs(sorted({delivery.plan_id for delivery in waiting}))
         for delivery in waiting:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
@@ -27,12 +28,13 @@ from workers.job_queue import (
 from workers.job_runner import JobFailed, JobRunner
 from workers.mesh_store import MeshStore
 from workers.plan_store import PlanStore
-from workers.retention import Retention
+from workers.retention import PAUSE_SECONDS, Retention
 from workers.scene_store import SceneStore
 from workers.settings import WorkerSettings
 from workers.solver import SolverCommand, SolverPool
 from workers.solver_protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
-from workers.webhook_runner import WebhookRunner
+from workers.supervisor import Supervisor
+from workers.webhook_runner import LOOK_SECONDS, WebhookRunner
 from workers.webhook_store import WebhookStore
 
 REJECTED_FOLDER = "rejected"
@@ -45,8 +47,11 @@ log = structlog.get_logger(__name__)
 class Worker:
     """Runs jobs on the running event loop. One per process: the engine is a process-wide thing."""
 
-    def __init__(self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore) -> None:
+    def __init__(
+        self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore, supervisor: Supervisor
+    ) -> None:
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
+        self._supervisor = supervisor
         rejected = settings.data_dir.resolve() / REJECTED_FOLDER
         folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
         memory = settings.solver_memory_mb * 2**20
@@ -58,7 +63,6 @@ class Worker:
         """The jobs that the engine has given to this process and has no result of yet."""
         lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
         self._fleet = FleetWatch(settings, queue, lock, lambda: frozenset(self._at_work))
-        self._loops: list[asyncio.Task[None]] = []
 
     async def start(self) -> None:
         """Get the solver processes ready, then take up the jobs an earlier life left, then new ones.
@@ -68,13 +72,7 @@ class Worker:
         """
         await self._fleet.start()
         await self._pool.open()
-        self._loops = [asyncio.create_task(self._watch_jobs()), asyncio.create_task(self._fleet.run())]
-        self._loops.append(asyncio.create_task(self._webhooks.watch()))
-        self._loops.append(asyncio.create_task(Expiry(self._store, self._queue, self._settings.watch_seconds).run()))
-        self._loops.append(asyncio.create_task(FailureWatch(self._store, self._settings.watch_seconds).run()))
-        if self._settings.retention_days is not None:
-            retention = Retention(self._store, SceneStore(self._database), self._queue, self._settings.retention_days)
-            self._loops.append(asyncio.create_task(retention.run()))
+        self._watch()
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": self._database.engine_url,
@@ -91,19 +89,37 @@ class Worker:
         DBOS.launch()
 
     async def stop(self) -> None:
-        """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker."""
+        """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker.
+
+        The supervisor must have stopped before.
+        """
         self._runner.stop()
-        for loop in self._loops:
-            loop.cancel()
-            with suppress(asyncio.CancelledError):
-                await loop
-        await self._pool.close()
+        try:
+            await self._pool.close()
+        finally:
+            # Whatever is wrong with solvers: the name must be free for the next worker.
+            await self._leave_engine()
+            self._fleet.stop()
+
+    def _watch(self) -> None:
+        """Have everything looked after that no request and no job would see to."""
+        settings, repeat = self._settings, self._supervisor.repeat
+        expiry, failures = Expiry(self._store, self._queue), FailureWatch(self._store)
+        repeat("jobs", self._leave_lost_jobs, settings.cancel_poll_seconds)
+        repeat("fleet", self._fleet.look, settings.watch_seconds)
+        repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
+        repeat("expiry", partial(asyncio.to_thread, expiry.sweep), settings.watch_seconds)
+        repeat("failures", partial(asyncio.to_thread, failures.sweep), settings.watch_seconds)
+        if settings.retention_days is not None:
+            retention = Retention(self._store, SceneStore(self._database), self._queue, settings.retention_days)
+            repeat("retention", partial(asyncio.to_thread, retention.sweep), PAUSE_SECONDS, at_once=True)
+
+    async def _leave_engine(self) -> None:
         with suppress(TimeoutError):
             # Without a database the engine's threads wait for it, and cannot be told not to.
             async with asyncio.timeout(GOODBYE_SECONDS):
                 await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
         logging.getLogger("dbos").removeFilter(_is_news)
-        self._fleet.stop()
 
     def _register(self) -> None:
         """Tell the engine what a job is. The step's result is stored, so a finished one is not run again."""
@@ -140,19 +156,17 @@ class Worker:
         finally:
             self._at_work.discard(workflow_id)
 
-    async def _watch_jobs(self) -> None:
+    async def _leave_lost_jobs(self) -> None:
         """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""
-        while True:
-            await asyncio.sleep(self._settings.cancel_poll_seconds)
-            solving = self._runner.solving
-            if not solving:
-                continue
-            try:
-                lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
-            except DATABASE_GONE:
-                lost = set(solving) if self._fleet.alone else set()
-            for plan_id in lost:
-                self._runner.leave(plan_id)
+        solving = self._runner.solving
+        if not solving:
+            return
+        try:
+            lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
+        except DATABASE_GONE:
+            lost = set(solving) if self._fleet.alone else set()
+        for plan_id in lost:
+            self._runner.leave(plan_id)
 
 
 def _is_news(record: logging.LogRecord) -> bool:

@@ -10,6 +10,7 @@ from app.metrics import PROCESS_METRICS, ServiceMetrics
 from app.plan_desk import PlanDesk
 from workers.database import Database
 from workers.database_loss import DATABASE_GONE
+from workers.supervisor import Supervisor
 
 router = APIRouter(tags=["operations"])
 
@@ -22,12 +23,15 @@ async def livez() -> dict[str, str]:
 
 @router.get("/readyz", summary="Can it work?")
 def readyz(request: Request) -> dict[str, str]:
-    """Answer once the database can be reached and takes writes."""
+    """Answer while the database takes writes and what is done in the background gets on."""
     database: Database = request.app.state.database
     try:
         database.require_writable()
     except DATABASE_GONE as error:
         raise NotReady("the database cannot be reached, or takes no writes") from error
+    supervisor: Supervisor = request.app.state.supervisor
+    if stuck := supervisor.stuck:
+        raise NotReady(f"what does not get on, as the log says: {', '.join(stuck)}")
     return {"status": "ready"}
 
 

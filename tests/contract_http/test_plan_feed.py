@@ -12,6 +12,7 @@ from app import plan_feed
 from app.events import wait_for_end
 from app.plan_feed import PlanFeed
 from workers.job_state import Job, JobState
+from workers.supervisor import Supervisor
 
 
 class CountedDatabase:
@@ -53,12 +54,13 @@ async def _followed(feed: PlanFeed, plan_id: str, received: int) -> list[int]:
 def run_with(database: CountedDatabase, scenario: Any) -> Any:
     async def run() -> Any:
         feed = PlanFeed(database, database)  # pyright: ignore[reportArgumentType]
-        task = asyncio.create_task(feed.run())
+        supervisor = Supervisor()
+        supervisor.repeat("feed", feed.look, plan_feed.POLL_SECONDS)
         try:
             async with asyncio.timeout(20):
                 return await scenario(feed)
         finally:
-            task.cancel()
+            await supervisor.stop()
 
     return asyncio.run(run())
 

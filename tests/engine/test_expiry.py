@@ -45,7 +45,7 @@ class Desk:
         return self.queue.jobs([plan_id])[plan_id].state
 
     def sweep(self) -> None:
-        Expiry(self.store, self.queue, 1.0).sweep()
+        Expiry(self.store, self.queue).sweep()
 
 
 @pytest.fixture
