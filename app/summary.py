@@ -10,7 +10,7 @@ import numpy as np
 
 
 def summarise(document: Mapping[str, Any]) -> str:
-    """Return a few lines: outcome, what happens, largest force, times, certificate, physics; or why there is no plan."""
+    """Return a few lines: outcome, what happens, largest force, times, checks, physics; or why there is no plan."""
     if document["outcome"] != "solved":
         return _explain(document)
     checks = document["certificate"]["checks"]
