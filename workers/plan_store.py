@@ -305,8 +305,9 @@ class PlanStore:
         Each is counted once, however often it is asked: a plan whose end is kept has been counted.
         """
         jobs = workflow_table(self._engine.dialect.name)
+        begun = sa.func.coalesce(PLANS.c.started_us, PLANS.c.created_us)
         uncounted = (
-            sa.select(PLANS.c.id, jobs.c.status, jobs.c.updated_at)
+            sa.select(PLANS.c.id, jobs.c.status, jobs.c.updated_at, begun.label("begun_us"))
             .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
             .where(jobs.c.status.in_(tuple(WHY_OF_STATUS)), PLANS.c.finished_us.is_(None))
             # In one order everywhere, so that two workers never wait for each other.
@@ -317,8 +318,9 @@ class PlanStore:
         with self._engine.begin() as transaction:
             for row in transaction.execute(uncounted).all():
                 ending = sa.update(PLANS).where(PLANS.c.id == row.id, PLANS.c.finished_us.is_(None))
-                # As the engine has it, so that the plan is shown as before.
-                if transaction.execute(ending.values(finished_us=row.updated_at * 1000)).rowcount:
+                # As the engine has it, which on SQLite is a whole second: the plan is shown as before.
+                ended_us = max(row.updated_at * 1000, row.begun_us)
+                if transaction.execute(ending.values(finished_us=ended_us)).rowcount:
                     add_to_total(transaction, FAILURE, WHY_OF_STATUS[row.status])
                     counted.append(row.id)
         return counted

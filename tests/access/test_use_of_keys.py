@@ -1,0 +1,72 @@
+"""When a key was last used is worth knowing, and not worth turning anybody away for."""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from sqlalchemy import event
+
+from app.access.audit_log import AuditLog
+from app.access.door import Credentials, Door
+from app.access.key_store import KeyStore
+from app.access.rate_limiter import RateLimiter
+from app.access.scope import Scope
+from app.access.session_store import SessionStore
+from workers.database import Database, open_database
+from workers.settings import WorkerSettings
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    database = open_database(WorkerSettings(data_dir=tmp_path))
+    yield database
+    database.close()
+
+
+def door_of(database: Database) -> Door:
+    return Door(KeyStore(database), SessionStore(database), AuditLog(database), RateLimiter(1000.0, 1000))
+
+
+class Disk:
+    """What a database is on; while it is full, nothing can be written."""
+
+    def __init__(self, database: Database) -> None:
+        self.full = False
+        self.refused: list[str] = []
+        """Statements that were."""
+        event.listen(database.engine, "checkout", self._set_up)
+        event.listen(database.engine, "handle_error", self._note)
+
+    def _set_up(self, connection: sqlite3.Connection, *_: object) -> None:
+        connection.execute(f"PRAGMA query_only={int(self.full)}")
+
+    def _note(self, context: sa.engine.ExceptionContext) -> None:
+        self.refused.append(str(context.statement))
+
+
+def test_a_key_opens_the_door_while_nothing_can_be_written_and_not_each_time_is_that_tried(database: Database) -> None:
+    door, disk = door_of(database), Disk(database)
+    key = door.keys.issue("mes", Scope.READ).text
+    disk.full = True
+    for _ in range(5):
+        door.forget(key)
+        assert asyncio.run(door.admit(Credentials(key, None), "")).owner == "mes"
+    assert len(disk.refused) == 1
+    assert "last_used_us" in disk.refused[0]
+
+
+def test_uses_are_noted_again_after_a_while(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.access.door.UNNOTED_SECONDS", 0.0)
+    door, disk = door_of(database), Disk(database)
+    key = door.keys.issue("mes", Scope.READ)
+    for disk.full in (True, False):
+        door.forget(key.text)
+        asyncio.run(door.admit(Credentials(key.text, None), ""))
+    record = door.keys.get(key.id)
+    assert record is not None
+    assert record.last_used_us is not None
