@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from planners.perception.refusal import ScanRefused
 
 MOST_POINTS = 4_000_000
 """In a file [1]."""
+MOST_NUMBERS = 100 * MOST_POINTS
+"""That a side of an array may be said to have [1]: few enough to be counted with."""
 LONGEST_HEADER = 16_384
 """[bytes]"""
 PLY_TYPES = {
@@ -62,19 +65,22 @@ def read_npy(content: bytes, part: str) -> NDArray[np.generic]:
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = reader(stream, max_header_size=LONGEST_HEADER)
-    except (ValueError, SyntaxError, TypeError, EOFError) as error:
+    # Python gives up with one of the last three on a header that is nested deeply.
+    except (ValueError, SyntaxError, TypeError, EOFError, TokenError, RecursionError, MemoryError) as error:
         raise ScanRefused(part, "the NPY file's header cannot be read") from error
     if dtype.kind not in "fiu":
         raise ScanRefused(part, f"an NPY file holds real numbers, not {dtype}")
+    if len(shape) > 3 or not all(type(side) is int and 0 <= side <= MOST_NUMBERS for side in shape):
+        raise ScanRefused(part, f"the shape of an NPY array is up to three counts, not {str(shape)[:80]}")
     count = math.prod(shape)
-    _check_count(count / 3 if shape and shape[-1] == 3 else count, part)
+    _check_count(count // 3 if shape and shape[-1] == 3 else count, part)
     data = _numbers(content, stream.tell(), dtype, count, part)
     return data.reshape(shape, order="F" if fortran else "C")
 
 
-def _check_count(count: float, part: str) -> None:
+def _check_count(count: int, part: str) -> None:
     if count > MOST_POINTS:
-        raise ScanRefused(part, f"the file holds {count:,.0f} points; at most {MOST_POINTS:,} are read: thin it out")
+        raise ScanRefused(part, f"the file holds {count:,} points; at most {MOST_POINTS:,} are read: thin it out")
 
 
 def _numbers(content: bytes, start: int, dtype: np.dtype[np.generic], count: int, part: str) -> NDArray[np.generic]:
@@ -129,7 +135,8 @@ def _read_pcd(content: bytes, part: str) -> Array:
     counts = [_whole(each, part) for each in members.get("COUNT", ["1"] * len(names))]
     width, height = (_whole("".join(members.get(name, ["1"])), part) for name in ("WIDTH", "HEIGHT"))
     count = width * height
-    _check_count(count, part)
+    # A side may be long although the other one is 0.
+    _check_count(max(width, height, count), part)
     if any(each != 1 for each in counts):
         raise ScanRefused(part, "the fields of a PCD cloud are single numbers")
     if form == "ascii":

@@ -85,7 +85,7 @@ def test_four_times_the_file_is_four_times_the_work(kind, made):
         ("stl", lambda n: mesh_bombs.heaped_stl(n, 1e-7)),
         ("stl", lambda n: mesh_bombs.heaped_stl(n, 1e-6)),
         ("ply", lambda n: mesh_bombs.ply_with_rows_behind(20 * n)),
-        ("glb", lambda n: mesh_bombs.glb_of_accessors(n // 10, bytes(12 * n))),
+        ("glb", lambda n: mesh_bombs.glb_of_accessors(n // 10, bytes(1200 * n))),
         ("glb", lambda n: mesh_bombs.glb_of_views(n // 10, bytes(12 * n))),
     ],
     ids=["equal vertices", "near vertices", "vertices as far as near ones are", "rows", "accessors", "views"],

@@ -24,6 +24,12 @@ def npy(array: np.ndarray) -> bytes:
     return stream.getvalue()
 
 
+def npy_of_shape(shape: str) -> bytes:
+    """Return an NPY file of 12 bytes that says it has a shape."""
+    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(12)
+
+
 def pcd(points: np.ndarray, form: str, width: int | None = None, height: int = 1) -> bytes:
     head = (
         "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\n"
@@ -77,6 +83,8 @@ def test_what_is_not_finite_becomes_not_measured() -> None:
         (ply(POINTS, "ascii").replace(b".", b"x"), "PLY|numbers"),
         (pcd(POINTS, "binary", MOST_POINTS + 1), "at most"),
         (pcd(POINTS, "binary", 10**11), "at most"),
+        (pcd(POINTS[:0], "binary", 0, 10**11), "at most"),
+        (pcd(POINTS[:0], "ascii", 10**11, 0), "at most"),
         (pcd(POINTS, "binary_compressed"), "save them as binary"),
         (pcd(POINTS, "binary").replace(b"FIELDS x y z", b"FIELDS x y y"), "x, y and z"),
         (b"ply\n" + b"comment x\n" * 5000, "does not end"),
@@ -86,6 +94,30 @@ def test_what_is_not_finite_becomes_not_measured() -> None:
 def test_a_cloud_that_is_no_cloud_is_refused(content: bytes, said: str) -> None:
     with pytest.raises(ScanRefused, match=said):
         read_cloud(content, 1.0)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        "(-1, -1, 3)", "(-5, 3)", "(-4, -2, 3)", "(True, 3)", "(False, 3)", f"({'9' * 400}, 3)", f"(0, {'9' * 400}, 3)",
+        f"({'1, ' * 99})", f"({'9' * 5000}, 3)", "(1.0, 3)", "(1, '3')", "3", "-" * 9000 + "1", "(" * 300 + ")" * 300,
+        "[" * 5000,
+    ],
+)  # fmt: skip
+def test_a_shape_that_is_none_is_refused(shape: str) -> None:
+    with pytest.raises(ScanRefused):
+        read_npy(npy_of_shape(shape), "cloud")
+
+
+@pytest.mark.parametrize("shape", ["(1, 3)", "(3,)", "(1, 1, 3)", "(3, 1)"])
+def test_an_array_has_as_many_numbers_as_its_shape_says(shape: str) -> None:
+    assert read_npy(npy_of_shape(shape), "depth").size == 3
+
+
+def test_an_array_of_fewer_than_no_rows_is_not_read_past_the_most_points() -> None:
+    many = npy_of_shape("(-1, 3)") + bytes(12 * MOST_POINTS)
+    with pytest.raises(ScanRefused):
+        read_npy(many, "cloud")
 
 
 def test_a_depth_image_is_read_in_its_unit_and_zeros_are_no_measurements() -> None:
