@@ -42,8 +42,8 @@ class ContactLimits:
     """Torsional friction of a finger [m]."""
     normal: float
     """Largest normal force of a hand's contact [N]."""
-    hand: float | None
-    """Largest net force of a hand [N]; None: as its contacts allow."""
+    hands: Mapping[str, float]
+    """Largest net force of each arm's hand [N]."""
     cup: StatedCup | None
     """None: believed as each contact states it."""
     model: str
@@ -69,8 +69,7 @@ class ConeChecks:
         for contact_set in sets:
             for contact in contact_set.contacts:
                 self._contact(contact, f"{contact_set.where} by {_name(contact)}")
-            if self._limits.hand is not None:
-                self._hands(contact_set, self._limits.hand)
+            self._hands(contact_set)
         findings = (
             self._friction,
             self._suction,
@@ -83,12 +82,12 @@ class ConeChecks:
         )
         return [finding.check() for finding in findings]
 
-    def _hands(self, contact_set: ContactSet, limit: float) -> None:
+    def _hands(self, contact_set: ContactSet) -> None:
         for arm in ARMS:
             forces = [c.force for c in contact_set.contacts if c.by == arm]
             if forces:
                 net = float(np.linalg.norm(np.sum(forces, axis=0)))
-                self._hand.note(limit + self._slack - net, f"{contact_set.where} by {arm}")
+                self._hand.note(self._limits.hands[arm] + self._slack - net, f"{contact_set.where} by {arm}")
 
     def _contact(self, contact: ContactView, where: str) -> None:
         if contact.kind == "suction":

@@ -49,6 +49,8 @@ class ArmView:
     position_max: Array
     velocity_max: Array
     acceleration_max: Array
+    payload: float
+    """Largest mass at the flange, the hand included [kg]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,8 @@ class HandView:
     """One hand: a gripper with its table of pad heights, or a stick."""
 
     kind: str
+    mass: float
+    """Of all that is mounted on the flange [kg]."""
     tcp_table: Array | None
     """(n, 2): width, height of the TCP above the flange [m]; grippers only."""
     T_flange_tip: Transform | None
@@ -476,21 +480,23 @@ def _read_arm(name: str, value: Any, pointer: str) -> ArmView:
         position_max=six("position_max"),
         velocity_max=six("velocity_max"),
         acceleration_max=six("acceleration_max"),
+        payload=read_positive(read_member(arm, "payload", pointer), child(pointer, "payload")),
     )
 
 
 def _read_hand(value: Any, pointer: str) -> HandView:
     hand = read_object(value, pointer)
     kind = read_text(read_member(hand, "kind", pointer), child(pointer, "kind"), ("gripper", "stick"))
+    mass = read_positive(read_member(hand, "mass", pointer), child(pointer, "mass"))
     where = child(pointer, "tcp")
     tcp = read_member(hand, "tcp", pointer)
     if kind == "stick":
         radius = read_positive(read_member(hand, "tip_radius", pointer), child(pointer, "tip_radius"))
-        return HandView(kind, None, read_pose(tcp, where), radius)
+        return HandView(kind, mass, None, read_pose(tcp, where), radius)
     table = read_matrix(tcp, where, (None, 2))
     if len(table) < 2 or np.any(np.diff(table[:, 0]) <= 0):
         raise MalformedDocument(where, "needs two rows or more with rising widths")
-    return HandView(kind, table, None, 0.0)
+    return HandView(kind, mass, table, None, 0.0)
 
 
 def _read_body(name: str, value: Any, pointer: str) -> BodyView:

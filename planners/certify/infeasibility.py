@@ -8,6 +8,7 @@ parallel faces is farther apart than a gripper opens cannot be gripped.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,16 +44,17 @@ def infeasibility_check(plan: PlanView, task: LiftTask, settings: CertifySetting
 
     A cause may overstate what is available, as long as it is still less than what is needed; never understate it.
     """
-    return proof_check(plan, {"N": weight_bound(plan, task), "m": opening_bound(plan, task)}, settings)
+    return proof_check(plan, {"N": (weight_bound(plan, task),), "m": (opening_bound(plan, task),)}, settings)
 
 
-def proof_check(plan: PlanView, bounds: dict[str, Bound], settings: CertifySettings) -> Check:
-    """Check that one of the bounds, by unit, is a proof, and that the causes state the bounds' numbers."""
+def proof_check(plan: PlanView, bounds: Mapping[str, Sequence[Bound]], settings: CertifySettings) -> Check:
+    """Check that one of the bounds, by unit, is a proof, and that each cause states the numbers of one of them."""
     finding = Finding("infeasibility", "1")
-    kind, best = max(bounds.items(), key=lambda item: item[1].missing)
+    every = [(unit, bound) for unit, group in bounds.items() for bound in group]
+    unit, best = max(every, key=lambda item: item[1].missing)
     finding.note(
         best.missing - settings.join,
-        f"/explanation: {best.needed:.6g} {kind} needed, {best.available:.6g} {kind} available",
+        f"/explanation: {best.needed:.6g} {unit} needed, {best.available:.6g} {unit} available",
     )
     causes = () if plan.explanation is None else plan.explanation.causes
     stated = [_cause(cause, index, bounds, finding, settings) for index, cause in enumerate(causes)]
@@ -61,23 +63,38 @@ def proof_check(plan: PlanView, bounds: dict[str, Bound], settings: CertifySetti
     return finding.check()
 
 
-def _cause(cause: CauseView, index: int, bounds: dict[str, Bound], finding: Finding, settings: CertifySettings) -> bool:
+def _cause(
+    cause: CauseView,
+    index: int,
+    bounds: Mapping[str, Sequence[Bound]],
+    finding: Finding,
+    settings: CertifySettings,
+) -> bool:
     """Compare a cause's numbers with those derived again; return whether it has any."""
     if cause.needed is None or cause.available is None:
         return False
     where = f"/explanation/causes/{index}"
-    bound = bounds.get(cause.unit or "")
-    if bound is None:
+    group = bounds.get(cause.unit or "")
+    if group is None:
         finding.require(False, f"{where}/unit", f"nothing infeasible is measured in {cause.unit!r}")
         return False
-    off = min(abs(cause.needed - needed) / bound.needed for needed in bound.needed_as_stated)
-    finding.note(settings.stated_bound - off, f"{where}/needed: {cause.needed:.6g}, not {bound.needed:.6g}")
-    understated = (bound.available - cause.available) / bound.needed
-    finding.note(
-        settings.stated_bound - understated, f"{where}/available: {cause.available:.6g}, not {bound.available:.6g}"
-    )
-    finding.note(1.0 - cause.available / bound.needed, f"{where}/available: {cause.available:.6g} would suffice")
+    claims = max((_claims(cause, bound, settings) for bound in group), key=lambda found: min(found.values()))
+    for said, margin in claims.items():
+        finding.note(margin, f"{where}/{said}")
     return True
+
+
+def _claims(cause: CauseView, bound: Bound, settings: CertifySettings) -> dict[str, float]:
+    """Return the margins by which a cause says of a bound what is so: what was needed, what there is, that it lacks."""
+    assert cause.needed is not None
+    assert cause.available is not None
+    off = min(abs(cause.needed - needed) / bound.needed for needed in bound.needed_as_stated)
+    understated = (bound.available - cause.available) / bound.needed
+    return {
+        f"needed: {cause.needed:.6g}, not {bound.needed:.6g}": settings.stated_bound - off,
+        f"available: {cause.available:.6g}, not {bound.available:.6g}": settings.stated_bound - understated,
+        f"available: {cause.available:.6g} would suffice": 1.0 - cause.available / bound.needed,
+    }
 
 
 def weight_bound(plan: PlanView, task: LiftTask) -> Bound:

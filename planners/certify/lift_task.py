@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from planners.certify.cones import ContactLimits, StatedCup
-from planners.certify.document_view import read_member, read_number, read_shape, read_text, read_vector
+from planners.certify.document_view import ARMS, read_member, read_number, read_shape, read_text, read_vector
 from planners.certify.stated import (
     StatedBody,
     object_member,
@@ -51,7 +51,8 @@ class LiftTask:
         stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}
         friction = {kind: self.friction[name] for kind, name in stated.items()}
         eps = self.friction["eps"]
-        return ContactLimits(friction, eps, self.normal_limit, self.net_limit, self.cup, self.lifter_model)
+        hands = {arm: self.net_limit for arm in ARMS}
+        return ContactLimits(friction, eps, self.normal_limit, hands, self.cup, self.lifter_model)
 
     @property
     def plate(self) -> StatedBody:

@@ -63,7 +63,7 @@ class ToolExamination:
             *tool_attachment_checks(plan, motions, course, settings),
             *hold_checks(plan, motions, settings),
             *balance_checks(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
-            *ConeChecks(task.limits, settings).run([one for group in sets for one in group]),
+            *ConeChecks(task.limits(plan), settings).run([one for group in sets for one in group]),
             *ToolContactPlaces(plan, settings).run(motions, sets),
             *CollisionCheck(plan, solids, lambda s: ToolTouchRule(plan, course, s.index), settings).run(motions),
             *goal_checks(plan, motions, task, settings),

@@ -123,6 +123,8 @@ class ToolCourse:
         self._hands.require(stated == expected, where, f"held by {held}, and {said} in the document")
         if segment.kind == "handover":
             self._hands.require(len(after) == 2, where, "the tool is not in both hands")
+        if segment.kind == "transfer":
+            self._hands.require(len(after) == 1, where, "the tool moves, and not in one hand")
         movers = frozenset(segment.movers) & state.hands
         if segment.kind in ("transit", "approach", "retreat"):
             self._hands.require(not movers, where, f"{_listed(movers)} moves and holds the tool: it is no free hand")

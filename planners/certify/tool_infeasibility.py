@@ -1,7 +1,8 @@
 """What proves that a suction-tool task has no plan, derived again from the task.
 
 An object that is moved hangs on the cup, whose wrench bears its weight at least where it is lifted; and with it the
-tool hangs in one hand or in two. A tool whose every convex part is wider than a gripper opens cannot be gripped.
+tool hangs in one hand: where two hold it, nothing moves. A tool whose every convex part is wider than a gripper opens
+cannot be gripped.
 """
 
 from __future__ import annotations
@@ -26,11 +27,10 @@ _WEIGHTLESS = 1e-12
 
 def tool_infeasibility_check(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Check:
     """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers."""
-    forces = [hand_bound(plan, task, settings)]
+    forces = [finger_bound(plan, task, settings), carry_bound(plan, task, settings)]
     if task.tool is not None:
         forces.append(cup_bound(plan, task, task.tool.cup, settings))
-    bounds = {"N": max(forces, key=lambda bound: bound.missing), "m": opening_bound(plan)}
-    return proof_check(plan, bounds, settings)
+    return proof_check(plan, {"N": forces, "m": (opening_bound(plan),)}, settings)
 
 
 def _heaviest(plan: PlanView, task: ToolTask, settings: CertifySettings) -> float:
@@ -50,14 +50,24 @@ def cup_bound(plan: PlanView, task: ToolTask, cup: StatedCup, settings: CertifyS
     return Bound(weight, (weight,), largest_lift(cup, "dexnet"))
 
 
-def hand_bound(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Bound:
-    """Return the weight of tool and heaviest object, and the most that the fingers of two hands bear [N].
+def finger_bound(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Bound:
+    """Return the weight of tool and heaviest object, and the most that the fingers of a hand bear [N].
 
-    A hand's two fingers bear at most their friction across the closing axis, and one normal force along it.
+    Two fingers bear at most their friction across the closing axis, and one normal force along it.
     """
+    weight = _laden_weight(plan, task, settings)
+    return Bound(weight, (weight,), task.grip_force_limit * math.hypot(1.0, 2.0 * task.grip_friction))
+
+
+def carry_bound(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Bound:
+    """Return the weight of tool and heaviest object, and the most that a hand may carry [N]."""
+    weight = _laden_weight(plan, task, settings)
+    return Bound(weight, (weight,), max(task.carry_limits(plan).values()))
+
+
+def _laden_weight(plan: PlanView, task: ToolTask, settings: CertifySettings) -> float:
     mass = _heaviest(plan, task, settings) + (plan.bodies[TOOL].mass or 0.0)
-    weight = float(np.linalg.norm(plan.gravity)) * mass
-    return Bound(weight, (weight,), 2.0 * task.grip_force_limit * math.hypot(1.0, 2.0 * task.grip_friction))
+    return float(np.linalg.norm(plan.gravity)) * mass
 
 
 def opening_bound(plan: PlanView) -> Bound:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from planners.certify.body_shape import BodyShape
 from planners.certify.cones import ContactLimits, StatedCup
 from planners.certify.document_view import (
+    PlanView,
     child,
     read_list,
     read_member,
@@ -74,14 +76,25 @@ class ToolTask:
     grip_friction: float
     environment_friction: float
     grip_force_limit: float
+    carry_force_limit: float | None
+    """Of one hand, if the task says any."""
     start_positions: Array | None
 
-    @property
-    def limits(self) -> ContactLimits:
-        """What contacts can bear."""
+    def limits(self, plan: PlanView) -> ContactLimits:
+        """Return what contacts can bear in a plan's cell."""
         friction = {"soft_finger": self.grip_friction, "environment": self.environment_friction}
         cup = None if self.tool is None else self.tool.cup
-        return ContactLimits(friction, _EPS, self.grip_force_limit, None, cup, "dexnet")
+        return ContactLimits(friction, _EPS, self.grip_force_limit, self.carry_limits(plan), cup, "dexnet")
+
+    def carry_limits(self, plan: PlanView) -> dict[str, float]:
+        """Return the net force that each hand may exert on the tool [N].
+
+        An arm bears its payload at the flange; the hand is part of it.
+        """
+        gravity = float(np.linalg.norm(plan.gravity))
+        left = {name: (arm.payload - plan.hands[name].mass) * gravity for name, arm in plan.arms.items()}
+        stated = math.inf if self.carry_force_limit is None else self.carry_force_limit
+        return {name: min(force, stated) for name, force in left.items()}
 
 
 def read_tool_task(task: Mapping[str, Any], reference: CellReference | None) -> ToolTask:
@@ -105,6 +118,9 @@ def read_tool_task(task: Mapping[str, Any], reference: CellReference | None) -> 
             read_member(friction, "environment", "/task/friction"), "/task/friction/environment"
         ),
         grip_force_limit=positive_member(task, "grip_force_limit", at),
+        carry_force_limit=(
+            None if task.get("carry_force_limit") is None else positive_member(task, "carry_force_limit", at)
+        ),
         start_positions=stated_start(task),
     )
 

@@ -78,12 +78,16 @@ class ArmDocument(StrictModel):
     position_max: SixJoints
     velocity_max: SixJoints
     acceleration_max: SixJoints
+    payload: Real
+    """Largest mass at the flange, the hand included [kg]."""
 
 
 class GripperDocument(StrictModel):
     """A gripper; its TCP lies between the pads' centres, z the approach, y the opening axis."""
 
     kind: Literal["gripper"]
+    mass: Real
+    """Of all that is mounted on the flange [kg]."""
     tcp: list[tuple[Real, Real]]
     """Rows [width, z from the flange]."""
 
@@ -92,6 +96,8 @@ class StickDocument(StrictModel):
     """A stick; its TCP is the centre of the tip's hemisphere, in the flange frame."""
 
     kind: Literal["stick"]
+    mass: Real
+    """Of all that is mounted on the flange [kg]."""
     tcp: PoseArray
     tip_radius: Real
 

@@ -261,7 +261,10 @@ class SuctionToolTask(StrictModel):
     objects: Annotated[tuple[ObjectToMove, ...], Counted(1, 50)]
     friction: SuctionToolFriction = SuctionToolFriction()
     grip_force_limit: Force = 60.0
-    """[N]"""
+    """Largest normal force of one finger [N]."""
+    carry_force_limit: Force | None = None
+    """What one hand may carry, tool and object, at rest and in motion [N]; never more than its arm's payload leaves.
+    None: all of that."""
     obstacles: Obstacles = ()
     start_positions: JointPositions | None = None
     """None: the cell's home."""

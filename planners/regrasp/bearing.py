@@ -46,7 +46,7 @@ class CarriedLoad(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Bearing:
-    """Cup, fingers and weights of one scene."""
+    """Cup, fingers, payloads and weights of one scene."""
 
     scene: SuctionToolScene
     reserve: float
@@ -78,6 +78,11 @@ class Bearing:
     def borne(self, load: CarriedLoad, grasps: ToolGrasps, T_world_tools: Array) -> NDArray[np.bool_]:
         """Say at which poses of the tool (m, 4, 4) the fingers bear the load in which grasp: (m, n)."""
         return _borne(load, grasps.T_tool_tcp, grasps.widths, np.ascontiguousarray(T_world_tools))
+
+    def carried(self, load: CarriedLoad) -> dict[str, bool]:
+        """Say by arm whether one hand may carry the load at rest: its net force is the weight, however it is turned."""
+        weight = float(load.masses.sum() * np.linalg.norm(load.gravity))
+        return {arm: weight <= limit for arm, limit in self.scene.carry_force_limits.items()}
 
     def _body(self, name: str) -> Body:
         return next(moved.body for moved in self.scene.objects if moved.name == name)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from planners.geometry.pose import Array, Transform
 from planners.regrasp.bearing import Bearing, CarriedLoad
 from planners.regrasp.grasp_reach import REACH_FAULTS, Branches, GraspReach
+from planners.regrasp.hold_statics import OVERLOADED, UNGRIPPED
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.travel import solutions
 
 NodeMask = NDArray[np.bool_]
-TOO_WEAK = "The tool needs a harder squeeze than fingers may exert."
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,8 @@ class GraspLayer:
         """Find out about nodes (2 n,), as far as that is not known; return those of them that are possible."""
         for number, reach in enumerate(self._reach.values()):
             part = slice(number * self.count, (number + 1) * self.count)
-            chosen = np.flatnonzero(nodes[part] & ~self._known[part] & self._borne[part])
+            held = self._borne[part] & self._carried[part]
+            chosen = np.flatnonzero(nodes[part] & ~self._known[part] & held)
             if len(chosen):
                 found = reach.reached(self.T_world_tool, self._way, chosen, self._load.riding)
                 self.branches[part][chosen] = found.branches[chosen]
@@ -83,7 +84,7 @@ class GraspLayer:
 
     def rejected(self) -> dict[str, NodeMask]:
         """Return why nodes that were asked are not possible: (2 n,) by reason."""
-        masks: dict[str, NodeMask] = {TOO_WEAK: self._known & ~self._borne}
+        masks: dict[str, NodeMask] = {UNGRIPPED: self._known & ~self._borne, OVERLOADED: self._known & ~self._carried}
         for number, fault in enumerate(REACH_FAULTS, start=1):
             masks[fault.value] = self._faults == number
         return {reason: mask for reason, mask in masks.items() if mask.any()}
@@ -94,6 +95,12 @@ class GraspLayer:
         grasps = next(iter(self._reach.values())).grasps
         borne = self._load.bearing.borne(self._load.carried, grasps, self.T_world_tool[None])[0]
         return np.tile(borne, len(self._reach))
+
+    @cached_property
+    def _carried(self) -> NodeMask:
+        """(2 n,) whether the hand may carry tool and object."""
+        carried = self._load.bearing.carried(self._load.carried)
+        return np.repeat([carried[arm] for arm in self._reach], self.count)
 
     @cached_property
     def solutions(self) -> Array:

@@ -132,9 +132,12 @@ class HandoverWays:
         return np.ascontiguousarray(np.moveaxis(positions, 0, 1)).reshape(positions.shape[1], -1, 6)
 
     def _borne(self, sucked: SuckedObject | None) -> NDArray[np.bool_]:
-        """Return (o, n) in which orientations cup and fingers bear the load in which grasp."""
+        """Return (o, n) in which orientations cup and fingers bear the load in which grasp.
+
+        Before and after a handover one hand carries all of it, so that either must be allowed to.
+        """
         load, poses = self._bearing.load(sucked), self.handovers.T_world_tool
-        borne = self._bearing.borne(load, self.handovers.grasps, poses)
+        borne = self._bearing.borne(load, self.handovers.grasps, poses) & all(self._bearing.carried(load).values())
         if sucked is None:
             return borne
         level = poses[:, 2, 2] >= np.cos(self._most_tilt)

@@ -2,7 +2,8 @@
 
 An object hangs on the cup alone: the wrench of the suction contact follows from its weight and its inertia. The tool
 is in one hand or in two: the fingers bear the tool's weight and inertia and the reaction of the suction contact. Where
-both hands hold the tool, each bears the share of the load that makes both squeeze equally hard.
+both hands hold the tool, each bears the share of the load with which both are equally far from their nearest limit:
+that of the squeeze, or that of what one hand may carry.
 """
 
 from __future__ import annotations
@@ -36,9 +37,15 @@ _SLOWEST = 32.0
 """Factors of time beyond which slowing down is not tried: inertia is a thousandth of what it was."""
 _SLOWING_STEPS = 12
 _WEIGHTLESS = 1e-9
-"""Squeeze of a hand that bears nothing [N]."""
+"""Part of its limits that a hand uses which bears nothing [1]."""
 _CUP_KINDS = (SegmentKind.ATTACH, SegmentKind.DETACH)
 """Kinds in which the object rests though it is on the cup."""
+UNGRIPPED = "The tool needs a harder squeeze than fingers may exert."
+"""Why a hand does not hold."""
+OVERLOADED = (
+    "Tool and object ask more of one hand than it may carry: the arm's payload less the hand, or carry_force_limit."
+)
+"""The same."""
 PAD_AXIS_LENGTH = 1e-3
 """An axis of a body whose projection on the pad is shorter is square to the pad [1]."""
 
@@ -103,13 +110,15 @@ class _Bearing:
     """Of each hand that bears the tool, TCP axes."""
     cup_margin: Array
     """(n,) part of the cup's limits that is left; infinite where the cup bears nothing."""
-    hand_margin: Array
+    squeeze_margin: Array
     """(n,) likewise of the finger that squeezes hardest."""
+    carry_margin: Array
+    """(n,) likewise of the hand that carries most of what it may."""
 
     @property
     def margin(self) -> float:
         """The least of all margins."""
-        return float(min(self.cup_margin.min(), self.hand_margin.min()))
+        return float(min(self.cup_margin.min(), self.squeeze_margin.min(), self.carry_margin.min()))
 
 
 class HoldStatics:
@@ -228,18 +237,33 @@ class HoldStatics:
         # The reaction of the object is minus the suction, and the hands exert minus that.
         needed = wrench_about(tool.wrenches(slowness), tool.centres, lip) + suction
         hands = self._hands(segment, needed, tool.poses)
-        normal = np.max([forces.normal for forces in hands], axis=0)
-        return _Bearing(suction, hands, cup_margin, 1.0 - normal / self.scene.grip_force_limit)
+        squeezed = np.max([self._squeezed(forces) for forces in hands], axis=0)
+        used = zip(bearers(segment), hands, strict=True)
+        carried = np.max([self._carried(hold, forces) for hold, forces in used], axis=0)
+        return _Bearing(suction, hands, cup_margin, 1.0 - squeezed, 1.0 - carried)
 
     def _hands(self, segment: ToolSegment, needed: Array, tool_poses: Array) -> tuple[FingerForces, ...]:
         """Return the forces of each hand that bears; `needed` is about the lip, world axes."""
-        alone = [self._squeeze(hold, needed, tool_poses) for hold in bearers(segment)]
+        holds = bearers(segment)
+        alone = [self._squeeze(hold, needed, tool_poses) for hold in holds]
         if len(alone) == 1:
             return tuple(alone)
-        # Forces grow with the load, so hands squeeze equally where the loads are inversely as what each needs alone.
-        first, second = (forces.normal for forces in alone)
+        # Forces grow with the load, so hands use as much of their limits where the loads are inversely as what each
+        # would use alone.
+        first, second = (
+            np.maximum(self._squeezed(forces), self._carried(hold, forces))
+            for hold, forces in zip(holds, alone, strict=True)
+        )
         share = second / np.maximum(first + second, _WEIGHTLESS)
         return scaled(alone[0], share), scaled(alone[1], 1.0 - share)
+
+    def _squeezed(self, exerted: FingerForces) -> Array:
+        """Return (n,) which part of a finger's largest normal force is used [1]."""
+        return exerted.normal / self.scene.grip_force_limit
+
+    def _carried(self, hold: ToolHold, exerted: FingerForces) -> Array:
+        """Return (n,) which part of what a hand may carry is used [1]."""
+        return np.linalg.norm(exerted.forces.sum(axis=1), axis=1) / self.scene.carry_force_limits[hold.arm]
 
     def _squeeze(self, hold: ToolHold, needed: Array, tool_poses: Array) -> FingerForces:
         tcp = tool_poses @ hold.T_tool_tcp
@@ -249,16 +273,19 @@ class HoldStatics:
     # What gives way.
 
     def _rejection(self, segment: ToolSegment, loads: Mapping[str, _Load], bearing: _Bearing) -> Rejection:
-        time, limit = segment.trajectory.time, self.scene.grip_force_limit
-        if bearing.cup_margin.min() < bearing.hand_margin.min():
+        time = segment.trajectory.time
+        if bearing.cup_margin.min() == bearing.margin:
             assert segment.sucked is not None
             weakest = least_margin(_in_axes(loads[TOOL_NAME].poses, bearing.suction), self.scene.tool.cup)
             where = f"{segment.sucked.name}, {time[weakest.sample]:.3f} s into a {segment.kind.value}"
             return Rejection("suction", weakest.limit.value, where, 1.0 - weakest.margin, 1.0, "1")
-        sample = int(np.argmin(bearing.hand_margin))
-        where = f"{bearers(segment)[0].arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
-        squeeze = limit * (1.0 - float(bearing.hand_margin[sample]))
-        return Rejection("grip", "The tool needs a harder squeeze than fingers may exert.", where, squeeze, limit, "N")
+        carries = bearing.carry_margin.min() == bearing.margin
+        margins = bearing.carry_margin if carries else bearing.squeeze_margin
+        arm, sample = bearers(segment)[0].arm, int(np.argmin(margins))
+        where = f"{arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
+        limit = self.scene.carry_force_limits[arm] if carries else self.scene.grip_force_limit
+        stage, reason = ("carry", OVERLOADED) if carries else ("grip", UNGRIPPED)
+        return Rejection(stage, reason, where, limit * (1.0 - float(margins[sample])), limit, "N")
 
     def _resting(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[RestingPoints, Array | None]:
         """Return what the object on the cup stands on, and with which forces; None if it would tip over."""

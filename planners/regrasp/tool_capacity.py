@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
+from planners.regrasp.hold_statics import OVERLOADED
 from planners.regrasp.suction_hold import Cup
 from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
@@ -22,6 +23,8 @@ _PARALLEL = 1e-6
 
 def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> Iterator[Rejection]:
     """Yield the proofs that a task has no plan, each with what is needed and what there is.
+
+    An object moves only while one hand alone holds the tool: where two do, nothing moves.
 
     Args:
         scene: the task.
@@ -38,8 +41,11 @@ def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> 
     weight += gravity * scene.tool.mass
     grip = largest_grip(scene.grip_force_limit, scene.friction.grip)
     if weight > grip:
-        reason = "Tool and object are heavier than the fingers of two hands bear."
+        reason = "Tool and object are heavier than the fingers of a hand bear."
         yield Rejection("capacity", reason, heaviest.name, weight, grip, "N")
+    carry = max(scene.carry_force_limits.values())
+    if weight > carry:
+        yield Rejection("capacity", OVERLOADED, heaviest.name, weight, carry, "N")
     width = min(least_width(part) for part in scene.tool.body.solid.convex_parts)
     opening = max(arm.hand.width_max for arm in scene.cell.arms.values() if isinstance(arm.hand, Gripper))
     if width > opening:
@@ -56,11 +62,11 @@ def largest_lift(cup: Cup) -> float:
 
 
 def largest_grip(normal: float, mu: float) -> float:
-    """Return a bound of the net force of two hands whose fingers squeeze with at most `normal` [N].
+    """Return a bound of the net force of a hand whose fingers squeeze with at most `normal` [N].
 
-    A hand bears friction of two fingers across the closing axis, and one normal force along it.
+    It bears friction of two fingers across the closing axis, and one normal force along it.
     """
-    return 2.0 * normal * math.hypot(1.0, 2.0 * mu)
+    return normal * math.hypot(1.0, 2.0 * mu)
 
 
 def least_width(part: ConvexShape) -> float:

@@ -58,6 +58,11 @@ class Arm:
         """(6,) [Nm]."""
         return self.robot.torque_max
 
+    @property
+    def spare_payload(self) -> float:
+        """Largest mass that the hand may carry: the payload less what is mounted on the flange [kg]."""
+        return self.robot.payload - self.hand.mass
+
     def link_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the links "<name>_base" to "<name>_wrist_3"; link i is in frame "<name>/i"."""
         return tuple(
@@ -80,4 +85,5 @@ class Arm:
             "position_max": self.position_max.tolist(),
             "velocity_max": self.velocity_max.tolist(),
             "acceleration_max": self.acceleration_max.tolist(),
+            "payload": self.robot.payload,
         }

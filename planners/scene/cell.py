@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, transform
 from planners.geometry.shapes import box
@@ -212,6 +213,10 @@ def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> di
         place, robot = mount.arms[name], robots[wanted[name].robot]
         home = np.radians(place.home_deg)
         arms[name] = Arm(name, robot, place.transform(), home, hands[wanted[name].hand])
+        if arms[name].spare_payload <= 0.0:
+            hand = arms[name].hand
+            bears = f"{robot.name} bears {robot.payload:.4g} kg at its flange"
+            raise AssetError(f"{path}: arms.{name}.hand: {hand.name} weighs {hand.mass:.4g} kg, and {bears}")
     return arms
 
 

@@ -176,7 +176,7 @@ class Gripper:
 
     def document(self) -> dict[str, Any]:
         """Return the entry of a plan document's `cell.hands`."""
-        return {"kind": "gripper", "tcp": self.tcp_table.tolist()}
+        return {"kind": "gripper", "mass": self.mass, "tcp": self.tcp_table.tolist()}
 
     @property
     def _T_flange_base(self) -> Transform:
@@ -228,7 +228,8 @@ class Pusher:
     def document(self) -> dict[str, Any]:
         """Return the entry of a plan document's `cell.hands`."""
         from_flange = self.T_flange_tcp[:3, 3].tolist()
-        return {"kind": "stick", "tcp": [*from_flange, 1.0, 0.0, 0.0, 0.0], "tip_radius": self.tip_radius}
+        tcp = [*from_flange, 1.0, 0.0, 0.0, 0.0]
+        return {"kind": "stick", "mass": self.mass, "tcp": tcp, "tip_radius": self.tip_radius}
 
 
 def load_hand(name: str, shelf: AssetShelf, where: str) -> Gripper | Pusher:

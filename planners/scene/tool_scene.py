@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
 from planners.geometry.pose import Array
 from planners.scene.body import Body
@@ -31,6 +33,9 @@ class SuctionToolScene:
     friction: SuctionToolFriction
     grip_force_limit: float
     """Largest normal force of one finger on the tool [N]."""
+    carry_force_limits: dict[str, float]
+    """By arm: largest net force of its fingers on the tool [N]: the weight that the payload leaves beside the hand, or
+    less if the task says so."""
     obstacles: tuple[Body, ...]
     start_positions: Array
     """(12,), left arm first [rad]."""
@@ -70,6 +75,7 @@ def build_tool_scene(
         objects=place_objects(task.objects, still, shapes),
         friction=task.friction,
         grip_force_limit=task.grip_force_limit,
+        carry_force_limits={name: _carry_force_limit(task, cell, name) for name in cell.gripper_arms},
         obstacles=obstacles,
         start_positions=start_positions(task.start_positions, cell),
         start_widths={name: _width_max(cell, name) for name in cell.gripper_arms},
@@ -88,6 +94,11 @@ def _width_max(cell: Cell, arm: str) -> float:
     hand = cell.arms[arm].hand
     assert isinstance(hand, Gripper)
     return hand.width_max
+
+
+def _carry_force_limit(task: SuctionToolTask, cell: Cell, arm: str) -> float:
+    most = cell.arms[arm].spare_payload * float(np.linalg.norm(cell.gravity))
+    return most if task.carry_force_limit is None else min(most, task.carry_force_limit)
 
 
 def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> None:

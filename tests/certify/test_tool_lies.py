@@ -317,6 +317,26 @@ def the_object_jumps_between_segments(document: Document) -> None:
     first(document, "transfer", after="attach")["body_poses"]["block"][0][0] += 1e-6
 
 
+@lie("hand_force", "by left")
+def a_hand_carries_more_than_its_task_lets_it(document: Document) -> None:
+    document["task"]["carry_force_limit"] = (0.25 + 0.1) * 9.81 * 0.999
+
+
+@lie("hand_force", "by left")
+def a_hand_carries_more_than_the_payload_leaves(document: Document) -> None:
+    document["cell"]["arms"]["left"]["payload"] = 1.205 + (0.25 + 0.1) * 0.999
+
+
+@lie("cell", "/cell/arms/left/payload")
+def an_arm_is_stronger_than_it_is(document: Document) -> None:
+    document["cell"]["arms"]["left"]["payload"] = 30.0
+
+
+@lie("cell", "/cell/hands/right/mass")
+def a_hand_is_lighter_than_it_is(document: Document) -> None:
+    document["cell"]["hands"]["right"]["mass"] = 0.1
+
+
 def failures(certificate: Certificate) -> dict[str, str]:
     return {check.name: check.where for check in certificate.failures}
 
@@ -332,6 +352,8 @@ def test_an_honest_plan_passes_in_which_the_tool_is_handed_over(surfaces: RobotS
     check_document(document)
     assert "handover" in [segment["kind"] for segment in document["segments"]]
     assert failures(certify(document, surfaces, known)) == {}
+    first(document, "handover")["kind"] = "transfer"
+    assert "the tool moves, and not in one hand" in failures(certify(document, surfaces, known))["hands"]
 
 
 @pytest.mark.parametrize("name", LIES)
@@ -351,6 +373,10 @@ def test_a_lie_fails_the_checks_it_touches(
         (3.0, 3.0 * 9.81, 19.0, "N", False),
         (0.1, 0.1 * 9.81, 20.0, "N", False),
         (0.1, 0.2, 0.085, "m", False),
+        (1.6, (1.6 + 0.25) * 9.81, (3.0 - 1.205) * 9.81, "N", True),
+        (1.6, (1.6 + 0.25) * 9.81, 2.0 * (3.0 - 1.205) * 9.81, "N", False),
+        (1.6, 1.6 * 9.81, (3.0 - 1.205) * 9.81 * 0.8, "N", False),
+        (1.5, (1.5 + 0.25) * 9.81, (3.0 - 1.205) * 9.81, "N", False),
     ],
 )
 def test_a_task_is_infeasible_only_with_a_proof(

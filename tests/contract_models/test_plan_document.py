@@ -27,6 +27,7 @@ ARM = {
     "position_max": [6.0] * 6,
     "velocity_max": [3.0] * 6,
     "acceleration_max": [5.0] * 6,
+    "payload": 3.0,
 }
 CONTACT = {
     "sample": 0,
@@ -75,8 +76,8 @@ def document(samples=3):
             "gravity": [0, 0, -9.81],
             "arms": {"left": ARM, "right": ARM},
             "hands": {
-                "right": {"kind": "gripper", "tcp": [[0.0, 0.19], [0.085, 0.18]]},
-                "left": {"kind": "stick", "tcp": POSE, "tip_radius": 0.01},
+                "right": {"kind": "gripper", "mass": 1.2, "tcp": [[0.0, 0.19], [0.085, 0.18]]},
+                "left": {"kind": "stick", "mass": 0.7, "tcp": POSE, "tip_radius": 0.01},
             },
         },
         "joint_names": list(JOINT_NAMES),

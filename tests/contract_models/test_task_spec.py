@@ -71,6 +71,7 @@ def test_a_suction_tool_task_has_the_defaults_of_the_contract():
         "scene_id": None,
         "friction": {"grip": 0.5, "environment": 0.4},
         "grip_force_limit": 60.0,
+        "carry_force_limit": None,
         "obstacles": [],
         "start_positions": None,
         "seed": 0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,15 @@ def test_fingers_bear_where_the_least_squeeze_is_within_their_limit(
     clear = np.abs(squeezes - limit) > 1e-6
     np.testing.assert_array_equal(borne.ravel()[clear], (squeezes <= limit)[clear])
     assert 0 < borne.sum() < borne.size
+
+
+def test_only_arms_whose_payload_is_left_carry_a_load_at_rest(scene: SuctionToolScene) -> None:
+    sucked, body = SuckedObject(scene.objects[0].name, OFF_CENTRE), scene.objects[0].body
+    empty, laden = scene.tool.mass * 9.81, (scene.tool.mass + (body.mass or 0.0)) * 9.81
+    for left, right in ((empty + 1e-6, laden + 1e-6), (empty - 1e-6, laden - 1e-6)):
+        bearing = Bearing(replace(scene, carry_force_limits={"left": left, "right": right}), 0.0)
+        assert bearing.carried(bearing.load(None)) == {"left": left > empty, "right": True}
+        assert bearing.carried(bearing.load(sucked)) == {"left": False, "right": right > laden}
 
 
 def test_an_edge_is_borne_if_all_its_places_are(scene: SuctionToolScene, long_grasps: ToolGrasps) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -23,15 +24,33 @@ CUP_FORCE = 20.0
 ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """A hand beside the shaft: it approaches along the tool's y and closes along its x."""
 
+STRONG_TOOL = {
+    "shapes": [
+        {"shape": {"type": "cylinder", "radius": 0.0175, "height": 0.06}, "pose": [0, 0, 0.03, 1, 0, 0, 0]},
+        {"shape": {"type": "box", "size": [0.018, 0.018, 0.19]}, "pose": [0, 0, 0.155, 1, 0, 0, 0]},
+    ],
+    "mass": 0.25, "com": [0, 0, 0.11], "cup": {"radius": 0.0175, "max_force": 100.0},
+}  # fmt: skip
+PAYLOAD, SENSOR, GRIPPER = 3.0, 0.300, 0.905
+"""Of the UR3e; and what is mounted on it, by the makers' data sheets [kg]."""
+STRONG = {"left": 1e3, "right": 1e3}
+
 
 def hold(arm: str, height: float) -> ToolHold:
     return ToolHold(arm, transform(ACROSS, [0.0, 0.0, height]), 0.018, np.eye(4))
 
 
-def statics(**members: Any) -> HoldStatics:
-    task = read_task({"kind": "suction_tool", "objects": [block(**members)]})
+def statics(said: dict[str, Any] | None = None, **members: Any) -> HoldStatics:
+    """Of a block with these members, and of what the task says besides."""
+    task = read_task({"kind": "suction_tool", "objects": [block(**members)], **(said or {})})
     assert task.kind == "suction_tool"
     return HoldStatics(build_tool_scene(task))
+
+
+def borne_by(limits: dict[str, float], **members: Any) -> HoldStatics:
+    """With cup and fingers that hold more than any hand may carry, and hands that may carry so much [N]."""
+    scene = statics(said={"tool": STRONG_TOOL, "grip_force_limit": 500.0}, **members).scene
+    return HoldStatics(replace(scene, carry_force_limits=limits))
 
 
 def on_top(held: HoldStatics) -> Array:
@@ -136,15 +155,55 @@ def test_an_object_that_hangs_still_leaves_the_cup_what_it_does_not_weigh(mass: 
 
 def test_a_cup_holds_up_to_its_force_and_no_more() -> None:
     limit = CUP_FORCE / GRAVITY
-    assert statics(mass=0.99 * limit).worst(*still(statics(mass=0.99 * limit))).rejection is None
-    rejection = statics(mass=1.01 * limit).worst(*still(statics(mass=1.01 * limit))).rejection
+
+    def carried_by_strong_arms(mass: float) -> HoldStatics:
+        return HoldStatics(replace(statics(mass=mass).scene, carry_force_limits=STRONG))
+
+    assert carried_by_strong_arms(0.99 * limit).worst(*still(statics(mass=0.99 * limit))).rejection is None
+    rejection = carried_by_strong_arms(1.01 * limit).worst(*still(statics(mass=1.01 * limit))).rejection
     assert rejection is not None
     assert (rejection.stage, "block" in str(rejection.where)) == ("suction", True)
 
 
+def test_a_hand_carries_what_the_payload_leaves_beside_it_and_no_more() -> None:
+    left = PAYLOAD - SENSOR - GRIPPER
+    for share, reason in ((0.999, None), (1.001, "payload")):
+        held = statics(said={"tool": STRONG_TOOL}, mass=share * left - STRONG_TOOL["mass"])
+        rejection = held.worst(*still(held)).rejection
+        assert (rejection is None) == (reason is None)
+        if rejection is not None:
+            assert reason in rejection.reason
+            assert "left hand" in rejection.where
+            assert (rejection.needed, rejection.available) == pytest.approx((share * left * GRAVITY, left * GRAVITY))
+
+
+def test_a_task_may_let_a_hand_carry_less_and_never_more() -> None:
+    left = (PAYLOAD - SENSOR - GRIPPER) * GRAVITY
+    assert statics(said={"carry_force_limit": 100.0}).scene.carry_force_limits == pytest.approx(
+        dict.fromkeys(STRONG, left)
+    )
+    needed = (0.1 + 0.25) * GRAVITY
+    for limit, held in ((1.01 * needed, True), (0.99 * needed, False)):
+        limited = statics(said={"carry_force_limit": limit})
+        assert (limited.worst(*still(limited)).rejection is None) == held
+
+
+def test_a_motion_is_slowed_until_its_inertia_is_within_what_a_hand_may_carry() -> None:
+    held = borne_by({"left": 12.0, "right": 12.0}, mass=0.9)
+    fast, places = swing(held, step=0.004, way=0.15, turn=0.1)
+    rejection = held.worst(fast, places).rejection
+    assert rejection is not None
+    assert rejection.stage == "carry"
+    slowness = held.stretch(fast, places)
+    assert slowness is not None
+    slow, places = swing(held, step=0.004 * slowness, way=0.15, turn=0.1)
+    assert held.worst(slow, places).margin >= 0.0
+    assert max(nets(held, slow, places)["left"]) <= 12.0
+
+
 def test_sets_of_what_does_not_hold_are_an_error_that_says_so() -> None:
     held = statics(mass=3.0)
-    with pytest.raises(UnheldError, match="block"):
+    with pytest.raises(UnheldError, match="payload"):
         held.sets(*still(held))
 
 
@@ -174,8 +233,32 @@ def test_a_reserve_is_kept() -> None:
     assert held.worst(*swing(held, step=0.004 * slowness, turn=0.0)).margin >= 0.3
 
 
-def test_two_hands_squeeze_alike_and_less_than_one() -> None:
-    held = statics(mass=1.0)
+def nets(held: HoldStatics, made: ToolSegment, places: dict[str, Array]) -> dict[str, list[float]]:
+    """What each hand exerts on the tool in all, at every contact set [N]."""
+    found: dict[str, list[float]] = {}
+    for one in held.sets(made, places):
+        fingers = [f for f in one.forces if f.kind == "soft_finger"]
+        for arm in {f.by for f in fingers}:
+            net = np.sum([f.wrench[:3] for f in fingers if f.by == arm], axis=0)
+            found.setdefault(arm, []).append(float(np.linalg.norm(net)))
+    return found
+
+
+@pytest.mark.parametrize("weaker", ["left", "right"])
+def test_two_hands_that_carry_together_share_the_load_by_what_each_may_carry(weaker: str) -> None:
+    weight = (2.0 + 0.25) * GRAVITY
+    limits = {"left": 0.8 * weight, "right": 0.8 * weight, weaker: 0.3 * weight}
+    held = borne_by(limits, mass=2.0)
+    one, places = still(held)
+    assert held.worst(one, places).rejection is not None
+    both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
+    assert held.worst(both, places).margin == pytest.approx(1.0 - 1.0 / 1.1)
+    for arm, borne in nets(held, both, places).items():
+        assert borne == pytest.approx([limits[arm] / 1.1] * len(borne))
+
+
+def test_two_hands_squeeze_alike_and_less_than_one_where_they_may_carry_more() -> None:
+    held = borne_by(STRONG, mass=1.0)
     one, places = still(held)
     both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
 

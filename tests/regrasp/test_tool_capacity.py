@@ -67,10 +67,28 @@ def test_what_is_too_heavy_for_the_cup_is_infeasible_with_both_numbers() -> None
     scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3], mass=2.2))
     plan = planner_of(scene, none_for(scene.cell, scene.tool)).plan()
     assert plan.outcome is ToolOutcome.INFEASIBLE
-    (cause,) = plan.causes
+    cause = plan.causes[0]
     assert cause.needed == pytest.approx(2.2 * 9.81)
     assert cause.available == pytest.approx(scene.tool.cup.max_force)
     assert cause.unit == "N"
+
+
+def test_what_the_cup_bears_and_no_hand_may_carry_with_the_tool_is_infeasible_with_both_numbers() -> None:
+    left = 3.0 - 0.300 - 0.905
+    scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3], mass=1.001 * left - 0.25))
+    plan = planner_of(scene, none_for(scene.cell, scene.tool)).plan()
+    assert plan.outcome is ToolOutcome.INFEASIBLE
+    (cause,) = plan.causes
+    assert "payload" in cause.reason
+    assert (cause.needed, cause.available, cause.unit) == (
+        pytest.approx(1.001 * left * 9.81), pytest.approx(left * 9.81), "N",
+    )  # fmt: skip
+
+
+def test_what_one_of_two_hands_may_carry_is_not_proven_impossible() -> None:
+    scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3], mass=1.5))
+    weaker = replace(scene, carry_force_limits=scene.carry_force_limits | {"left": 1.0})
+    assert planner_of(weaker, none_for(scene.cell, scene.tool)).plan().outcome is ToolOutcome.NOT_FOUND
 
 
 def test_what_is_too_heavy_and_at_its_goal_already_stays_there() -> None:

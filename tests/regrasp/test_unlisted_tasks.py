@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,6 +67,17 @@ def test_objects_that_stand_on_each_others_goals_change_places_by_way_of_a_third
     assert plan.outcome is ToolOutcome.SOLVED, plan.causes
     assert sorted(Counter(plan.order).values()) == [1, 2]
     assert "put aside" in plan.summary
+
+
+def test_what_only_one_arm_may_carry_is_carried_by_that_arm(handovers: HandoverDatabase) -> None:
+    """The left arm is on the object's side and may take the tool; with the object it is more than it may carry."""
+    scene = scene_of(box("heavy", [0.35, 0.15], [0.35, 0.05], mass=0.5))
+    weak = replace(scene, carry_force_limits={"left": 5.0, "right": 17.6})
+    plan = planned(weak, handovers)
+    assert plan.outcome is ToolOutcome.SOLVED, plan.causes
+    laden = [segment for segment in plan.segments if segment.sucked is not None]
+    assert laden
+    assert {hold.arm for segment in laden for hold in segment.holds} == {"right"}
 
 
 def test_a_stopover_is_clear_of_everything_now_and_later() -> None:

@@ -149,7 +149,8 @@ def test_the_document_says_all_that_the_contract_lists(cell):
     document = json.loads(json.dumps(cell.document()))
     assert set(document) == {"name", "hash", "gravity", "arms", "hands"}
     for name, arm in document["arms"].items():
-        assert set(arm) == {"base", "dh", "position_min", "position_max", "velocity_max", "acceleration_max"}
+        limits = {"position_min", "position_max", "velocity_max", "acceleration_max", "payload"}
+        assert set(arm) == {"base", "dh"} | limits
         np.testing.assert_allclose(from_pose7(arm["base"]), cell.arms[name].T_world_base, atol=1e-12)
         np.testing.assert_array_equal(arm["dh"], cell.arms[name].dh)
     assert len(cell.joint_names) == len(set(cell.joint_names)) == 12
@@ -275,6 +276,17 @@ def test_a_wrong_file_is_refused_with_the_names_of_file_and_field(shelf, file, k
         load_cell_file(shelf / "cells" / "dual_ur3e_lift.yaml")
     assert str(path) in str(caught.value)
     assert message in str(caught.value)
+
+
+def test_a_hand_that_an_arm_cannot_bear_is_refused_with_both_masses(shelf):
+    path = shelf / "cells" / "dual_ur3e_lift.yaml"
+    edit(shelf / "robots" / "ur3e.yaml", ["payload"], 1.3)
+    assert load_cell_file(path).arms["right"].spare_payload == pytest.approx(1.3 - 0.300 - 0.905)
+    edit(shelf / "robots" / "ur3e.yaml", ["payload"], 1.2)
+    with pytest.raises(
+        AssetError, match=r"arms\.right\.hand: robotiq_2f85_ft300 weighs 1\.205 kg, and ur3e bears 1\.2"
+    ):
+        load_cell_file(path)
 
 
 @pytest.mark.parametrize("text", ["- a\n- b\n", "a: [1\n", "", "\xff\xfe"])
