@@ -68,7 +68,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
             app.state.desk = PlanDesk(store, queue, settings.max_queued, settings.max_delayed)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
-            app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules)
+            app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules, settings.max_webhooks)
             app.state.feed = PlanFeed(store, queue)
             app.state.door = await run_in_threadpool(_door, settings, database)
             app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")

@@ -102,6 +102,13 @@ class WebhookUnusable(ServiceError):
         super().__init__(f"webhook={webhook_id[:100]}: there is no such webhook, or it is disabled")
 
 
+class TooManyWebhooks(ServiceError):
+    """An owner has as many webhooks as one may have."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(f"an owner has at most {most} webhooks; delete one that is not needed any more")
+
+
 class DocumentNotReady(ServiceError):
     """A plan has no document, or not yet."""
 
@@ -267,6 +274,7 @@ TABLE: Mapping[type[Exception], Answer] = {
     WebhookNotFound: Answer(HTTPStatus.NOT_FOUND, "No such webhook"),
     TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
     WebhookUnusable: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook cannot be used"),
+    TooManyWebhooks: Answer(HTTPStatus.CONFLICT, "Too many webhooks"),
     MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
     SceneNotFound: Answer(HTTPStatus.NOT_FOUND, "No such scene"),
     DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),

@@ -31,6 +31,8 @@ class ServiceSettings(WorkerSettings):
     """With this many jobs unfinished that may be begun, a new one is refused [1]."""
     max_delayed: int = Field(default=200, ge=0)
     """With this many jobs of one owner that wait for their start, another such one is refused [1]."""
+    max_webhooks: int = Field(default=20, ge=0)
+    """So many webhooks an owner may have [1]."""
     authentication: Literal["auto", "required"] = "auto"
     """Whether keys are asked for. auto: once there is one, or if `host` is not this machine's own."""
     requests_per_second: float = Field(default=100.0, gt=0.0)

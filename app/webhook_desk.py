@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.access.caller import Caller
 from app.access.scope import Scope
-from app.errors import WebhookNotFound, WebhookUnusable
+from app.errors import TooManyWebhooks, WebhookNotFound, WebhookUnusable
 from workers.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
 from workers.webhook_target import Target, TargetRules
 
@@ -14,16 +14,21 @@ Position = tuple[int, str]
 class WebhookDesk:
     """All methods block on the database: call them from a thread."""
 
-    def __init__(self, store: WebhookStore, rules: TargetRules, caller: Caller) -> None:
-        self._store, self._rules, self._caller = store, rules, caller
+    def __init__(self, store: WebhookStore, rules: TargetRules, most: int, caller: Caller) -> None:
+        """`most` webhooks an owner may have [1]."""
+        self._store, self._rules, self._most, self._caller = store, rules, most, caller
 
     def register(self, url: str, plans: Plans) -> Webhook:
         """Register a webhook of the caller.
 
         Raises:
             TargetRefused: It leads where none may.
+            TooManyWebhooks: The caller has as many as anybody may have.
         """
         self._rules.check(Target.of(url))
+        # Of two that come at the same moment both may be the last: the limit is there against floods.
+        if self._store.count(self._caller.owner) >= self._most:
+            raise TooManyWebhooks(self._most)
         return self._store.add(self._caller.owner, url, plans)
 
     def webhook(self, webhook_id: str) -> Webhook:

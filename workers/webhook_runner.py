@@ -25,6 +25,8 @@ from workers.webhook_target import TargetRules
 
 LOOK_SECONDS = 0.5
 """How often jobs that somebody waits for are looked at [s]."""
+BATCH = 100
+"""So many messages are begun at one look [1]."""
 JITTER = 0.1
 """By so much a pause is longer at most [1]: those that failed together are not to come again together."""
 GONE = 410
@@ -41,11 +43,13 @@ class WebhookRunner:
 
     def look(self) -> None:
         """Have messages about jobs that have ended delivered. Several workers may: each message is begun once."""
-        waiting = self._webhooks.waiting()
-        jobs = self._queue.jobs(sorted({delivery.plan_id for delivery in waiting}))
-        for delivery in waiting:
-            job, plan = jobs.get(delivery.plan_id), self._plans.get(delivery.plan_id)
-            if job is not None and plan is not None and job.state.done:
+        due = self._webhooks.due(BATCH)
+        plan_ids = sorted({delivery.plan_id for delivery in due})
+        jobs, plans = self._queue.jobs(plan_ids), {plan_id: self._plans.get(plan_id) for plan_id in plan_ids}
+        for delivery in due:
+            job, plan = jobs.get(delivery.plan_id), plans[delivery.plan_id]
+            # Either may have been deleted meanwhile.
+            if job is not None and plan is not None:
                 body = json.dumps(_message(plan, job))
                 self._webhooks.begin(delivery, body, partial(self._enqueue, delivery, 1, 0.0))
 

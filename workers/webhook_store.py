@@ -11,6 +11,7 @@ from typing import Literal
 import sqlalchemy as sa
 
 from workers.database import Database
+from workers.engine_table import QUEUED, RUNNING, workflow_table
 from workers.tables import DELIVERIES, DELIVERY_ATTEMPTS, WEBHOOKS
 from workers.time_stamp import now_us
 from workers.webhook_post import PostResult
@@ -84,6 +85,7 @@ class WebhookStore:
 
     def __init__(self, database: Database) -> None:
         self._engine = database.engine
+        self._jobs = workflow_table(database.engine.dialect.name)
 
     def add(self, owner: str | None, url: str, plans: Plans) -> Webhook:
         """Register a webhook, with a new secret."""
@@ -91,6 +93,12 @@ class WebhookStore:
         with self._engine.begin() as transaction:
             transaction.execute(sa.insert(WEBHOOKS).values(vars(webhook)))
         return webhook
+
+    def count(self, owner: str | None) -> int:
+        """Return how many webhooks an owner has."""
+        query = sa.select(sa.func.count()).select_from(WEBHOOKS).where(WEBHOOKS.c.owner.is_not_distinct_from(owner))
+        with self._engine.connect() as connection:
+            return connection.scalar(query) or 0
 
     def get(self, webhook_id: str) -> Webhook | None:
         """Return one webhook."""
@@ -155,9 +163,15 @@ class WebhookStore:
                 found[row.delivery_id].append(Attempt(row.number, row.at_us, row.status, row.failure))
         return found
 
-    def waiting(self) -> list[Delivery]:
-        """Return the messages whose job had not ended when somebody last looked."""
-        query = sa.select(DELIVERIES).where(DELIVERIES.c.state == DeliveryState.WAITING.value)
+    def due(self, most: int) -> list[Delivery]:
+        """Return at most `most` of the messages that wait for jobs which have ended, oldest first."""
+        query = (
+            sa.select(DELIVERIES)
+            .join(self._jobs, self._jobs.c.workflow_uuid == DELIVERIES.c.plan_id)
+            .where(DELIVERIES.c.state == DeliveryState.WAITING.value, self._jobs.c.status.not_in((*QUEUED, RUNNING)))
+            .order_by(DELIVERIES.c.created_us, DELIVERIES.c.id)
+            .limit(most)
+        )
         with self._engine.connect() as connection:
             return [_delivery(row) for row in connection.execute(query).mappings()]
 

@@ -24,6 +24,8 @@ class Limits(Resource):
     max_queued: int
     max_delayed: int
     """Of one owner's jobs, that wait for their start."""
+    max_webhooks: int
+    """Of one owner."""
     max_wait_seconds: float
     requests_per_second: float
     """With one key."""
@@ -78,6 +80,7 @@ def get_capabilities(request: Request, settings: Settings) -> Capabilities:
             max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
             max_delayed=settings.max_delayed,
+            max_webhooks=settings.max_webhooks,
             max_wait_seconds=settings.max_wait_seconds,
             requests_per_second=settings.requests_per_second,
             worker_slots=settings.worker_slots,

@@ -108,6 +108,7 @@ PageSize = Annotated[int, Query(ge=1, le=200)]
     },
     responses={
         400: {**PROBLEM, "description": "Not JSON"},
+        409: {**PROBLEM, "description": "The owner has as many webhooks as one may have"},
         413: {**PROBLEM, "description": "Too large"},
         415: {**PROBLEM, "description": "Not declared as JSON"},
         422: {**PROBLEM, "description": "A webhook that leads where none may"},

@@ -35,7 +35,7 @@ def clients(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, http
             "webhook_retry_seconds": [0.2, 0.2, 0.2],
         }
     )
-    keys = {owner: issue_key(settings, owner, Scope.WRITE, None) for owner in ("mes", "other")}
+    keys = {owner: issue_key(settings, owner, Scope.WRITE, None) for owner in ("mes", "other", "many")}
     with served(settings) as address:
         made = {
             owner: httpx.Client(base_url=address, headers={"Authorization": f"Bearer {key}"}, timeout=30)
@@ -167,6 +167,17 @@ def test_a_webhook_for_all_plans_hears_of_its_owners_and_nobody_elses(
     mine = clients["other"].post("/v1/plans", json=task(external_id="now")).json()
     settled(clients["other"], webhook)
     assert [json.loads(body)["data"]["id"] for _, body in receiver.at("/all")] == [mine["id"]]
+
+
+def test_an_owner_has_so_many_webhooks_and_no_more_until_one_is_deleted(clients: dict[str, httpx.Client]) -> None:
+    client, body = clients["many"], {"url": "https://mes.example/hook", "plans": "named"}
+    most = client.get("/v1/capabilities").json()["limits"]["max_webhooks"]
+    webhooks = [register(client, body["url"]) for _ in range(most)]
+    refused = client.post("/v1/webhooks", json=body)
+    assert (refused.status_code, refused.json()["title"]) == (409, "Too many webhooks")
+    register(clients["mes"], body["url"])
+    assert client.delete(webhooks[0]["links"]["self"]).status_code == 204
+    register(client, body["url"])
 
 
 @pytest.mark.parametrize(

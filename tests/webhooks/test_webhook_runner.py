@@ -1,0 +1,97 @@
+"""Looking for jobs that webhooks wait for costs as little as there is news."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+from sqlalchemy import event
+from support.service import task
+
+from workers.database import Database, open_database
+from workers.engine_table import workflow_table
+from workers.job_queue import JobQueue
+from workers.plan_store import PlanStore
+from workers.settings import WorkerSettings
+from workers.webhook_runner import BATCH, WebhookRunner
+from workers.webhook_store import DeliveryState, WebhookStore
+
+
+@dataclass(frozen=True)
+class Desk:
+    database: Database
+    plans: PlanStore
+    queue: JobQueue
+    webhooks: WebhookStore
+    runner: WebhookRunner
+
+    def accept(self, number: int) -> list[str]:
+        return [self.plans.accept(task(), None, self.queue).id for _ in range(number)]
+
+    def become(self, plan_ids: list[str], status: str) -> None:
+        jobs = workflow_table("sqlite")
+        with self.database.engine.begin() as transaction:
+            changed = sa.update(jobs).where(jobs.c.workflow_uuid.in_(plan_ids))
+            transaction.execute(changed.values(status=status))
+
+    def states(self, webhook_id: str) -> dict[str, DeliveryState]:
+        return {each.plan_id: each.state for each in self.webhooks.deliveries(webhook_id, 1000, None)}
+
+    @contextmanager
+    def statements(self) -> Iterator[list[str]]:
+        """Collect what the database is asked."""
+        asked: list[str] = []
+
+        def keep(_: Any, __: Any, statement: str, *rest: Any) -> None:
+            asked.append(statement)
+
+        event.listen(self.database.engine, "before_cursor_execute", keep)
+        yield asked
+        event.remove(self.database.engine, "before_cursor_execute", keep)
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    settings = WorkerSettings(data_dir=tmp_path)
+    database = open_database(settings)
+    queue, plans, webhooks = JobQueue(database), PlanStore(database), WebhookStore(database)
+    yield Desk(database, plans, queue, webhooks, WebhookRunner(settings, queue, plans, webhooks))
+    queue.close()
+    database.close()
+
+
+def test_jobs_that_have_not_ended_are_one_question_however_many_messages_wait_for_them(desk: Desk) -> None:
+    for _ in range(3):
+        desk.webhooks.add(None, "https://mes.example/", "all")
+    plans = desk.accept(10)
+    desk.become(plans[:3], "PENDING")
+    desk.become(plans[3:5], "DELAYED")
+    with desk.statements() as asked:
+        desk.runner.look()
+    assert len(asked) == 1
+
+
+@pytest.mark.parametrize("status", ["SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"])
+def test_messages_about_jobs_that_have_ended_are_begun_and_no_others(desk: Desk, status: str) -> None:
+    webhook = desk.webhooks.add(None, "https://mes.example/", "all")
+    ended, waiting = desk.accept(2), desk.accept(3)
+    desk.become(ended, status)
+    for _ in range(2):
+        desk.runner.look()
+    states = desk.states(webhook.id)
+    assert {states[plan_id] for plan_id in ended} == {DeliveryState.PENDING}
+    assert {states[plan_id] for plan_id in waiting} == {DeliveryState.WAITING}
+
+
+def test_many_at_once_are_begun_batch_by_batch(desk: Desk) -> None:
+    webhook = desk.webhooks.add(None, "https://mes.example/", "all")
+    plans = desk.accept(BATCH + 5)
+    desk.become(plans, "SUCCESS")
+    for begun in (BATCH, BATCH + 5):
+        desk.runner.look()
+        assert list(desk.states(webhook.id).values()).count(DeliveryState.PENDING) == begun
