@@ -111,6 +111,8 @@ def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next
             assert poison["state"] == "failed"
             assert poison["error"]["detail"] == INTERRUPTED_TOO_OFTEN
             assert client.get(poison["links"]["document"]).status_code == 404
+            given_up = 'liftwright_failed_jobs_total{why="interruptions"} 1.0'
+            wait_for(lambda: given_up in client.get("/metrics").text.splitlines(), 10)
             assert finished(client, post(client, "now"))["outcome"] == "solved"
 
 
