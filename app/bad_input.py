@@ -6,14 +6,20 @@ import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from planners.errors import LiftwrightError
+
 BAD_INPUT = 3
 """Exit code."""
 
 
-def refuse(problems: Iterable[Mapping[str, Any]]) -> int:
-    """Print every problem, as `planners.contract.problems` lists them, and return the exit code."""
+class BadInput(LiftwrightError):
+    """A file is not what a command takes; the message names it."""
+
+
+def refuse(problems: Iterable[Mapping[str, Any]], file: str) -> int:
+    """Print every problem of a file, as `planners.contract.problems` lists them, and return the exit code."""
     for problem in problems:
         choices = problem.get("allowed")
         allowed = f" (one of: {', '.join(choices)})" if choices else ""
-        sys.stderr.write(f"{problem['pointer'] or '/'}: {problem['detail']}{allowed}\n")
+        sys.stderr.write(f"{problem['pointer'] or file}: {problem['detail']}{allowed}\n")
     return BAD_INPUT

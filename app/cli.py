@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.bad_input import BAD_INPUT
+from app.bad_input import BAD_INPUT, BadInput
 from app.example_tasks import example_tasks
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
@@ -59,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return given.run(given)
     except LiftwrightError as error:
         print(f"liftwright: {error}", file=sys.stderr)
+        return BAD_INPUT if isinstance(error, BadInput) else FAILED
     except OSError as error:
         print(f"liftwright: {error}", file=sys.stderr)
         return BAD_INPUT if given.command in ("plan", "scene") else FAILED
@@ -70,7 +71,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except KeyboardInterrupt:
         return 130
-    return FAILED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -136,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_plan(command: argparse.ArgumentParser) -> None:
     command.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
-    command.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes")
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes; without it, nowhere")
     where = command.add_mutually_exclusive_group()
     where.add_argument(
         "--scene",
@@ -145,6 +145,13 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
         help="the task's objects are those of this scene, which `liftwright scene --out FILE` wrote",
     )
     _add_service(where, "plans it; needed for a task with the `scene_id` of a scene that it keeps")
+    command.add_argument(
+        "--data-dir",
+        type=Path,
+        metavar="DIR",
+        help="where handovers are kept, as `serve` and `worker` keep them; default LIFTWRIGHT_DATA_DIR, else ./data if "
+        "there is one; without, they are computed anew each time, in some seconds",
+    )
     command.set_defaults(run=_plan)
 
 
@@ -220,7 +227,7 @@ def _plan(given: argparse.Namespace) -> int:
 
     if given.service is not None:
         return post_file(given.file, given.out, given.service)
-    return plan_file(given.file, given.out, given.scene)
+    return plan_file(given.file, given.out, ServiceSettings(**_options(given)), given.scene)
 
 
 def _scene(given: argparse.Namespace) -> int:

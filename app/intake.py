@@ -25,6 +25,13 @@ DRAINED_BYTES = 32_000_000
 """So much of a body that is refused is still taken off the wire, so that the sender gets to read the answer."""
 
 
+class NeedsScene(SceneError):
+    """A task takes an object from a scene and names none."""
+
+    def __init__(self) -> None:
+        super().__init__("/scene_id", 'is required: an object has a "detection", which is looked up in a scene')
+
+
 def no_scenes(scene_id: str) -> SceneDocument | None:
     """Know of no scene."""
     return None
@@ -155,9 +162,14 @@ def accept_sent(
 
 
 def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: Scenes) -> Any:
-    if not isinstance(body, dict) or body.get("kind") != "suction_tool" or body.get("scene_id") is None:
+    if not isinstance(body, dict) or body.get("kind") != "suction_tool":
         return body
-    scene_id = body["scene_id"]
+    scene_id = body.get("scene_id")
+    if scene_id is None:
+        objects = body.get("objects")
+        if isinstance(objects, list) and any(isinstance(each, dict) and "detection" in each for each in objects):
+            raise NeedsScene
+        return body
     scene = scenes(scene_id) if isinstance(scene_id, str) else None
     if scene is None:
         raise SceneError("/scene_id", "there is no such scene; POST a scan to /v1/scenes")

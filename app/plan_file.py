@@ -11,50 +11,52 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.bad_input import refuse
-from app.intake import accept_task
+from app.intake import NeedsScene, accept_sent
 from app.progress_bar import ProgressBar
 from app.service_client import ServiceClient, ServiceRefused
-from app.settings import ServiceSettings
 from app.summary import summarise
+from app.task_file import read_scene_file, read_task_file
 from app.whole_file import written_whole
-from planners.contract.problems import Problem, problems_of
+from planners.contract.problems import problems_of
 from planners.contract.scene_document import SceneDocument
-from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import SceneError
+from planners.geometry.solid_mesh import SolidMesh
 from workers.pipeline import Pipeline
 from workers.progress_scale import ProgressScale
+from workers.settings import WorkerSettings
 
 SOLVED, NO_PLAN = 0, 2
 JOB_FAILED = 1
+HANDOVERS = "handovers"
+"""Stage that is reported only where handovers are not found in the data directory."""
 
 
-def plan_file(path: Path, out: Path | None, scene: Path | None = None) -> int:
+def plan_file(path: Path, out: Path | None, settings: WorkerSettings, scene: Path | None = None) -> int:
     """Plan the task in a file, print what came of it, and return the exit code.
 
     Args:
         path: of the task.
         out: where the plan document goes.
+        settings: name the data directory, where handovers are kept.
         scene: of a SceneDocument that `liftwright scene` wrote; the task's objects are those perceived in it.
 
     Raises:
+        BadInput: A file is not a task, or not a scene.
         CertificateFailed: A plan was found that must not be used.
         OSError: A file cannot be read or written.
     """
+    sent = read_task_file(path)
+    perceived = None if scene is None else read_scene_file(scene)
+    # A command that only reads a file makes no data directory of its own.
+    keeps = settings.data_dir.is_dir() or "data_dir" in settings.model_fields_set
+    pipeline = Pipeline.load(settings.handovers_dir if keeps else None)
     try:
-        settings = ServiceSettings()
-        # A command that only reads a file makes no data directory of its own.
-        pipeline = Pipeline.load(settings.handovers_dir if settings.data_dir.is_dir() else None)
-        if scene is None:
-            task = accept_task(path.read_bytes(), pipeline.cells, scenes=_kept_elsewhere)
-        else:
-            body, perceived = _named(path.read_bytes(), scene.read_bytes())
-            task = accept_task(body, pipeline.cells, scenes=lambda _: perceived)
-    except NotJson as error:
-        return refuse([Problem(pointer="", detail=str(error))])
+        task = _accept(sent, perceived, pipeline)
     except (ValidationError, SceneError) as error:
-        return refuse(problems_of(error))
+        return refuse(problems_of(error), str(path))
+    kept = f"kept in {settings.handovers_dir}" if keeps else f"not kept: no {settings.data_dir} here, and no --data-dir"
     with written_whole(out) as file:
-        document = _solve(pipeline, path.stem, task)
+        document = _solve(pipeline, path.stem, task, kept)
         if file is not None:
             json.dump(document, file, allow_nan=False)
     return _tell(document)
@@ -64,17 +66,19 @@ def post_file(path: Path, out: Path | None, service: str) -> int:
     """Have a service plan the task in a file, print what came of it, and return the exit code.
 
     Raises:
-        ServiceAway, ServiceRefused: The service cannot do it, and not because of the task.
+        BadInput: The file is not a task.
+        KeyNeeded, ServiceAway, ServiceRefused: The service cannot do it, and not because of the task.
         OSError: A file cannot be read or written.
     """
-    client, body = ServiceClient(service), path.read_bytes()
+    body = json.dumps(read_task_file(path)).encode()
+    client = ServiceClient(service)
     with written_whole(out) as file:
         try:
             plan = client.follow(client.post_plan(body))
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise
-            return refuse(error.problems)
+            return refuse(error.problems, str(path))
         if plan["state"] != "succeeded":
             sys.stderr.write(f"liftwright: the job {plan['state']}: {(plan['error'] or {}).get('detail', '')}\n")
             return JOB_FAILED
@@ -91,7 +95,22 @@ def _tell(document: dict[str, Any]) -> int:
     return SOLVED if document["outcome"] == "solved" else NO_PLAN
 
 
-def _kept_elsewhere(scene_id: str) -> SceneDocument | None:
+def _accept(sent: Any, scene: SceneDocument | None, pipeline: Pipeline) -> dict[str, Any]:
+    """Return the task with every default filled in.
+
+    Raises:
+        pydantic.ValidationError, SceneError: What is wrong with it.
+    """
+    if scene is not None:
+        return accept_sent(_named(sent, scene), pipeline.cells, _upload_elsewhere, lambda _: scene)
+    try:
+        return accept_sent(sent, pipeline.cells, _upload_elsewhere, _scene_elsewhere)
+    except NeedsScene as error:
+        detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
+        raise SceneError(error.pointer, detail) from error
+
+
+def _scene_elsewhere(scene_id: str) -> SceneDocument | None:
     detail = (
         f"the scene {scene_id} is kept by a service, not here; plan with --service http://…, "
         "or give what `liftwright scene --out` wrote as --scene"
@@ -99,25 +118,30 @@ def _kept_elsewhere(scene_id: str) -> SceneDocument | None:
     raise SceneError("/scene_id", detail)
 
 
-def _named(task: bytes, scene: bytes) -> tuple[bytes, SceneDocument]:
-    """Return a task that names a scene, if it did not before, and the scene.
+def _upload_elsewhere(upload: str) -> SolidMesh | None:
+    raise SceneError("", f"the upload {upload} is kept by a service, not here; plan with --service http://…")
+
+
+def _named(sent: Any, scene: SceneDocument) -> dict[str, Any]:
+    """Return a task that names a scene, if it did not before.
 
     Raises:
-        NotJson, pydantic.ValidationError, SceneError: What is wrong with the scene.
+        SceneError: Tasks of this kind have none.
     """
-    body = parse_json(task)
-    if not isinstance(body, dict) or body.get("kind") != "suction_tool":
+    if not isinstance(sent, dict) or sent.get("kind") != "suction_tool":
         raise SceneError("/kind", "only tasks of suction tools take their objects from a scene", ["suction_tool"])
-    document = SceneDocument.model_validate_json(json.dumps(parse_json(scene)))
-    name = body.get("scene_id") or hashlib.sha256(scene).hexdigest()[:32]
-    return json.dumps({**body, "scene_id": name}).encode(), document
+    name = hashlib.sha256(scene.model_dump_json().encode()).hexdigest()[:32]
+    return {**sent, "scene_id": sent.get("scene_id") or name}
 
 
-def _solve(pipeline: Pipeline, name: str, task: dict[str, Any]) -> dict[str, Any]:
+def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: str) -> dict[str, Any]:
     with ProgressBar() as bar:
-        scale = ProgressScale.of(task)
+        scale, begun = ProgressScale.of(task), set[str]()
 
         def show(stage: str, done: int, total: int) -> None:
+            if stage == HANDOVERS and stage not in begun:
+                bar.say(f"liftwright: computing handovers of the tool, which takes some seconds; {handovers_kept}")
+            begun.add(stage)
             bar.show(stage, scale.advance(stage, done, total))
 
         document = pipeline.solve({"id": name, "task": task}, show)

@@ -29,3 +29,7 @@ class ProgressBar:
     def show(self, stage: str, fraction: float) -> None:
         """Show the stage and how much of the whole is done, 0 … 1."""
         self._bar.update(self._job, description=stage, completed=fraction)
+
+    def say(self, sentence: str) -> None:
+        """Print a line over the bar, on any screen."""
+        self._bar.console.print(sentence, markup=False, highlight=False, soft_wrap=True)

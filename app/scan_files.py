@@ -10,6 +10,8 @@ from planners.errors import LiftwrightError
 from planners.perception.perceive import PARTS
 
 DESCRIPTION = "scan"
+DESCRIPTION_FILE = "scan.json"
+"""What messages call it, whatever its own name."""
 SUFFIXES = frozenset({".json", ".png", ".jpg", ".jpeg", ".npy", ".ply", ".pcd"})
 
 
@@ -39,7 +41,7 @@ def read_scan_files(named: Sequence[str]) -> ScanFiles:
             raise NotScanFiles(f"the part {part} is given twice: {paths[part]}, {path}")
         paths[part] = path
     if DESCRIPTION not in paths:
-        raise NotScanFiles("there is no scan.json, which says what cameras the files come from")
+        raise NotScanFiles(f"there is no {DESCRIPTION_FILE}, which says what cameras the files come from")
     contents = {part: path.read_bytes() for part, path in paths.items()}
     return ScanFiles(contents.pop(DESCRIPTION), contents)
 

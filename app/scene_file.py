@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from app.bad_input import BAD_INPUT, refuse
-from app.scan_files import NotScanFiles, ScanFiles, read_scan_files
+from app.scan_files import DESCRIPTION_FILE, NotScanFiles, ScanFiles, read_scan_files
 from app.service_client import ServiceClient, ServiceRefused
 from app.whole_file import written_whole
 from planners.contract.problems import problems_of
@@ -36,7 +36,7 @@ def perceive_files(named: Sequence[str], service: str | None, out: Path | None, 
         preview: where the picture goes.
 
     Raises:
-        ServiceAway, ServiceRefused: The service cannot do it, and not because of the scan.
+        KeyNeeded, ServiceAway, ServiceRefused: The service cannot do it, and not because of the scan.
         OSError: A file cannot be read or written.
     """
     try:
@@ -48,11 +48,11 @@ def perceive_files(named: Sequence[str], service: str | None, out: Path | None, 
             if file is not None:
                 file.write(document.model_dump_json())
     except (ValidationError, SceneError) as error:
-        return refuse(problems_of(error))
+        return refuse(problems_of(error), DESCRIPTION_FILE)
     except ServiceRefused as error:
         if not error.is_about_the_input:
             raise
-        return refuse(error.problems)
+        return refuse(error.problems, DESCRIPTION_FILE)
     except (NotScanFiles, NotJson, ScanRefused) as error:
         sys.stderr.write(f"liftwright: {error}\n")
         return BAD_INPUT
@@ -86,7 +86,7 @@ def _object_line(part: ObjectPart) -> str:
 
 
 def _perceive(scan: ScanFiles) -> tuple[SceneDocument, bytes, str]:
-    described = read_scan(parse_json(scan.description))
+    described = read_scan(parse_json(scan.description, DESCRIPTION_FILE))
     if described.cell not in known_cells():
         raise SceneError("/cell", f"there is no cell {described.cell}", known_cells())
     found = perceive(described, scan.files, load_cell(described.cell))

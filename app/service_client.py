@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from http import HTTPStatus
 from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
@@ -34,6 +35,13 @@ class ServiceRefused(LiftwrightError):
         return self.status in (400, 413, 415, 422)
 
 
+class KeyNeeded(LiftwrightError):
+    """The service asks for a key, and none was given."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__(f"the service at {address} asks for a key: set the environment variable {KEY_VARIABLE}")
+
+
 class ServiceAway(LiftwrightError):
     """Nobody answers at an address."""
 
@@ -55,7 +63,7 @@ class ServiceClient:
         """Return the JSON at a path.
 
         Raises:
-            ServiceRefused, ServiceAway: There is none.
+            KeyNeeded, ServiceRefused, ServiceAway: There is none.
         """
         return json.loads(self.read(path))
 
@@ -63,7 +71,7 @@ class ServiceClient:
         """Return the bytes at a path.
 
         Raises:
-            ServiceRefused, ServiceAway: There are none.
+            KeyNeeded, ServiceRefused, ServiceAway: There are none.
         """
         with self._open(path) as answer:
             return answer.read()
@@ -72,7 +80,7 @@ class ServiceClient:
         """Post a task and return its plan.
 
         Raises:
-            ServiceRefused, ServiceAway: It was not accepted.
+            KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
         """
         with self._open("/v1/plans", task, "application/json") as answer:
             return json.load(answer)
@@ -81,7 +89,7 @@ class ServiceClient:
         """Post a scan, its description and its files by their parts, and return the scene it became.
 
         Raises:
-            ServiceRefused, ServiceAway: It was not accepted.
+            KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
         """
         parts = {"scan": description, **files}
         boundary = hashlib.sha256(b"".join(parts.values())).hexdigest()
@@ -97,7 +105,7 @@ class ServiceClient:
         """Show a job's progress until it has ended, and return the plan as it is then.
 
         Raises:
-            ServiceRefused, ServiceAway: Its events cannot be had, or break off.
+            KeyNeeded, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
         with self._open(plan["links"]["events"]) as stream, ProgressBar() as bar:
             for kind, data in _events(stream):
@@ -116,6 +124,8 @@ class ServiceClient:
             answer = urlopen(Request(self.address + path, body, headers))
         except HTTPError as error:
             with error:
+                if error.code == HTTPStatus.UNAUTHORIZED and self._key is None:
+                    raise KeyNeeded(self.address) from error
                 raise ServiceRefused(error.code, _problem(error.read())) from error
         except URLError as error:
             raise ServiceAway(self.address, error.reason) from error

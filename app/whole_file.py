@@ -29,7 +29,13 @@ def written_whole(out: Path | None) -> Iterator[TextIO | None]:
         raise FileNotFoundError(ENOENT, "no such folder", str(out))
     partial = out.with_name(f".{out.name}.{os.getpid()}")
     try:
-        with partial.open("x", encoding="utf-8") as file:
+        file = partial.open("x", encoding="utf-8")
+    except OSError as error:
+        # Whoever reads this has named another file.
+        error.filename = str(out)
+        raise
+    try:
+        with file:
             yield file
         partial.replace(out)
     finally:

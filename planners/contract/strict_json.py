@@ -12,8 +12,8 @@ class NotJson(LiftwrightError):
     """A body is not JSON; the message is a sentence for a person."""
 
 
-def parse_json(body: bytes) -> Any:
-    """Parse `body`.
+def parse_json(body: bytes, called: str = "the body") -> Any:
+    """Parse `body`, which messages call as its reader does.
 
     Raises:
         NotJson: Not UTF-8, not JSON, a literal NaN or Infinity, a key twice in one object, an escape that is half
@@ -22,15 +22,15 @@ def parse_json(body: bytes) -> Any:
     try:
         text = body.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise NotJson(f"the body is not UTF-8: byte {error.start} cannot be decoded") from error
+        raise NotJson(f"{called} is not UTF-8: byte {error.start} cannot be decoded") from error
     try:
         data = json.loads(text, object_pairs_hook=_object_of_unique_keys, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
-        raise NotJson(f"the body is not JSON: {error.msg} (line {error.lineno}, column {error.colno})") from error
+        raise NotJson(f"{called} is not JSON: {error.msg} (line {error.lineno}, column {error.colno})") from error
     except RecursionError as error:
-        raise NotJson("the body is nested too deeply") from error
+        raise NotJson(f"{called} is nested too deeply") from error
     except ValueError as error:
-        raise NotJson("the body has a number with too many digits") from error
+        raise NotJson(f"{called} has a number with too many digits") from error
     if "\\u" in text:
         _refuse_lone_surrogates(data)
     return data

@@ -53,7 +53,7 @@ def test_a_task_without_a_plan_is_2_and_says_why(capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize(
     ("body", "pointer"),
-    [(json.dumps(task(cell="moon_base")), "/cell: "), (json.dumps({}), "/kind: "), ("{", "/: ")],
+    [(json.dumps(task(cell="moon_base")), "/cell: "), (json.dumps({}), "/kind: ")],
 )
 def test_bad_input_is_3_and_is_pointed_at(
     body: str, pointer: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -258,3 +258,11 @@ def test_a_service_that_refuses_the_key_or_is_away_is_1(
     assert main(["scene", str(SCAN), "--service", "http://127.0.0.1:1"]) == 1
     assert "no service answers" in capsys.readouterr().err
     assert main(["scene", str(SCAN), "--service", "127.0.0.1"]) == 1
+
+
+def test_a_service_that_asks_for_a_key_is_told_where_a_key_goes(
+    service: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(KEY_VARIABLE)
+    assert main(["plan", str(TASKS / "ab1.json"), "--service", service]) == 1
+    assert f"set the environment variable {KEY_VARIABLE}" in capsys.readouterr().err
