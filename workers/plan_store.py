@@ -365,11 +365,6 @@ class PlanStore:
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
             forget_deliveries(transaction, plan_id)
 
-    def check(self) -> None:
-        """Raise what the database raises when it cannot be reached."""
-        with self._engine.connect() as connection:
-            connection.execute(sa.select(1))
-
     def _one(self, query: sa.Select[Any]) -> PlanRecord | None:
         with self._engine.connect() as connection:
             row = connection.execute(query).mappings().one_or_none()
