@@ -25,9 +25,9 @@ from app.plan_desk import PlanDesk
 from app.plan_feed import POLL_SECONDS, PlanFeed
 from app.request_log import RequestLog
 from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
-from app.scan_gate import ScanGate
 from app.scene_desk import SceneDesk
 from app.settings import ServiceSettings
+from app.upload_gate import UploadGate
 from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
 from planners.scene.cell import Cell, known_cells, load_cell
@@ -65,7 +65,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
             app.state.meshes = MeshStore(database)
             app.state.scenes = SceneDesk(SceneStore(database), store, queue)
-            app.state.scan_gate = ScanGate(settings.max_scans_held, settings.max_perceived)
+            app.state.scan_gate = UploadGate(settings.max_scans_held, settings.max_perceived)
+            app.state.mesh_gate = UploadGate(settings.max_meshes_held, settings.max_meshes_covered)
             app.state.desk = PlanDesk(store, queue, settings.max_queued, settings.max_delayed)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
             app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules, settings.max_webhooks)

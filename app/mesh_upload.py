@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from email.message import Message
 from types import MappingProxyType
 
+from anyio import to_thread
 from starlette.requests import Request
 
 from app.errors import BadUpload, NotMeshMedia
@@ -36,7 +37,7 @@ async def read_mesh(request: Request, limit: int, patience: Patience) -> tuple[b
         raise NotMeshMedia(declared, (*MEDIA_TYPES, FORM))
     content = await read_limited(request, limit, patience)
     if media_type == FORM:
-        return _file_of_form(content, header)
+        return await to_thread.run_sync(_file_of_form, content, header)
     return content, MEDIA_TYPES[media_type]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from anyio import to_thread
 from starlette.requests import Request
 
 from app.errors import BadScan, NotScanMedia
@@ -26,7 +27,7 @@ async def read_scan_form(request: Request, limit: int, patience: Patience) -> tu
     header = content_type(declared)
     if declared is None or header.get_content_type() != FORM:
         raise NotScanMedia(declared)
-    parts = form_parts(await read_limited(request, limit, patience), header)
+    parts = await to_thread.run_sync(form_parts, await read_limited(request, limit, patience), header)
     known = (DESCRIPTION, *PARTS)
     names = [part.name for part in parts]
     for name in names:

@@ -27,6 +27,10 @@ class ServiceSettings(WorkerSettings):
     """So many scans are worked on at once; others wait [1]."""
     max_scans_held: int = Field(default=6, ge=1)
     """So many scans are received, held in memory or worked on at once; of others nothing is read yet [1]."""
+    max_meshes_covered: int = Field(default=2, ge=1)
+    """So many mesh files are read and covered with convex parts at once; others wait [1]."""
+    max_meshes_held: int = Field(default=6, ge=1)
+    """So many mesh files are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished that may be begun, a new one is refused [1]."""
     max_delayed: int = Field(default=200, ge=0)

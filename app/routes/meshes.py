@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 from typing import Annotated, Any
 
+from anyio import to_thread
 from fastapi import APIRouter, Depends, Request, Response
-from starlette.concurrency import run_in_threadpool
 
 from app.errors import MeshNotFound
 from app.form import FORM
 from app.mesh_upload import FIELD, MEDIA_TYPES, read_mesh
 from app.resources import MeshLinks, MeshResource, ProblemDocument
 from app.routes.given import Settings
+from app.upload_gate import UploadGate
 from planners.geometry.mesh_file import MeshFormat
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.solid_mesh import SolidMesh
@@ -30,7 +31,12 @@ def _store(request: Request) -> MeshStore:
     return request.app.state.meshes
 
 
+def _gate(request: Request) -> UploadGate:
+    return request.app.state.mesh_gate
+
+
 Store = Annotated[MeshStore, Depends(_store)]
+Gate = Annotated[UploadGate, Depends(_gate)]
 
 
 @router.post(
@@ -53,10 +59,11 @@ Store = Annotated[MeshStore, Depends(_store)]
         422: {**PROBLEM, "description": "A mesh that encloses no one solid, with the reason"},
     },
 )
-async def post_mesh(request: Request, response: Response, store: Store, settings: Settings) -> MeshResource:
+async def post_mesh(request: Request, response: Response, store: Store, settings: Settings, gate: Gate) -> MeshResource:
     """Take a mesh in: STL, OBJ, PLY or GLB. The same file again gives the same id."""
-    content, file_format = await read_mesh(request, settings.max_mesh_bytes, settings)
-    resource = await run_in_threadpool(_accept, content, file_format, store)
+    async with gate.held:
+        content, file_format = await read_mesh(request, settings.max_mesh_bytes, settings)
+        resource = await to_thread.run_sync(_accept, content, file_format, store, limiter=gate.worked)
     response.headers["Location"] = resource.links.self
     return resource
 

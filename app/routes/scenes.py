@@ -11,8 +11,8 @@ from app.form import FORM
 from app.page_token import read_page_token, write_page_token
 from app.resources import ProblemDocument, SceneList, SceneResource, scene_resource, scene_summary
 from app.routes.given import Scenes, Settings
-from app.scan_gate import ScanGate
 from app.scan_upload import DESCRIPTION, read_scan_form
+from app.upload_gate import UploadGate
 from planners.perception.perceive import PARTS
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
@@ -30,11 +30,11 @@ FORM_SCHEMA = {
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 
 
-def _scan_gate(request: Request) -> ScanGate:
+def _scan_gate(request: Request) -> UploadGate:
     return request.app.state.scan_gate
 
 
-ScanGateGiven = Annotated[ScanGate, Depends(_scan_gate)]
+ScanGateGiven = Annotated[UploadGate, Depends(_scan_gate)]
 
 
 @router.post(
@@ -58,7 +58,7 @@ async def post_scene(
     async with gate.held:
         description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
         scene = await to_thread.run_sync(
-            scenes.perceive, description, files, request.app.state.cells, limiter=gate.perceived
+            scenes.perceive, description, files, request.app.state.cells, limiter=gate.worked
         )
     resource = scene_resource(scene)
     response.headers["Location"] = resource.links.self
