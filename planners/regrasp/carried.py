@@ -18,12 +18,14 @@ _DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class CarriedPace:
-    """How fast bodies in a hand move; their contact forces are shown at samples of a plan only."""
+    """How fast bodies in a hand move through free space; their contact forces are shown at samples of a plan only."""
 
-    speed: float = 0.45
-    """Of any centre of mass [m/s]: 10 mm in 20 ms, less a reserve."""
-    turn: float = 1.6
-    """Of any body [rad/s]: 2 degrees in 20 ms, less a reserve."""
+    speed: float = 0.9
+    """Of any centre of mass [m/s]: 10 mm between two samples, less a reserve."""
+    turn: float = 3.2
+    """Of any body [rad/s]: 2 degrees between two samples, less a reserve."""
+    sample_step: float = 0.01
+    """Longest time between samples [s]: half of what the plan document asks for, so that hands need not be slow."""
 
 
 def carried_rates(

@@ -21,7 +21,7 @@ from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery
-from planners.motion.timing import TimingError, time_path
+from planners.motion.timing import TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory
 from planners.regrasp.bearing import Bearing, CarryingHand
 from planners.regrasp.carried import carried_rates
@@ -163,7 +163,8 @@ class ToolMotion:
         speed = pace.carried_speed if laden else pace.straight_speed
         acceleration = pace.carried_acceleration if laden else pace.straight_acceleration
         path = CurvePath(lambda s: visit.exact(leg, s / length, posture), length)
-        moved = self._moving(stage, visit.arm, kind, path, (RateLimit(np.ones_like, speed, acceleration),))
+        rates = (RateLimit(np.ones_like, speed, acceleration),)
+        moved = self._moving(stage, visit.arm, kind, path, rates, self.settings.timing)
         if kind is SegmentKind.TRANSFER:
             query = self.traffic.carrying(stage, close, share=share)
         else:
@@ -212,10 +213,12 @@ class ToolMotion:
         if result.path is None or result.goal_index is None:
             raise Stuck(self._no_motion(stage, arm, goals, query, result.outcome))
         path = BlendedPath.through(result.path, checker)
-        rates: tuple[RateLimit, ...] = ()
+        rates, timing = tuple[RateLimit, ...](), self.settings.timing
         if kind is SegmentKind.TRANSFER:
-            rates = carried_rates(path, arm, slice(0, 6), self._centres(stage), self.settings.carried)
-        return self._moving(stage, arm, kind, path, rates), result.goal_index
+            pace = self.settings.carried
+            rates = carried_rates(path, arm, slice(0, 6), self._centres(stage), pace)
+            timing = replace(timing, sample_step=pace.sample_step)
+        return self._moving(stage, arm, kind, path, rates, timing), result.goal_index
 
     def _level(self, stage: ToolStage, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
         """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad]."""
@@ -247,7 +250,13 @@ class ToolMotion:
         return None if pair < 0 else "{} and {} would touch".format(*query.pair_names(pair))
 
     def _moving(
-        self, stage: ToolStage, arm: Arm, kind: SegmentKind, path: JointPath, rates: Sequence[RateLimit]
+        self,
+        stage: ToolStage,
+        arm: Arm,
+        kind: SegmentKind,
+        path: JointPath,
+        rates: Sequence[RateLimit],
+        timing: TimingSettings,
     ) -> ToolStage:
         """Append a motion of one arm along a path of its six joints, slow enough for cup and fingers to hold."""
         if path.length == 0.0:
@@ -257,7 +266,7 @@ class ToolMotion:
             limits = JointLimits(arm.velocity_max / slowness, arm.acceleration_max / slowness**2)
             slower = [RateLimit(r.rate, r.velocity / slowness, r.acceleration / slowness**2) for r in rates]
             try:
-                trajectory = _of_both(time_path(path, limits, self.settings.timing, slower), stage.q, joints)
+                trajectory = _of_both(time_path(path, limits, timing, slower), stage.q, joints)
             except TimingError as error:
                 raise Stuck(Rejection("transit", f"{arm.name} arm: {error}")) from error
             moved = self.writer.appended(stage, kind, (arm.name,), trajectory)
