@@ -72,7 +72,7 @@ def _uncertified_limit(piles: Iterable[PileFigures]) -> Limit:
 
 
 def _planning_limits(piles: Sequence[PileFigures]) -> Iterator[Limit]:
-    for share in (50, 90):
+    for share in (50, 90, 100):
         seconds = {pile.pile.name: float(np.percentile(pile.cpu_per_object, share)) for pile in piles}
         what = f"planning an object [CPU s], {share} % of the layouts, slowest pile"
         yield Limit.at_most(what, seconds, PLANNING_LIMIT, PLANNING_AIM)
