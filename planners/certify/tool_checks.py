@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from planners.certify.balances import balance_checks, contact_sets
+from planners.certify.carrying import carrying_check
 from planners.certify.certificate import Check
 from planners.certify.collision import CollisionCheck
 from planners.certify.cones import ConeChecks
@@ -64,6 +65,7 @@ class ToolExamination:
             *hold_checks(plan, motions, settings),
             *balance_checks(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
             *ConeChecks(task.limits(plan), settings).run([one for group in sets for one in group]),
+            carrying_check(plan, motions, steps, task.carry_limits(plan), settings),
             *ToolContactPlaces(plan, settings).run(motions, sets),
             *CollisionCheck(plan, solids, lambda s: ToolTouchRule(plan, course, s.index), settings).run(motions),
             *goal_checks(plan, motions, task, settings),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -325,6 +326,16 @@ def a_hand_carries_more_than_its_task_lets_it(document: Document) -> None:
 @lie("hand_force", "by left")
 def a_hand_carries_more_than_the_payload_leaves(document: Document) -> None:
     document["cell"]["arms"]["left"]["payload"] = 1.205 + (0.25 + 0.1) * 0.999
+
+
+@lie("carried_force", "by left")
+def a_hand_jerks_between_two_contact_sets(document: Document) -> None:
+    segment = first(document, "transfer", after="attach")
+    shown = sorted({contact["sample"] for contact in segment["contacts"]})
+    before, after = next((a, b) for a, b in pairwise(shown) if b - a >= 5)
+    for poses in segment["body_poses"].values():
+        poses[(before + after) // 2][2] += 0.01
+    document["task"]["carry_force_limit"] = 8.0
 
 
 @lie("cell", "/cell/arms/left/payload")

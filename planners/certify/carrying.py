@@ -1,0 +1,65 @@
+"""What the hand that holds the tool carries, at every sample and not only where contacts are shown.
+
+One hand's forces on the tool are what tool and object need together: their weight and their inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from planners.certify.certificate import Check, Finding
+from planners.certify.document_view import PlanView
+from planners.certify.motion import SegmentMotion
+from planners.certify.settings import CertifySettings
+from planners.certify.tool_course import CourseStep
+from planners.certify.tool_task import TOOL
+from planners.geometry.pose import Array
+
+_RESTING = ("attach", "detach")
+"""Kinds in which what is on the cup is still borne by what it stands on."""
+
+
+def carrying_check(
+    plan: PlanView,
+    motions: Sequence[SegmentMotion],
+    steps: Sequence[CourseStep],
+    limits: Mapping[str, float],
+    settings: CertifySettings,
+) -> Check:
+    """Check what each hand carries alone against what it may. Two hands are asked for no more than their contacts show.
+
+    Args:
+        plan: the document.
+        motions: of each segment.
+        steps: the course of each segment.
+        limits: by arm, the net force that its hand may exert [N].
+        settings: tolerances.
+    """
+    finding = Finding("carried_force", "N")
+    for motion, step in zip(motions, steps, strict=True):
+        if len(step.bearers) != 1:
+            continue
+        (arm,) = step.bearers
+        carried = (TOOL, *(() if motion.segment.kind in _RESTING else step.on_cup))
+        force = sum((_needed_force(plan, motion, name) for name in carried), np.zeros(3))
+        margins = limits[arm] + settings.cone_slack - np.linalg.norm(force, axis=1)
+        finding.note_all(margins, lambda i, m=motion, a=arm: f"{m.segment.place(i)} by {a}")
+    return finding.check()
+
+
+def _needed_force(plan: PlanView, motion: SegmentMotion, name: str) -> Array:
+    """Return what must be exerted on a body, world axes: (n, 3) [N]."""
+    body, poses = plan.bodies[name], motion.body_poses[name]
+    centres = poses[:, :3, :3] @ body.com + poses[:, :3, 3]
+    return (body.mass or 0.0) * (_accelerations(motion.segment.time, centres) - plan.gravity)
+
+
+def _accelerations(time: Array, points: Array) -> Array:
+    """Return the acceleration of a point (n, 3) from the two steps about each sample; at the ends, of the neighbour."""
+    if len(time) < 3:
+        return np.zeros_like(points)
+    steps = np.diff(time)[:, None]
+    inner = 2.0 * np.diff(np.diff(points, axis=0) / steps, axis=0) / (steps[:-1] + steps[1:])
+    return np.concatenate([inner[:1], inner, inner[-1:]])
