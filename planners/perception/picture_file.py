@@ -13,6 +13,10 @@ from planners.perception.refusal import ScanRefused
 
 MOST_PIXELS = 25_000_000
 """Of a picture [1]."""
+MOST_SEGMENTS = 2000
+"""Of a JPEG before its frame [1]."""
+MOST_SCANS = 100
+"""Of a JPEG [1]: each goes over the whole picture, and may be a few bytes long. Cameras write one, or ten."""
 PNG = b"\x89PNG\r\n\x1a\n"
 JPEG = b"\xff\xd8\xff"
 NPY = b"\x93NUMPY"
@@ -55,6 +59,8 @@ def _check_size(content: bytes, part: str) -> None:
     size = _png_size(content) if content.startswith(PNG) else _jpeg_size(content) if content.startswith(JPEG) else None
     if size is None:
         raise ScanRefused(part, "the file is neither a PNG nor a JPEG picture, or is cut short")
+    if content.startswith(JPEG) and content.count(b"\xff\xda") > MOST_SCANS:
+        raise ScanRefused(part, f"the picture is refined more than {MOST_SCANS} times: save it with fewer scans")
     width, height = size
     if not 16 <= min(width, height) or width * height > MOST_PIXELS:
         raise ScanRefused(
@@ -70,15 +76,21 @@ def _png_size(content: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int] | None:
-    """Walk over a JPEG's segments up to the one that begins a frame."""
+    """Walk over a JPEG's segments up to the one that begins a frame; None also for what decoders walk otherwise."""
     at = 2
-    while at + 9 <= len(content) and content[at] == 0xFF:
+    for _ in range(MOST_SEGMENTS):
+        if at + 9 > len(content) or content[at] != 0xFF:
+            return None
         marker = content[at + 1]
         if marker == 0xFF:
             at += 1
             continue
+        length = struct.unpack(">H", content[at + 2 : at + 4])[0]
+        # Markers that stand alone have no length and no business before a frame.
+        if marker <= 0x01 or 0xD0 <= marker <= 0xD9 or length < 2:
+            return None
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack(">HH", content[at + 5 : at + 9])
             return width, height
-        at += 2 + struct.unpack(">H", content[at + 2 : at + 4])[0]
+        at += 2 + length
     return None

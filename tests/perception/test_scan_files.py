@@ -144,6 +144,37 @@ def test_a_picture_that_says_it_is_huge_is_refused_before_it_is_decoded() -> Non
         read_colour(bomb)
 
 
+def jpeg() -> bytes:
+    image = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    "before",
+    [b"\xff\xd0", b"\xff\x01", b"\xff\xd8", b"\xff\xe0\0\0", b"\xff\xe0\0\1", b"\xff" * 1_000_000],
+    ids=["restart", "alone", "begin", "no length", "too little length", "fill"],
+)
+def test_what_hides_a_frame_from_its_reader_is_refused(before: bytes) -> None:
+    whole = jpeg()
+    small = b"\xff\xc0" + struct.pack(">HBHHB", 8, 8, 32, 32, 0)
+    # Who takes the marker for one with a length steps over the first frame to the second.
+    hidden = struct.pack(">H", len(whole)) + whole[2:] + small
+    with pytest.raises(ScanRefused, match="neither"):
+        read_colour(whole[:2] + before + hidden)
+
+
+def test_a_picture_of_very_many_scans_is_refused_and_one_of_some_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = jpeg()
+    assert read_colour(whole).shape == (64, 64, 3)
+    last = whole[whole.rindex(b"\xff\xda") : -2]
+    decoded: list[int] = []
+    decode = cv2.imdecode
+    monkeypatch.setattr(cv2, "imdecode", lambda data, flags: decoded.append(len(data)) or decode(data, flags))
+    with pytest.raises(ScanRefused, match="scans"):
+        read_colour(whole[:-2] + last * 200 + whole[-2:])
+    assert decoded == []
+
+
 def test_an_array_that_is_too_large_is_refused_by_its_header() -> None:
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"shape": (50_000_000, 3), "fortran_order": False, "descr": "<f4"})
