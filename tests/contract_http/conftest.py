@@ -7,6 +7,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from support.places import database_at
 from support.service import FAKE_SOLVER
 from support.serving import served
 
@@ -16,10 +17,18 @@ MAX_QUEUED = 12
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def place(request: pytest.FixtureRequest) -> Iterator[dict[str, str]]:
+    """Settings of the database: SQLite, or what `on_both_databases` says."""
+    with database_at(getattr(request, "param", "sqlite")) as settings:
+        yield settings
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory, place: dict[str, str]) -> Iterator[str]:
     """Serve without keys."""
     data_dir: Path = tmp_path_factory.mktemp("data")
-    settings = ServiceSettings(data_dir=data_dir, solver_command=FAKE_SOLVER, worker_slots=1, max_queued=MAX_QUEUED)
+    limits = {"worker_slots": 1, "max_queued": MAX_QUEUED}
+    settings = ServiceSettings.model_validate({"data_dir": data_dir, "solver_command": FAKE_SOLVER, **limits, **place})
     with served(settings) as address:
         yield address
 

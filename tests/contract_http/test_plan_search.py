@@ -6,6 +6,7 @@ from typing import Any
 
 import httpx
 import pytest
+from support.places import on_both_databases
 from support.service import finished, task
 
 from app.plan_query import PlanQuery
@@ -45,6 +46,7 @@ def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:
         token = {"page_token": page["next_page_token"]}
 
 
+@on_both_databases
 @pytest.mark.parametrize(
     "query",
     [
