@@ -280,8 +280,10 @@ def _check_worker(given: argparse.Namespace) -> int:
 
 
 def _warm_up(_: argparse.Namespace) -> int:
+    from app.logs import set_up_logs
     from app.serve import warm_up
 
+    set_up_logs()
     warm_up(ServiceSettings())
     return 0
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import socket
 import subprocess
-import sys
 
 import structlog
 import uvicorn
 
 from app.access.key_store import KeyStore
 from app.create_app import create_app
+from app.listening import CannotListen, bind
 from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
@@ -57,6 +58,7 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
 
     Raises:
         NoKeys: The address is not this machine's own, and there is no key.
+        CannotListen: The address is another program's, or nobody's.
         WarmUpFailed: The solver does not work.
         WorkerRuns: Another worker has the data directory.
     """
@@ -70,6 +72,8 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         )
     if with_worker:
         _refuse_second_worker(settings)
+    sockets = bind(settings.host, settings.port)
+    if with_worker:
         _warm_up_once(settings)
     config = uvicorn.Config(
         create_app(settings, with_worker=with_worker),
@@ -83,7 +87,7 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         server_header=False,
         timeout_graceful_shutdown=LONGEST_GOODBYE_SECONDS,
     )
-    asyncio.run(_Server(config, "keys" if keys_needed else "none").serve())
+    asyncio.run(_Server(config, "keys" if keys_needed else "none").serve(sockets))
 
 
 def work(settings: WorkerSettings) -> None:
@@ -106,7 +110,11 @@ def warm_up(settings: WorkerSettings) -> None:
         WarmUpFailed: The solver does not work.
     """
     forget_stale_kernels()
-    sys.stderr.write("liftwright: loading compiled kernels; the first start compiles them, which takes minutes\n")
+    log.info(
+        "loading kernels and handovers of the shipped tools; the first start compiles and computes them, "
+        "which takes minutes",
+        handovers=str(settings.handovers_dir),
+    )
     command = (*settings.solver_command, COMPILE)
     # It ends when its stdin does: with this process, however that ends.
     environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}
@@ -152,8 +160,13 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._authentication = authentication
 
-    async def startup(self, sockets: list[object] | None = None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        await super().startup(sockets)  # pyright: ignore[reportArgumentType]
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        try:
+            await super().startup(sockets)
+        except OSError as error:
+            # Another program has begun to listen meanwhile.
+            await self.lifespan.shutdown()
+            raise CannotListen(self.config.host, self.config.port, error) from error
         if self.started:
             host, port = self.servers[0].sockets[0].getsockname()[:2]
             log.info("listening", address=f"http://{host}:{port}", authentication=self._authentication)

@@ -1,0 +1,82 @@
+"""How `liftwright serve` begins: what it refuses at once, and that it tells the rest as logs do."""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import structlog
+
+from app import serve
+from app.cli import main
+from app.listening import CannotListen, bind
+from workers.settings import WorkerSettings
+
+IDLE = (sys.executable, "-c", "import sys; sys.exit(0)")
+"""A solver that has nothing to compile."""
+
+
+@pytest.fixture(autouse=True)
+def logs_as_before() -> Iterator[None]:
+    """Undo what a command sets up for its whole process."""
+    root, engine = logging.getLogger(), logging.getLogger("dbos")
+    handlers, level, engines, propagate = root.handlers[:], root.level, engine.handlers[:], engine.propagate
+    yield
+    structlog.reset_defaults()
+    root.handlers, engine.handlers, engine.propagate = handlers, engines, propagate
+    root.setLevel(level)
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    """Yield a port that another program listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        yield other.getsockname()[1]
+
+
+@pytest.mark.parametrize("command", ["serve", "api"])
+def test_a_taken_port_is_told_before_any_work_and_is_1(
+    command: str, taken: int, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serve, "_warm_up_once", lambda _: pytest.fail("it warmed up first"))
+    assert main([command, "--port", str(taken), "--data-dir", str(tmp_path)]) == 1
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert last == f"liftwright: 127.0.0.1:{taken} is taken by another program; choose another with --port"
+
+
+def test_a_bound_port_refuses_connections_until_it_is_listened_on() -> None:
+    (bound,) = bind("127.0.0.1", 0)
+    with bound:
+        address = bound.getsockname()
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(address)
+        bound.listen()
+        socket.create_connection(address).close()
+
+
+def test_all_addresses_of_a_host_have_one_port() -> None:
+    sockets = bind("localhost", 0)
+    assert len({each.getsockname()[1] for each in sockets}) == 1
+    for each in sockets:
+        each.close()
+
+
+def test_an_address_that_is_not_this_machines_is_told() -> None:
+    with pytest.raises(CannotListen, match=r"^192\.0\.2\.1:8040 cannot be listened on: .*--host"):
+        bind("192.0.2.1", 8040)
+
+
+def test_warming_up_is_told_as_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serve, "forget_stale_kernels", lambda: None)
+    monkeypatch.setenv("LIFTWRIGHT_DATA_DIR", str(tmp_path))
+    monkeypatch.setenv("LIFTWRIGHT_SOLVER_COMMAND", json.dumps(IDLE))
+    assert main(["warmup"]) == 0
+    told = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert any(each.get("handovers") == str(WorkerSettings().handovers_dir) for each in told)
