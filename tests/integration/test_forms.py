@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from email.message import Message
 from email.parser import BytesHeaderParser
 from types import SimpleNamespace
@@ -60,7 +61,7 @@ def test_a_body_is_split_no_further_than_it_is_read(monkeypatch: pytest.MonkeyPa
     places: list[tuple[int, int]] = []
     between = app.form._between
 
-    def noted(content: bytes, boundary: bytes):
+    def noted(content: bytes, boundary: bytes) -> Iterator[tuple[int, int]]:
         for place in between(content, boundary):
             places.append(place)
             yield place
