@@ -21,9 +21,11 @@ class AssetError(LiftwrightError):
 class SceneError(LiftwrightError):
     """The things a task names cannot stand as it says.
 
-    `pointer` is the RFC 6901 path of the offending member in the TaskSpec, `allowed` its valid choices, if any.
+    `pointer` is the RFC 6901 path of the offending member in the TaskSpec, `allowed` its valid choices, if any;
+    `pointers` are all of them where several members do not go together.
     """
 
     def __init__(self, pointer: str, detail: str, allowed: list[str] | None = None) -> None:
         self.pointer, self.detail, self.allowed = pointer, detail, allowed
+        self.pointers = (pointer,)
         super().__init__(f"{pointer or '/'}: {detail}")

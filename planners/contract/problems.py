@@ -11,7 +11,6 @@ from pydantic import ValidationError
 from planners.contract.known_members import known_members
 from planners.contract.task_spec import KINDS, UNION_TAGS
 from planners.errors import SceneError
-from planners.scene.clashes import BodiesOverlap
 
 MAX_PROBLEMS = 100
 """More are counted, not listed."""
@@ -48,8 +47,7 @@ def problems_of(error: ValidationError | SceneError) -> list[Problem]:
 
 
 def _scene_problems(error: SceneError) -> list[Problem]:
-    pointers = error.pointers if isinstance(error, BodiesOverlap) else (error.pointer,)
-    problems = [Problem(pointer=pointer, detail=error.detail) for pointer in pointers]
+    problems = [Problem(pointer=pointer, detail=error.detail) for pointer in error.pointers]
     if error.allowed is not None:
         for problem in problems:
             problem["allowed"] = list(error.allowed)

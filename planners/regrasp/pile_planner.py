@@ -17,6 +17,7 @@ from planners.regrasp.suction_poses import SuctionLoad, SuctionPoses, SuctionSet
 from planners.regrasp.tool_stage import ToolStage
 from planners.scene.body import Body
 from planners.scene.moved_object import MovedObject
+from planners.scene.standing import Standing
 from planners.scene.suction_tool import CupData
 
 _HOPELESS = 3
@@ -90,6 +91,7 @@ class PilePlanner:
         objects: ObjectPlanner,
         suctions: SuctionFinder,
         stopovers: Stopovers,
+        standing: Standing,
         most_plans: int,
         most_tries: int,
     ) -> None:
@@ -99,10 +101,11 @@ class PilePlanner:
             objects: plans one move.
             suctions: suction poses.
             stopovers: free places.
+            standing: tells what falls.
             most_plans: moves that are planned at all, whatever becomes of them.
             most_tries: sequences of all moves whose motion is tried, after which no further move is planned.
         """
-        self.objects, self.suctions, self.stopovers = objects, suctions, stopovers
+        self.objects, self.suctions, self.stopovers, self.standing = objects, suctions, stopovers, standing
         self.most_plans, self.most_tries = most_plans, most_tries
         self.failed: list[ObjectReport] = []
         """Of moves that were not found, and of those that led nowhere."""
@@ -145,16 +148,54 @@ class PilePlanner:
         """Yield what can be moved next: to its goal, then to a stopover, those first that the cup cannot take there."""
         possible = order.next(course.moved)
         for name in possible:
-            suctions = self.suctions.to_goal(course.objects[name])
+            target = self._standing_at_goals(course, name) if self._can_be_taken(course, name, None) else None
+            if target is None:
+                continue
+            suctions = self.suctions.to_goal(target)
             if suctions.poses:
-                yield course.objects[name], None
+                yield target, None
             else:
                 self._fail(name, None, suctions.rejections)
         waiting = [name for name in order.next_aside(course.moved) if name not in course.on_the_way]
         for name in sorted(waiting, key=lambda name: bool(self.suctions.to_goal(course.objects[name]).poses)):
             why = Stopover.TAKEN_ANEW if name in possible else Stopover.ASIDE
-            for target in self._stopovers(course, name, why):
-                yield target, why
+            if self._can_be_taken(course, name, why):
+                for target in self._stopovers(course, name, why):
+                    yield target, why
+
+    def _can_be_taken(self, course: Course, name: str, stopover: Stopover | None) -> bool:
+        """Tell whether all other objects stand while one is carried."""
+        rest = {other: (each.body, course.stage.T_world_objects[other]) for other, each in course.objects.items()}
+        del rest[name]
+        fall = self.standing.fall(rest)
+        if fall is not None:
+            self._fail(name, stopover, _refusal("fall", f"once {name} is taken away, {fall}", name))
+        return fall is None
+
+    def _standing_at_goals(self, course: Course, name: str) -> MovedObject | None:
+        """Return an object with those of its goals at which all objects stand, now and in the end; None without any.
+
+        Those that are at their goals stay as they stand there, turned as they may be; the others are to come to theirs
+        as they are given.
+        """
+        target, T_now = course.objects[name], course.stage.T_world_objects
+        now = {other: (each.body, T_now[other]) for other, each in course.objects.items()}
+        end = {
+            other: (each.body, T_now[other] if other in course.moved else each.T_world_goal)
+            for other, each in course.objects.items()
+        }
+        goals, refusals = [], Rejections()
+        for T in target.goals:
+            there = {name: (target.body, T)}
+            fall = self.standing.fall(now | there) or self.standing.fall(end | there)
+            if fall is None:
+                goals.append(T)
+            else:
+                refusals.include(_refusal("fall", f"with {name} at its goal, {fall}", name))
+        if not goals:
+            self._fail(name, None, refusals)
+            return None
+        return target if len(goals) == len(target.goals) else target.to(goals)
 
     def _stopovers(self, course: Course, name: str, why: Stopover) -> Iterator[MovedObject]:
         """Yield free places for an object, in poses from which the cup can take it to its goal."""
@@ -170,7 +211,7 @@ class PilePlanner:
             elif reason:
                 reason = f"{name} cannot be put down on the way to its goal: the cup would not have it there and back"
         if reason:
-            self._fail(name, why, Rejections.of(Rejection("order", reason, name)))
+            self._fail(name, why, _refusal("order", reason, name))
 
     def _is_hopeless(self, name: str) -> bool:
         """Tell whether an object was asked for often enough where no sequence of grasps leads anywhere."""
@@ -196,6 +237,10 @@ class PilePlanner:
     def _fail(self, name: str, stopover: Stopover | None, rejections: Rejections) -> None:
         self.failed.append(ObjectReport(name, stopover))
         self.failed[-1].rejections.include(rejections)
+
+
+def _refusal(stage: str, reason: str, name: str) -> Rejections:
+    return Rejections.of(Rejection(stage, reason, name))
 
 
 def _others(course: Course, name: str) -> list[tuple[Body, Transform]]:

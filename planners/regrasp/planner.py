@@ -28,6 +28,7 @@ from planners.regrasp.tool_stage import ToolStage
 from planners.regrasp.tool_traffic import ToolTraffic
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.moved_object import MovedObject
+from planners.scene.standing import Standing
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
 from planners.segment import SegmentKind
@@ -75,10 +76,12 @@ class SuctionToolPlanner:
         self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
         routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
         self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
+        still = StillBodies.of(scene.cell, scene.obstacles)
         self.pile = PilePlanner(
             ObjectPlanner(self.choreographer, routes, settings, progress),
             self.suctions,
-            Stopovers(StillBodies.of(scene.cell, scene.obstacles), settings.stopover),
+            Stopovers(still, settings.stopover),
+            Standing(still.places),
             len(scene.objects) + settings.orders,
             (len(scene.objects) + 1) * settings.tries,
         )
@@ -163,19 +166,23 @@ class SuctionToolPlanner:
         if not failed:
             causes = ObjectOrder.of(self.scene.objects).deadlock(there)
             return self._unsolved(ToolOutcome.NOT_FOUND, "No object can be moved first.", causes)
-        everything = Rejections()
+        everything, causes = Rejections(), Rejections()
         for report in failed:
+            everything.include(report.rejections)
             if report.name == failed[0].name:
-                everything.include(report.rejections)
+                causes.include(report.rejections)
         names, counts = sorted({report.name for report in failed}), self.pile.counts
         tried = (
             f"{_counted(counts['suction poses'], 'suction pose')} and {_counted(counts['tries'], 'grasp sequence')} "
             "were tried"
         )
-        if not counts["suction poses"]:
+        stages = {rejection.stage for rejection, _ in everything.most_common()}
+        if "fall" in stages and stages <= {"fall", "order"}:
+            tried, causes = "in no order does everything stand after every step", everything
+        elif not counts["suction poses"]:
             tried = "the cup has no place that it can hold, with room for the tool, both at the start and at the goal"
         return self._plan(
-            ToolOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(everything), None
+            ToolOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
         )
 
     def _unsolved(self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:

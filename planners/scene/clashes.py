@@ -21,8 +21,9 @@ class BodiesOverlap(SceneError):
     """Two bodies touch or overlap; every member of the task that places one of them is pointed at."""
 
     def __init__(self, a: PlacedBody, b: PlacedBody, when: str) -> None:
-        self.pointers = tuple(dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None))
-        super().__init__(self.pointers[0], f"{a.name} and {b.name} touch or overlap {when}")
+        pointers = tuple(dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None))
+        super().__init__(pointers[0], f"{a.name} and {b.name} touch or overlap {when}")
+        self.pointers = pointers
 
 
 @dataclass(frozen=True, eq=False)

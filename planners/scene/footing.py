@@ -44,6 +44,10 @@ class Footing:
     T_world_body: Transform
     supports: tuple[str, ...]
     """Names of the bodies that carry it, sorted."""
+    points: Array
+    """(k, 2) where it is carried: corners of what touches, in the world [m]."""
+    by: tuple[str, ...]
+    """The body below each point."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +95,11 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
     touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]
     points = {place: _touching_points(solid, face, T_settled, place) for place in touching}
     center = (T_settled[:3, :3] @ com + T_settled[:3, 3])[:2]
-    beyond = _beyond(np.vstack(list(points.values())), center)
-    if beyond > TIP_SLACK:
-        return Unsupported(f"would tip over: its centre of mass is {1e3 * beyond:.4g} mm beyond what carries it")
-    supports = sorted({place.name for place, corners in points.items() if len(corners)})
-    return Footing(T_settled, tuple(supports))
+    outside = beyond(np.vstack(list(points.values())), center)
+    if outside > TIP_SLACK:
+        return Unsupported(f"would tip over: its centre of mass is {1e3 * outside:.4g} mm beyond what carries it")
+    by = tuple(place.name for place, corners in points.items() for _ in corners)
+    return Footing(T_settled, tuple(sorted(set(by))), np.vstack(list(points.values())), by)
 
 
 def _shares(outline: Array, other: Array) -> bool:
@@ -116,7 +120,7 @@ def _touching_points(solid: Solid, face: FlatFace, T_world_body: Transform, plac
     return np.vstack(corners)
 
 
-def _beyond(points: Array, center: Array) -> float:
+def beyond(points: Array, center: Array) -> float:
     """Return how far (2,) `center` is outside the hull of (k, 2) points [m]; infinite if they span no area."""
     try:
         hull = points[ConvexHull(points).vertices]

@@ -21,12 +21,22 @@ from planners.scene.placements import CONTAINMENT_SLACK
 from planners.scene.rest import REST_GAP, Surface
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import ExtrudedSolid, Solid
+from planners.scene.standing import Fall, Standing, first_fall
 from planners.scene.suction_tool import SuctionTool, load_tool
 
 RAISE = 1e-4
 """So far above what carries it, beyond what their drawings exceed them by, a body must be clear of it [m]."""
 SAME_GOAL = 1e-4
 """A turned goal that settling moves by more does not rest [m or rad]."""
+
+
+class ObjectsFall(SceneError):
+    """Objects do not stand together; the member that places each of them is pointed at."""
+
+    def __init__(self, fall: Fall, pointers: Mapping[str, str], when: str) -> None:
+        chosen = tuple(pointers[name] for name in fall.names)
+        super().__init__(chosen[0], f"{when}, {fall}")
+        self.pointers = chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +89,14 @@ def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: Sha
     """Settle all objects, at the start and at their goals, each on what stands still or on other objects.
 
     Raises:
-        SceneError: An object rests on nothing, its centre of mass is outside it, or goals overlap.
+        SceneError: An object rests on nothing, its centre of mass is outside it, goals overlap, or objects would fall
+            with what rests on them.
     """
     bodies = [_body(one, f"/objects/{i}", shapes) for i, one in enumerate(given)]
     starts = _settle_all(bodies, [body.T_world_body for body in bodies], still, _refuse_start)
+    _refuse_fall(bodies, starts, "pose", "at the start")
     goals = _settle_all(bodies, [from_pose7(one.goal_pose) for one in given], still, _refuse_goal)
+    _refuse_fall(bodies, goals, "goal_pose", "at their goals")
     at_goals = [
         placed_body(body.collision_body(), goal.T_world_body, f"/objects/{i}/goal_pose")
         for i, (body, goal) in enumerate(zip(bodies, goals, strict=True))
@@ -91,18 +104,12 @@ def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: Sha
     excess = still.excess | {body.name: body.solid.excess for body in bodies}
     supports = {body.name: goal.supports for body, goal in zip(bodies, goals, strict=True)}
     refuse_overlaps_but_rest(at_goals, [*still.bodies, *at_goals], supports, excess, "at its goal")
+    pile = _GoalPile(bodies, goals, at_goals, still, Standing(still.places))
     objects = []
-    for i, one in enumerate(given):
-        body = replace(bodies[i], T_world_body=starts[i].T_world_body)
-        places = [*still.places, *_places_of_others(bodies, goals, i)]
-        # What rests on it touches it, before and after the turn.
-        below = [at for at, goal in zip(at_goals, goals, strict=True) if body.name not in (at.name, *goal.supports)]
-        others = [*still.bodies, *below]
-        turns = _turns_at_rest(one, body, goals[i], places, others)
-        goal = goals[i]
-        objects.append(
-            MovedObject(body, goal.T_world_body, one.goal_symmetry, turns, starts[i].supports, goal.supports)
-        )
+    for i, (one, start, goal) in enumerate(zip(given, starts, goals, strict=True)):
+        body = replace(bodies[i], T_world_body=start.T_world_body)
+        turns = pile.turns_at_rest(i, symmetry_turns(body.solid, one.goal_symmetry))
+        objects.append(MovedObject(body, goal.T_world_body, one.goal_symmetry, turns, start.supports, goal.supports))
     return tuple(objects)
 
 
@@ -199,27 +206,65 @@ def _lowest(solid: Solid, T_world_body: Transform) -> float:
     return float((solid.surface()[0] @ T_world_body[2, :3]).min() + T_world_body[2, 3])
 
 
-def _places_of_others(bodies: Sequence[Body], goals: Sequence[Footing], index: int) -> list[Surface]:
-    return [
-        place
-        for i, (body, goal) in enumerate(zip(bodies, goals, strict=True))
-        if i != index
-        for place in level_places(body.name, body.solid, goal.T_world_body)
-    ]
+def _refuse_fall(bodies: Sequence[Body], footings: Sequence[Footing], member: str, when: str) -> None:
+    fall = first_fall(bodies, footings)
+    if fall is not None:
+        pointers = {body.name: f"/objects/{i}/{member}" for i, body in enumerate(bodies)}
+        raise ObjectsFall(fall, pointers, when)
 
 
-def _turns_at_rest(
-    given: ObjectToMove, body: Body, goal: Footing, places: Sequence[Surface], others: Sequence[PlacedBody]
-) -> Array:
-    """Return the turns of a goal that keep it at rest, and clear of everything that does not rest on the object."""
-    turns = symmetry_turns(body.solid, given.goal_symmetry)
-    under = [place for place in places if place.name in goal.supports]
-    kept = [
-        turn
-        for turn in turns[1:]
-        if _changes_nothing(body, turn) or _rests_turned(body, goal.T_world_body @ turn, under, others)
-    ]
-    return np.array([turns[0], *kept])
+@dataclass(frozen=True, eq=False)
+class _GoalPile:
+    """All objects at their goals, one of which may be turned."""
+
+    bodies: Sequence[Body]
+    footings: Sequence[Footing]
+    placed: Sequence[PlacedBody]
+    still: StillBodies
+    standing: Standing
+
+    def turns_at_rest(self, index: int, turns: Array) -> Array:
+        """Return the turns of a goal after which all objects stand, and are clear of one another."""
+        body, T_world_goal = self.bodies[index], self.footings[index].T_world_body
+        kept = [
+            turn
+            for turn in turns[1:]
+            if _changes_nothing(body, turn)
+            or (self._rests(index, T_world_goal @ turn) and self._is_clear(index, T_world_goal @ turn))
+        ]
+        return np.array([turns[0], *kept])
+
+    def _rests(self, index: int, T_world_body: Transform) -> bool:
+        """Tell whether a turned object rests where it is, and all others with it."""
+        body, supports = self.bodies[index], self.footings[index].supports
+        places = [*self.still.places, *self._places_of_others(index)]
+        under = [place for place in places if place.name in supports]
+        footing = find_footing(body.solid, T_world_body, body.com, under)
+        if isinstance(footing, Unsupported) or float(np.abs(footing.T_world_body - T_world_body).max()) > SAME_GOAL:
+            return False
+        goals = {one.name: (one, at.T_world_body) for one, at in zip(self.bodies, self.footings, strict=True)}
+        return self.standing.fall(goals | {body.name: (body, T_world_body)}) is None
+
+    def _is_clear(self, index: int, T_world_body: Transform) -> bool:
+        """Tell whether a turned object overlaps nothing: raised off what carries it, as what it carries is off it."""
+        body = self.bodies[index]
+        turned = placed_body(body.collision_body(), T_world_body, None)
+        beside, above = [*self.still.bodies], []
+        for other, placed, footing in zip(self.bodies, self.placed, self.footings, strict=True):
+            if body.name in footing.supports:
+                above.append(raised(placed, RAISE + body.solid.excess + other.solid.excess))
+            elif other is not body:
+                beside.append(placed)
+        lifted = raised(turned, RAISE + body.solid.excess)
+        return first_overlap([lifted], beside) is None and first_overlap([turned], above) is None
+
+    def _places_of_others(self, index: int) -> list[Surface]:
+        return [
+            place
+            for i, (body, footing) in enumerate(zip(self.bodies, self.footings, strict=True))
+            if i != index
+            for place in level_places(body.name, body.solid, footing.T_world_body)
+        ]
 
 
 def _changes_nothing(body: Body, turn: Transform) -> bool:
@@ -230,14 +275,6 @@ def _changes_nothing(body: Body, turn: Transform) -> bool:
     farthest, _ = KDTree(corners).query(corners @ turn[:3, :3].T + turn[:3, 3])
     moved = np.linalg.norm(turn[:3, :3] @ body.com + turn[:3, 3] - body.com)
     return max(float(np.max(farthest)), float(moved)) <= SAME_GOAL * float(np.ptp(corners, axis=0).max())
-
-
-def _rests_turned(body: Body, T_world_body: Transform, places: Sequence[Surface], others: Sequence[PlacedBody]) -> bool:
-    footing = find_footing(body.solid, T_world_body, body.com, places)
-    if isinstance(footing, Unsupported) or float(np.abs(footing.T_world_body - T_world_body).max()) > SAME_GOAL:
-        return False
-    turned = raised(placed_body(body.collision_body(), T_world_body, None), RAISE + body.solid.excess)
-    return first_overlap([turned], others) is None
 
 
 def _top_of_box(name: str, center: Array, size: Array) -> Surface:

@@ -28,8 +28,16 @@ ANGLE = {"type": "mesh", "upload": "angle"}
 def build():
     cells = {name: load_cell(name) for name in known_cells()}
     ring = trimesh.creation.annulus(0.03, 0.04, 0.05, sections=32)
-    meshes = {"angle": take_mesh(file_of(angle(), "stl"), "stl"), "ring": take_mesh(file_of(ring, "stl"), "stl")}
+    made = {"angle": angle(), "ring": ring, "bracket": bracket()}
+    meshes = {name: take_mesh(file_of(mesh, "stl"), "stl") for name, mesh in made.items()}
     return lambda body: build_scene(read_task(body), cells, uploads=meshes.get)
+
+
+def bracket():
+    """A square foot of 0.1 m round z, 20 mm thick, with a wall of 60 mm on its -x side."""
+    wide = angle(0.1)
+    wide.apply_transform(stand([-0.05, 0.05, 0.0]))
+    return wide
 
 
 def task(objects, **more):
@@ -132,3 +140,18 @@ def test_a_turned_mesh_is_depicted_where_it_is(build):
     body = moved.body.collision_body_in_world()
     lowest = min(shape.vertices[:, 2].min() for shape in body.shapes)
     assert lowest == pytest.approx(TOP, abs=1e-9)
+
+
+def test_a_goal_is_not_turned_into_what_is_to_rest_on_it(build):
+    com, start = (-0.015, 0.0, 0.02), [0.4, 0.3, TOP, 1, 0, 0, 0]
+    lower = lying({"type": "mesh", "upload": "bracket"}, start, [0.5, 0, TOP, 1, 0, 0, 0], com, goal_symmetry="axis")
+    brick = {"type": "box", "size": [0.05, 0.03, 0.02]}
+    upper = lying(brick, [0.4, -0.3, TOP + 0.01, 1, 0, 0, 0], [0.52, 0, TOP + 0.03, 1, 0, 0, 0], (0, 0, 0))
+    moved, _ = build(task([lower, {**upper, "name": "upper"}])).objects
+    assert moved.goal_turns.shape[0] > 1
+    for turn in moved.goal_turns:
+        # Corners of the brick, seen from the turned foot, are beyond the wall.
+        corners = np.array([[0.02 + x, y] for x in (-0.025, 0.025) for y in (-0.015, 0.015)]) @ turn[:2, :2]
+        assert corners[:, 0].min() > -0.03
+    quarters = [round(np.degrees(np.arctan2(turn[1, 0], turn[0, 0]))) % 90 == 0 for turn in moved.goal_turns]
+    assert sum(quarters) == 3

@@ -21,6 +21,7 @@ from planners.scene.suction_tool import load_tool
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool")
 TABLE_TOP = 1.094
+QUARTER = [0.5**0.5, 0, 0, 0.5**0.5]
 
 
 @pytest.fixture(scope="module")
@@ -200,3 +201,18 @@ def test_a_tool_that_was_loaded_before_stands_as_one_that_is_read_from_its_file(
     assert given.tool.body.solid is loaded.body.solid
     np.testing.assert_array_equal(given.tool.T_world_tool, read.tool.T_world_tool)
     assert (given.tool.name, given.tool.supports) == (read.tool.name, read.tool.supports)
+
+
+def test_a_goal_is_turned_only_where_what_is_to_rest_on_it_still_does(build):
+    size = (0.13, 0.07, 0.02)
+    lower = box("lower", size, [0.36, 0.2, TABLE_TOP + 0.01, 1, 0, 0, 0], [0.45, 0, TABLE_TOP + 0.01, *QUARTER])
+    upper = box("upper", size, [0.36, -0.25, TABLE_TOP + 0.01, *QUARTER], [0.45, 0.06, TABLE_TOP + 0.03, 1, 0, 0, 0])
+    lower["goal_symmetry"] = "axis"
+    alone, _ = build(task("domino_pile", objects=[lower, {**upper, "goal_pose": upper["pose"]}])).objects
+    carrying, _ = build(task("domino_pile", objects=[lower, upper])).objects
+    assert len(alone.goal_turns) == 24
+    kept = [np.degrees(np.arctan2(turn[1, 0], turn[0, 0])) for turn in carrying.goal_turns]
+    # The upper one's centre of mass is 60 mm from the lower one's middle, 5 mm inside its end: over the turned one it
+    # is as long as 60 mm along its long sides' direction, turned, are within it.
+    over = [angle for angle in range(-165, 181, 15) if 0.06 * abs(np.sin(np.radians(angle))) <= 0.035]
+    assert sorted(round(angle) for angle in kept) == over
