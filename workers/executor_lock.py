@@ -66,12 +66,12 @@ class AdvisoryLock:
         shown = {"application_name": f"liftwright worker {name}"}
         self._engine = sa.create_engine(database.engine.url, poolclass=NullPool, connect_args=shown)
         self._connection: sa.Connection | None = None
-        self._held = False
+        self._held = self._stuck_shown = False
 
     def hold(self) -> bool:
         """Whether the name is ours: it still is, or was free and could be taken (again)."""
         if self._connection is None:
-            self._connection, self._held = self._connect(), False
+            self._connection, self._held, self._stuck_shown = self._connect(), False, False
         # While the connection lives, nobody can take from it what it holds.
         self._held = bool(self._ask(sa.true())) if self._held else self._take(self._name)
         return self._held
@@ -85,6 +85,15 @@ class AdvisoryLock:
         finally:
             if taken:
                 self._ask(sa.func.pg_advisory_unlock(_key(name)))
+
+    def show_stuck(self, *, stuck: bool) -> None:
+        """Say to whoever asks that something in this worker does not get on, or that all does: by a second lock."""
+        # Held at most once: the server counts.
+        if stuck and not self._stuck_shown:
+            self._stuck_shown = self._take(stuck_name(self._name))
+        elif self._stuck_shown and not stuck:
+            self._ask(sa.func.pg_advisory_unlock(_key(stuck_name(self._name))))
+            self._stuck_shown = False
 
     def close(self) -> None:
         """Give the name back."""
@@ -110,6 +119,11 @@ class AdvisoryLock:
         except exc.DBAPIError:
             self.close()
             raise
+
+
+def stuck_name(name: str) -> str:
+    """Return the name that is held as well while something in a worker does not get on."""
+    return f"{name} is stuck"
 
 
 def _key(name: str) -> int:

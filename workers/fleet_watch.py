@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 
 import structlog
 
@@ -28,10 +28,19 @@ class FleetWatch:
     """
 
     def __init__(
-        self, settings: WorkerSettings, queue: JobQueue, lock: AdvisoryLock | None, at_work: Callable[[], Set[str]]
+        self,
+        settings: WorkerSettings,
+        queue: JobQueue,
+        lock: AdvisoryLock | None,
+        at_work: Callable[[], Set[str]],
+        stuck: Callable[[], Sequence[str]],
     ) -> None:
-        """`at_work` tells the ids of the jobs that this process has; `lock` is None on SQLite."""
+        """`at_work` tells the ids of the jobs that this process has, `stuck` what in it does not get on.
+
+        `lock` is None on SQLite, where the API of the same process tells what is stuck.
+        """
         self._settings, self._queue, self._lock, self._at_work = settings, queue, lock, at_work
+        self._stuck = stuck
         self._name = settings.executor_name
         self._file: FileLock | None = None
         self._strays: set[str] = set()
@@ -69,17 +78,19 @@ class FleetWatch:
     async def look(self) -> None:
         """Look around once; a database that is gone is for the worker to know."""
         try:
-            await asyncio.to_thread(self._look)
+            await asyncio.to_thread(self._look, stuck=bool(self._stuck()))
         except DATABASE_GONE as error:
             self._lose(str(error.args[0] if error.args else error))
 
-    def _look(self) -> None:
+    def _look(self, *, stuck: bool) -> None:
         if self._lock is not None and not self._lock.hold():
             self._lose("another connection has this worker's name")
             return
         if self._lost_at is not None:
             log.info("worker is itself again", worker=self._name, seconds=round(time.monotonic() - self._lost_at, 1))
             self._lost_at = None
+        if self._lock is not None:
+            self._lock.show_stuck(stuck=stuck)
         running = self._queue.running()
         self._begin_strays_anew(running.pop(self._name, set()))
         if self._lock is None:

@@ -62,7 +62,7 @@ class Worker:
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
         lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
-        self._fleet = FleetWatch(settings, queue, lock, lambda: frozenset(self._at_work))
+        self._fleet = FleetWatch(settings, queue, lock, lambda: frozenset(self._at_work), lambda: supervisor.stuck)
 
     async def start(self) -> None:
         """Get the solver processes ready, then take up the jobs an earlier life left, then new ones.

@@ -1,14 +1,14 @@
-"""Whether a worker is alive, as the database sees it."""
+"""Whether a worker is alive and gets on, as the database sees it."""
 
 from __future__ import annotations
 
 from workers.database import open_database
-from workers.executor_lock import AdvisoryLock, FileLock, WorkerRuns
+from workers.executor_lock import AdvisoryLock, FileLock, WorkerRuns, stuck_name
 from workers.settings import WorkerSettings
 
 
 def worker_lives(settings: WorkerSettings) -> bool:
-    """Whether somebody holds the worker's name: its lock cannot be taken."""
+    """Whether somebody holds the worker's name, its lock cannot be taken, and nobody says that it is stuck."""
     if settings.embedded:
         try:
             FileLock(settings.data_dir, settings.executor_name).release()
@@ -19,8 +19,9 @@ def worker_lives(settings: WorkerSettings) -> bool:
     lock = AdvisoryLock(database, f"check of {settings.executor_name}")
     try:
         lock.hold()
-        with lock.borrowed(settings.executor_name) as dead:
-            return not dead
+        name = settings.executor_name
+        with lock.borrowed(name) as dead, lock.borrowed(stuck_name(name)) as gets_on:
+            return gets_on and not dead
     finally:
         lock.close()
         database.close()
