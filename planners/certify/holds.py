@@ -8,6 +8,7 @@ from planners.certify.attachments import rotation_angles
 from planners.certify.body_shape import BodyShape
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import GripView, PlanView, PushView, SegmentView
+from planners.certify.lines import stretches_inside
 from planners.certify.motion import SegmentMotion, relative
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
@@ -58,30 +59,22 @@ def _grip(
         settings.attachment_distance - np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1), where
     )
     turn.note_all(settings.attachment_angle - rotation_angles(poses, grip.T_body_tcp), where)
-    thickness, offset = _thickness(plan.bodies[grip.body].shape, grip.T_body_tcp)
+    thickness, offset = _thickness(plan.bodies[grip.body].shape, grip.T_body_tcp, settings.seam)
     width.note_all(settings.contact_distance - np.abs(widths[chosen] - thickness), where)
     width.note(settings.contact_distance - abs(grip.width - thickness), f"{segment.place()}: width of the hold")
     width.note(settings.contact_distance - abs(offset), f"{segment.place()}: the pads do not meet {grip.body} together")
 
 
-def _thickness(shape: BodyShape, T_body_tcp: Transform) -> tuple[float, float]:
+def _thickness(shape: BodyShape, T_body_tcp: Transform, seam: float) -> tuple[float, float]:
     """Return how thick a body is along the pads' line, and how far its middle is from the TCP [m].
 
-    For bodies of several parts, of the part that the line is longest in; 0 where it misses the body.
+    Where the line is inside more than once, of the stretch about the TCP or nearest to it; 0 where it misses the body.
     """
-    origin, direction = T_body_tcp[:3, 3], T_body_tcp[:3, 1]
-    best = (0.0, 0.0)
-    for part in shape.parts:
-        slopes, heights = (part.planes[:, :3] @ direction, part.planes[:, :3] @ origin + part.planes[:, 3])
-        if np.any((np.abs(slopes) < 1e-9) & (heights > 1e-9)):
-            continue
-        with np.errstate(divide="ignore"):
-            crossings = -heights / slopes
-        end = float(np.min(crossings[slopes >= 1e-9], initial=np.inf))
-        start = float(np.max(crossings[slopes <= -1e-9], initial=-np.inf))
-        if end - start > best[0]:
-            best = (end - start, (end + start) / 2)
-    return best
+    stretches = stretches_inside(shape.triangles, T_body_tcp[:3, 3], T_body_tcp[:3, 1], seam)
+    if len(stretches) == 0:
+        return 0.0, 0.0
+    begin, end = stretches[np.argmin(np.maximum(stretches[:, 0], -stretches[:, 1]))]
+    return float(end - begin), float(end + begin) / 2
 
 
 def _push(plan: PlanView, motion: SegmentMotion, push: PushView, settings: CertifySettings, finding: Finding) -> None:

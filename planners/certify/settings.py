@@ -64,6 +64,8 @@ class CertifySettings:
     pad_slant: float = math.radians(15.0)
     """Angle between a rubber pad or a cup's lip and the curved surface it lies on [rad]; the authors' threshold for
     facets and for fingers that face one another."""
+    seam: float = 1e-5
+    """Gap within a body or its surface that pads and lips do not notice [m]; an engineering choice."""
     lip_give: float = 1e-3
     """Distance of the surface from the plane of a cup's lip [m]; an engineering choice."""
     settled_distance: float = 1e-3

@@ -6,6 +6,7 @@ import numpy as np
 
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import BodyView, PlanView
+from planners.certify.part_cover import beyond_parts
 from planners.certify.scene_facts import compare_body, compare_settled
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_task import TOOL, StatedTool, ToolTask
@@ -56,8 +57,7 @@ def _covered(body: BodyView, finding: Finding, settings: CertifySettings) -> Non
     """The convex parts of a mesh, by which collisions are judged, contain its surface."""
     if body.shape.surface is None:
         return
-    points = np.concatenate([body.shape.vertices, body.shape.triangles.mean(axis=1)])
-    heights = np.min(
-        [np.max(points @ part.planes[:, :3].T + part.planes[:, 3], axis=1) for part in body.shape.parts], axis=0
+    height, point = beyond_parts(body.shape, settings.contact_distance)
+    finding.note(
+        settings.contact_distance - height, f"body {body.name}: convex parts, at {np.round(point, 4).tolist()}"
     )
-    finding.note(settings.contact_distance - float(heights.max()), f"body {body.name}: convex parts")

@@ -10,6 +10,7 @@ import numpy as np
 from planners.certify.balances import ContactSet
 from planners.certify.cones import angle, x_axis_error
 from planners.certify.contact_places import ContactPlaceChecks, Maker
+from planners.certify.disc import Disc
 from planners.certify.document_view import ContactView, PlanView
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
@@ -17,7 +18,7 @@ from planners.certify.tool_task import TOOL
 from planners.geometry.pose import Array, frame_from_z, inverse
 
 _RIM = 24
-"""Points of the lip's rim that are looked at, and as many half as far out."""
+"""Points of the lip's rim whose slant is looked at, and as many half as far out."""
 
 
 class ToolContactPlaces(ContactPlaceChecks):
@@ -60,14 +61,18 @@ class ToolContactPlaces(ContactPlaceChecks):
         if key in self._sealed:
             return
         self._sealed.add(key)
-        shape = self._plan.bodies[contact.body].shape
-        angles = 2.0 * math.pi * np.arange(_RIM) / _RIM
+        where = f"{where}: the lip on {contact.body}"
+        shape, radius = self._plan.bodies[contact.body].shape, contact.parameters["radius"]
         R = frame_from_z(T_object_tool[:3, 2], T_object_tool[:3, 0])
+        # The cup may be beside its place by as much as a contact may.
+        pad = Disc(radius + self._settings.contact_distance, self._settings.lip_give, self._settings.seam)
+        gap = pad.gap((shape.triangles - T_object_tool[:3, 3]) @ R)
+        if gap is not None:
+            self._points.note(float(np.linalg.norm(gap)) - pad.outer_radius, f"{where}: nothing seals there")
+        angles = 2.0 * math.pi * np.arange(_RIM) / _RIM
         for share in (0.5, 1.0):
-            circle = share * contact.parameters["radius"] * np.column_stack([np.cos(angles), np.sin(angles)])
+            circle = share * radius * np.column_stack([np.cos(angles), np.sin(angles)])
             for point in circle @ R[:, :2].T + T_object_tool[:3, 3]:
-                height, _ = shape.surface_distance(point)
-                self._points.note(self._settings.lip_give - abs(height), f"{where}: the lip on {contact.body}")
                 normals = shape.normals_near(point, self._settings.lip_give)
                 slant = min((angle(R[:, 2], normal) for normal in normals), default=math.pi)
-                self._normals.note(self._settings.pad_slant - slant, f"{where}: the lip on {contact.body}")
+                self._normals.note(self._settings.pad_slant - slant, where)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.pierced_plate import pierced_plate
 from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify
@@ -24,6 +25,12 @@ TOOL: dict[str, Any] = {
     ],
     "mass": 0.25, "com": [0, 0, 0.11], "cup": {"radius": 0.0165, "max_force": 15, "mu": 0.4, "kappa": 0.004},
 }  # fmt: skip
+
+HALVES: list[dict[str, Any]] = [
+    {"shape": {"type": "box", "size": [0.008, 0.02, 0.19]}, "pose": [side * 0.004, 0, 0.135, 1, 0, 0, 0]}
+    for side in (-1, 1)
+]
+"""Of that tool's shaft, cut square to where hands close on it."""
 
 
 def bracket_file() -> bytes:
@@ -93,6 +100,45 @@ def test_a_mesh_that_sticks_out_of_its_convex_parts_fails(
     assert "body block: convex parts" in failures(certify(document, surfaces, known))["task_bodies"]
 
 
+def test_a_mesh_whose_parts_leave_its_middle_out_fails(
+    of_a_custom_tool: Document, surfaces: RobotSurfaces, known: CellReference
+) -> None:
+    """Corners and middles of its triangles are all in a part."""
+    document = copy.deepcopy(of_a_custom_tool)
+    size = np.array([0.13, 0.07, 0.02])
+    corners = size / 2 * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    halves = [np.where(corners[:, :1] * side > 0, corners, corners * [-0.3, 1, 1]) for side in (-1, 1)]
+    shape: dict[str, Any] = {"type": "mesh", "vertices": corners.tolist(), "faces": faces}
+    document["bodies"]["block"]["shape"] = shape | {"convex_parts": [corners.tolist()]}
+    whole = failures(certify(document, surfaces, known))
+    assert "convex parts" not in whole.get("task_bodies", "")
+    document["bodies"]["block"]["shape"] = shape | {"convex_parts": [half.tolist() for half in halves]}
+    assert "body block: convex parts" in failures(certify(document, surfaces, known))["task_bodies"]
+
+
+@pytest.mark.parametrize(("begin", "seals"), [(0.0102, False), (-0.0072, False), (0.019, True)])
+def test_an_object_with_a_hole_under_the_lip_fails_wherever_the_hole_is(
+    begin: float, seals: bool, of_a_custom_tool: Document, surfaces: RobotSurfaces, known: CellReference
+) -> None:
+    """Square holes of 6 mm; no point of the lip's rim is over one of them, nor of the circle half as far out."""
+    document = copy.deepcopy(of_a_custom_tool)
+    segment = next(s for s in document["segments"] if s["kind"] == "attach")
+    cup = next(c for c in segment["contacts"] if c["kind"] == "suction" and c["body"] == "block")
+    body = document["bodies"]["block"]
+    middle = np.linalg.inv(from_pose7(body["pose"])) @ [*cup["point"], 1.0]
+    low = np.add(middle[:2], [-0.003, begin])
+    vertices, faces = pierced_plate(np.array(body["shape"]["size"]), low, low + 0.006)
+    body["shape"] = {
+        "type": "mesh", "vertices": vertices.tolist(), "faces": faces.tolist(), "convex_parts": [vertices.tolist()],
+    }  # fmt: skip
+    found = failures(certify(document, surfaces, known))
+    assert ("contact_points" in found) == (not seals)
+    if not seals:
+        assert "the lip on block: nothing seals there" in found["contact_points"]
+
+
 def test_a_mesh_that_is_inside_out_has_no_certificate(
     of_a_mesh: Document, surfaces: RobotSurfaces, known: CellReference
 ) -> None:
@@ -107,6 +153,14 @@ def test_a_plan_with_a_custom_tool_passes(
 ) -> None:
     check_document(of_a_custom_tool)
     assert failures(certify(of_a_custom_tool, surfaces, known)) == {}
+
+
+def test_a_plan_with_a_shaft_in_two_halves_passes(surfaces: RobotSurfaces, known: CellReference) -> None:
+    """Hands close on both halves at once, which are thick together only."""
+    document = planned({"objects": [block()], "tool": TOOL | {"shapes": [TOOL["shapes"][0], *HALVES]}})
+    grips = [s["hold"]["grip"] for s in document["segments"] if s["hold"] and s["hold"]["grip"]]
+    assert any(abs(grip["width"] - 0.016) < 1e-6 for grip in grips)
+    assert failures(certify(document, surfaces, known)) == {}
 
 
 @pytest.mark.parametrize(
