@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from app.cause_words import figures_of, reason_of
+
 
 def summarise(document: Mapping[str, Any]) -> str:
     """Return a few lines: outcome, what happens, largest force, times, checks, physics; or why there is no plan."""
@@ -85,9 +87,5 @@ def _explain(document: Mapping[str, Any]) -> str:
 
 
 def _cause(cause: Mapping[str, Any]) -> str:
-    sentence = str(cause["reason"])
-    if cause["needed"] is not None and cause["available"] is not None:
-        sentence += (
-            f": needed {cause['needed']:.4g} {cause['unit']}, available {cause['available']:.4g} {cause['unit']}"
-        )
-    return sentence + (f" ({cause['where']})" if cause["where"] else "")
+    figures = figures_of(cause)
+    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({cause['where']})" if cause["where"] else "")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.cause_words import figures_of, reason_of
 from app.viewer.considered import tell_considered
 from app.viewer.curves import Chart, Span
 from app.viewer.kind_story import DIGITS, KindStory
@@ -167,7 +168,4 @@ def _rows(figures: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:
-    numbers = None
-    if cause["needed"] is not None and cause["available"] is not None:
-        numbers = f"needed {cause['needed']:.4g} {cause['unit']}, available {cause['available']:.4g} {cause['unit']}"
-    return {"reason": cause["reason"], "numbers": numbers}
+    return {"reason": reason_of(cause), "numbers": figures_of(cause)}

@@ -111,7 +111,7 @@ class LiftReport:
         """
         told = {cause.reason for cause in main}
         often = [
-            replace(rejection, reason=f"{rejection.reason} ({count} times)")
+            replace(rejection, reason=f"{rejection.reason.rstrip('.')} ({count} times)")
             for rejection, count in self._lift.rejections.most_common(6)
             if rejection.reason not in told
         ]

@@ -169,6 +169,24 @@ def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:
     assert "(no contact)" in told
 
 
+@pytest.mark.parametrize(
+    ("reason", "needed", "available", "unit", "told"),
+    [
+        ("No hold bears it.", 0.2117, 0.0, "N", "- No hold bears it: short by 0.2117 N (face)"),
+        ("The pad is bent", -0.0005, -0.0012, "m", "- The pad is bent: short by 0.7 mm (face)"),
+        ("It is too thick.", 0.09, 0.085, "m", "- It is too thick: needed 90 mm, available 85 mm (face)"),
+        ("The cup is weak.", 0.0, -0.25, None, "- The cup is weak: short by 0.25 (face)"),
+        ("It is blocked.", None, None, None, "- It is blocked (face)"),
+    ],
+)
+def test_a_cause_tells_how_much_is_missing(
+    reason: str, needed: float | None, available: float | None, unit: str | None, told: str
+) -> None:
+    cause = {"reason": reason, "needed": needed, "available": available, "unit": unit, "where": "face"}
+    document = {"outcome": "not_found", "explanation": {"summary": "None was found.", "causes": [cause]}}
+    assert summarise(document).splitlines()[-1].strip() == told
+
+
 SCAN = SHIPPED / "tissue_boxes"
 
 

@@ -85,3 +85,9 @@ def test_the_time_that_planning_took_is_without_certificate_and_simulation(plann
         "stages": [{"name": name, "seconds": seconds} for name, seconds in stages.items()],
     }
     assert ["planned in", "1.75 s"] in story(planned)["highlights"]
+
+
+def test_a_cause_without_a_plan_tells_how_much_is_missing(document: dict[str, Any]) -> None:
+    cause = {"reason": "No forces balance it.", "needed": 20.55, "available": 0.0, "unit": "N", "where": "face"}
+    document |= {"outcome": "not_found", "explanation": {"summary": "None.", "causes": [cause]}}
+    assert story(document)["causes"] == [{"reason": "No forces balance it", "numbers": "short by 20.55 N"}]
