@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.geometry.pose import Array, rotation_from_vector
+from planners.balance.contacts import Cup
+from planners.balance.lifter import SuctionPad
+from planners.geometry.pose import Array, rotation_from_vector, skew
 from workers.simulation.force_sensor import ForceSensor
 from workers.simulation.lifter import SuctionLifter
 from workers.simulation.settings import ContactSettings, CupSettings, SensorSettings, WinchSettings
@@ -145,3 +147,50 @@ def test_a_slack_cable_does_not_push(scene) -> None:
     cup = on_a_cable(scene)
     plate = hang(cup, scene, np.array([0.0, 0.0, 5.0]))
     assert cup.hoist(-0.1, 0.0, plate) == pytest.approx(np.zeros(6))
+
+
+def stiff(scene, kappa: float) -> SuctionLifter:
+    return lifter(replace(scene, cup=replace(scene.cup, kappa=kappa)), error=0.0)
+
+
+def torque_at_the_pad(cup: SuctionLifter, plate: tuple, wrench: Array) -> Array:
+    """What a wrench about the centre of mass is about the pad."""
+    place, _ = cup.place(plate)
+    return wrench[3:] - skew(place - plate[1]) @ wrench[:3]
+
+
+TURNED = (rotation_from_vector([0.4, -0.2, 0.7]), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+
+
+def given(cup: SuctionLifter, pull: float, torque: Array) -> tuple[Array, Array]:
+    """The torques about the pad, (3,) each in world axes, of `give` and of `hoist`."""
+    place, velocity = cup.place(TURNED)
+    force = pull * TURNED[0] @ np.array([0.0, 0.0, 1.0])
+    manipulated = cup.give(np.concatenate([force, torque]), place, velocity, TURNED, STEP)
+    cup.hang(TURNED, torque)
+    return torque_at_the_pad(cup, TURNED, manipulated), torque_at_the_pad(cup, TURNED, cup.hoist(0.0, 0.0, TURNED))
+
+
+def test_a_cup_gives_a_planned_torque_that_its_pad_bears(scene) -> None:
+    pad, kappa = scene.cup, 20.0
+    bending = np.pi * pad.radius * kappa / np.sqrt(2.0)
+    twist = ContactSettings().friction_factor * pad.mu * pad.radius * 0.5 * pad.max_force
+    torque = TURNED[0] @ pad.T_plate_cup[:3, :3] @ [0.99 * bending, -0.99 * bending, 0.99 * twist]
+    for got in given(stiff(scene, kappa), 0.5 * pad.max_force, torque):
+        assert got == pytest.approx(torque)
+
+
+def test_a_cup_gives_no_more_torque_about_each_axis_than_its_pad_bears(scene) -> None:
+    pad, kappa = scene.cup, 20.0
+    limit = SuctionPad(Cup(pad.T_plate_cup, pad.radius, pad.max_force, pad.mu, kappa), 0.0, pad.mu)
+    bending = limit.bending_limit * pad.radius
+    axes = TURNED[0] @ pad.T_plate_cup[:3, :3]
+    for got in given(stiff(scene, kappa), 0.5 * pad.max_force, axes @ [0.5 * bending, -3.0 * bending, 0.0]):
+        assert axes.T @ got == pytest.approx([0.5 * bending, -bending, 0.0])
+
+
+def test_a_cup_that_is_nearly_a_hinge_gives_nearly_no_bending(scene) -> None:
+    hinge = stiff(scene, 0.005)
+    axes = TURNED[0] @ scene.cup.T_plate_cup[:3, :3]
+    for got in given(hinge, 0.5 * scene.cup.max_force, axes @ [1.6, 1.6, 0.0]):
+        assert np.linalg.norm(got) < 0.001

@@ -28,8 +28,10 @@ class SuctionLifter:
         cup = scene.cup
         self._settings, self._rng, self._cable = settings, rng, scene.lifter_model == "cable"
         self._arm = cup.T_plate_cup[:3, 3] - scene.plate.com
+        self._axes = cup.T_plate_cup[:3, :3]
         self._outward = -cup.T_plate_cup[:3, 2]
         self._mu, self._radius = contact.friction_factor * cup.mu, cup.radius
+        self._bending = math.pi * cup.radius * cup.kappa / math.sqrt(2.0)
         self.limit = cup.max_force
         """[N]"""
         self.stiffness = cup.max_force / settings.travel
@@ -118,7 +120,11 @@ class SuctionLifter:
         size, grip = float(np.linalg.norm(across)), self._mu * self.pull
         excess = across * max(0.0, 1.0 - grip / size) if size > 0.0 else np.zeros(3)
         self.force = self.pull * outward + across - excess
-        twist = float(torque @ outward)
-        twist = float(np.clip(twist, -self._radius * grip, self._radius * grip))
         arm = R @ self._arm
-        return np.concatenate([self.force, skew(arm) @ self.force + twist * outward]), excess
+        return np.concatenate([self.force, skew(arm) @ self.force + self._borne(torque, R, grip)]), excess
+
+    def _borne(self, torque: Array, R_world_plate: Array, grip: float) -> Array:
+        """Keep a torque (3,) within what the pad bears: paper B's (5g) about its x and y, friction about its normal."""
+        axes, twist = R_world_plate @ self._axes, self._radius * grip
+        most = np.array([self._bending, self._bending, twist])
+        return axes @ np.clip(axes.T @ torque, -most, most)

@@ -27,6 +27,8 @@ MODEL = (
     "presses less than a stated force.",
     "In the manipulation the lifter is a force source: the planned cup force with a seeded error, at most the cup's "
     "largest force, and the cup's own stiffness about the planned path.",
+    "The cup gives the torque that is planned for it, in the lift that of F_goal, as far as its pad bears it: bending "
+    "up to pi r kappa / sqrt(2) about each of its axes, by (5g), and twist by friction. On a cable it gives none.",
     "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift "
     "begins; both hands follow the pushing hand's vertical force by eq. (11), with V_d the speed "
     "that such lifters usually have. Without control they rise at that speed, blind.",
