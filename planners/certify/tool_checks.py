@@ -15,6 +15,7 @@ from planners.certify.kinds import SUCTION_TOOL, kind_check
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
 from planners.certify.solids import solids_of
+from planners.certify.standing import standing_check
 from planners.certify.tool_attachments import tool_attachment_checks
 from planners.certify.tool_bodies import tool_bodies_check
 from planners.certify.tool_contact_places import ToolContactPlaces
@@ -61,6 +62,7 @@ class ToolExamination:
             kind_check(motions, SUCTION_TOOL, settings),
             *join_checks(plan, motions, start, settings),
             *followed,
+            standing_check(plan, motions, steps, settings),
             *tool_attachment_checks(plan, motions, course, settings),
             *hold_checks(plan, motions, settings),
             *balance_checks(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
