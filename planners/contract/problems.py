@@ -72,7 +72,8 @@ def problem_of(fault: Mapping[str, Any]) -> Problem:
     if path == ["kind"]:
         problem["allowed"] = list(KINDS)
     if kind == "extra_forbidden" and fault["loc"][0] in KINDS and (known := known_members(fault["loc"][:-1])):
-        problem["allowed"] = known
+        # A member that is known only beside others is none of the choices.
+        problem["allowed"] = [name for name in known if name != path[-1]]
     choices = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
     if choices:
         problem["allowed"] = _quoted(choices)
@@ -106,6 +107,8 @@ _SENTENCES = {
 
 _IN_METRES = frozenset({"size", "radius", "height", "outline", "position", "com"})
 """Members whose numbers are lengths: drawings are in millimetres."""
+_POSES = frozenset({"plate_pose", "pose", "goal_pose", "tool_pose"})
+"""Members whose first three numbers are."""
 
 
 def _detail(kind: str, context: Mapping[str, Any], message: str, path: Sequence[str | int]) -> str:
@@ -113,10 +116,16 @@ def _detail(kind: str, context: Mapping[str, Any], message: str, path: Sequence[
         return _SENTENCES[kind]
     if kind in ("union_tag_invalid", "literal_error"):
         return "is none of the valid choices"
-    if kind in ("less_than_equal", "greater_than_equal") and _IN_METRES.intersection(map(str, path)):
+    if kind in ("less_than_equal", "greater_than_equal") and _is_length(path):
         message = f"{message} (metres)"
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":
         return f"must match {context['pattern']}"
     return message.replace("Input should be", "must be", 1)
+
+
+def _is_length(path: Sequence[str | int]) -> bool:
+    if _IN_METRES.intersection(map(str, path)):
+        return True
+    return len(path) > 1 and path[-2] in _POSES and path[-1] in (0, 1, 2)

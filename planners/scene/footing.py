@@ -21,6 +21,7 @@ from planners.scene.rest import (
     gaps,
     lowest_face,
     rests_level,
+    scalar_last_hint,
     settled,
 )
 from planners.scene.solid import ExtrudedSolid, FlatFace, Solid
@@ -84,12 +85,18 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
     tilt = face_tilt(face, T_world_body)
     below = [place for place in places if _shares(footprint(face, T_world_body), place.outline)]
     if tilt > REST_TILT:
-        return Unsupported(_why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below))
+        return Unsupported(
+            _why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below) + scalar_last_hint(T_world_body)
+        )
     if not below:
         return Unsupported("rests on nothing: nothing level is below it")
     fitting = [place for place in below if rests_level(face, T_world_body, place.height)]
     if not fitting:
-        return Unsupported(_why_apart(face, T_world_body, below) + _advice(solid, T_world_body, com, below))
+        return Unsupported(
+            _why_apart(face, T_world_body, below)
+            + _advice(solid, T_world_body, com, below)
+            + scalar_last_hint(T_world_body)
+        )
     height = max(place.height for place in fitting)
     T_settled = settled(face, T_world_body, height)
     touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]

@@ -25,6 +25,7 @@ from planners.scene.rest import (
     lowest_face,
     overhang,
     rests_level,
+    scalar_last_hint,
     settled,
     upper_surface,
 )
@@ -71,7 +72,8 @@ def place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tu
     if plate.solid.depth(com) < -CONTAINMENT_SLACK:
         raise SceneError("/plate/com", "the centre of mass is not inside the plate")
     if T_world_plate[2, 2] <= 0.0:
-        raise SceneError("/plate_pose", "the plate lies upside down or on its side: its +z must point up")
+        detail = "the plate lies upside down or on its side: its +z must point up"
+        raise SceneError("/plate_pose", detail + scalar_last_hint(T_world_plate))
     surface = _surface_below(plate, support, table)
     face = plate.solid.flat_faces()[0]
     if not rests_level(face, T_world_plate, surface.height):
@@ -105,7 +107,8 @@ def _why_not_level(who: str, body: Body, surface: Surface) -> str:
     tilt = face_tilt(face, body.T_world_body)
     if tilt > REST_TILT:
         degrees = math.degrees(tilt)
-        return f"{who} is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees"
+        hint = scalar_last_hint(body.T_world_body)
+        return f"{who} is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees{hint}"
     heights = gaps(face, body.T_world_body, surface.height)
     farthest = 1e3 * float(heights[np.argmax(np.abs(heights))])
     where = "above" if farthest > 0.0 else "below"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.geometry import polygon
-from planners.geometry.pose import Array, Transform, rotation_from_vector
+from planners.geometry.pose import Array, Transform, rotation_from_vector, to_pose7
 from planners.scene.solid import FlatFace, Solid
 
 REST_GAP = 1e-3
@@ -21,6 +21,8 @@ REST_TILT = math.radians(0.1)
 """[rad]"""
 EDGE_SLACK = 1e-6
 """A face may stick out this far over the edge of its surface: rounding, not intention [m]."""
+_SCALAR = 1e-3
+"""A quaternion's component counts as 0 below this [1]: written with few digits."""
 _ROUNDING = 1e-9
 
 
@@ -45,6 +47,18 @@ def face_tilt(face: FlatFace, T_world_body: Transform) -> float:
     """Return the angle between a face's outward normal and straight down [rad]."""
     normal = T_world_body[:3, :3] @ face.normal
     return math.atan2(math.hypot(normal[0], normal[1]), -normal[2])
+
+
+def scalar_last_hint(T_world_body: Transform) -> str:
+    """Return a question to end a refusal with, if a body that does not stand upright would with w last; else nothing.
+
+    With w first, a yaw written as x, y, z, w turns the body over about an axis across its x axis.
+    """
+    w, x, *_ = to_pose7(T_world_body)[3:]
+    upright = T_world_body[2, 2] >= math.cos(REST_TILT)
+    if upright or abs(w) > _SCALAR or abs(x) > _SCALAR:
+        return ""
+    return "; a quaternion's w comes first: was x, y, z, w written?"
 
 
 def gaps(face: FlatFace, T_world_body: Transform, height: float) -> Array:

@@ -131,6 +131,38 @@ def test_a_length_out_of_range_is_told_its_unit():
     }  # fmt: skip
 
 
+AWAY = [0.7, 300, 1.2, 1, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        ({"/plate_pose/0": 300}, "/plate_pose/0"),
+        ({"/support": {"shape": AB1["plate"]["shape"], "pose": AWAY}}, "/support/pose/1"),
+        ({"/obstacles": [{"name": "a", "shape": AB1["plate"]["shape"], "pose": AWAY}]}, "/obstacles/0/pose/1"),
+    ],
+)
+def test_a_position_out_of_range_is_told_its_unit(change, pointer):
+    (problem,) = problems(changed(change))
+    assert problem["pointer"] == pointer
+    assert problem["detail"].endswith("(metres)")
+
+
+def test_a_component_of_a_quaternion_has_no_unit():
+    (problem,) = problems(changed({"/plate_pose/4": 300}))
+    assert "metres" not in problem["detail"]
+
+
+def test_a_refused_name_is_none_of_the_choices():
+    shape = {"type": "box", "size": [0.1, 0.1, 0.1]}
+    given = {"name": "lid", "shape": shape, "mass": 0.1, "pose": [0, 0, 1, 1, 0, 0, 0], "detection": "object_1"}
+    (problem,) = problems({"kind": "suction_tool", "objects": [{**given, "goal_pose": given["pose"]}]})
+    assert problem["pointer"] == "/objects/0/detection"
+    choices = problem.get("allowed", [])
+    assert "goal_pose" in choices
+    assert "detection" not in choices
+
+
 def test_the_names_of_union_branches_are_members_of_nothing():
     """Else leaving them out of a pointer would lose a step of the body's own path."""
     schema = task_schema()
