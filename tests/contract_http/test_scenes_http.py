@@ -80,6 +80,7 @@ def test_the_demo_posts_a_scan_and_the_task_of_its_scene(
         ({"scene_id": "unknown"}, "/scene_id"),
         ({"scene_id": 7}, "/scene_id"),
         ({"cell": "dual_ur3e_lift"}, "/cell"),
+        ({"scene_id": None}, "/scene_id"),
         ({"objects": [{**TASK["objects"][0], "detection": "object_9"}]}, "/objects/0/detection"),
         ({"objects": [TASK["objects"][0], {**TASK["objects"][0], "name": "b"}]}, "/objects/1/detection"),
         ({"objects": [{"detection": "object_1", "goal_pose": TASK["objects"][0]["goal_pose"]}]}, "/objects/0/mass"),
