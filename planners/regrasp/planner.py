@@ -37,6 +37,8 @@ _SAME_PLACE = 5e-4
 """An object nearer to its goal than this is there already [m]: half of what the contract allows."""
 _SAME_TURN = 4e-3
 """The same for its orientation [rad]."""
+_AT_GOAL = 0.999
+"""Share of what the contract allows up to which an object that cannot be moved is at its goal [1]: rounding."""
 _STILL = 0.2
 """A plan of nothing to do stands still so long: a solved plan has segments [s]."""
 _MOST_CAUSES = 5
@@ -89,8 +91,8 @@ class SuctionToolPlanner:
 
     def plan(self) -> ToolPlan:
         """Plan the task; that there is no plan is an answer, with its reasons."""
-        to_move = [target for target in self.scene.objects if not _is_there(target)]
-        proofs = tuple(impossibilities(self.scene, to_move))
+        to_move = [target for target in self.scene.objects if self._has_to_move(target)]
+        proofs = tuple(impossibilities(self.scene, [target for target in to_move if _is_off_goal(target)]))
         if proofs:
             return self._unsolved(ToolOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs)
         obstacle = self._obstacle(to_move)
@@ -99,6 +101,13 @@ class SuctionToolPlanner:
         there = frozenset(self._targets) - {target.name for target in to_move}
         course = self.pile.plan(Course(self._start(), self._targets, there))
         return self._not_found(there) if course is None else self._solved(course)
+
+    def _has_to_move(self, target: MovedObject) -> bool:
+        """Tell whether an object is not at its goal; what nothing can move is there within all the contract allows."""
+        if _is_there(target):
+            return False
+        left = target.off_goal(target.body.T_world_body) <= _AT_GOAL
+        return not (left and any(impossibilities(self.scene, [target])))
 
     def _start(self) -> ToolStage:
         scene = self.scene
@@ -155,7 +164,7 @@ class SuctionToolPlanner:
     def _nearest_order(self) -> tuple[str, ...]:
         """Return the objects that have to be moved in the order that is tried first."""
         order = ObjectOrder.of(self.scene.objects)
-        moved = {name for name, target in self._targets.items() if _is_there(target)}
+        moved = {name for name, target in self._targets.items() if not self._has_to_move(target)}
         following: list[str] = []
         while possible := order.next(moved | set(following)):
             following.append(possible[0])
@@ -270,6 +279,11 @@ def _counted(count: int, noun: str) -> str:
 
 def _is_there(target: MovedObject) -> bool:
     return any(_same(target.body.T_world_body, T) for T in target.goals)
+
+
+def _is_off_goal(target: MovedObject) -> bool:
+    """Tell whether an object is beyond all doubt not at its goal: neither as it is given, nor as it is settled."""
+    return min(target.off_goal(T) for T in (target.T_world_start_given, target.body.T_world_body)) > 1.0
 
 
 def _same(one: Transform, other: Transform) -> bool:

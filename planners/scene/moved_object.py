@@ -17,6 +17,10 @@ from planners.scene.solid import ExtrudedSolid, Solid
 Symmetry = Literal["none", "axis", "shape"]
 AXIS_STEP = math.radians(15.0)
 """How finely the turns about an axis are sampled [rad]."""
+GOAL_DISTANCE = 1e-3
+"""An object this near to its goal is there [m]; contract."""
+GOAL_ANGLE = math.radians(0.5)
+"""The same for its orientation [rad]; contract."""
 SAME_PLACE = 1e-6
 """Corners closer together than this are one corner; a turn is a symmetry of the shape if it takes every corner to
 within ten times this of a corner [m]."""
@@ -37,6 +41,9 @@ class MovedObject:
     goal_supports: tuple[str, ...]
     """What carries it at its goal: names of bodies; an object that is named is meant at its own goal, and has to be
     there first."""
+    T_world_start_given: Transform
+    T_world_goal_given: Transform
+    """As the task gives them, before they were settled onto what carries the object."""
 
     @property
     def name(self) -> str:
@@ -53,6 +60,25 @@ class MovedObject:
     def goals(self) -> Array:
         """(k, 4, 4) `T_world_object` of every goal."""
         return self.T_world_goal @ self.goal_turns
+
+    def off_goal(self, T_world_object: Transform) -> float:
+        """Return how far a pose is from the goal as it is given, or the nearest of all its turns.
+
+        Returns:
+            The larger of distance and angle, as shares of what the contract allows [1]: at the goal up to 1. Turns
+            about an axis are not sampled here; the object need not rest after the turn.
+        """
+        T_goal_object = inverse(self.T_world_goal_given) @ T_world_object
+        round_ = isinstance(self.body.solid, ExtrudedSolid) and self.body.solid.is_round
+        if self.symmetry == "axis" or (self.symmetry == "shape" and round_):
+            upright = T_goal_object[2, 2] if self.symmetry == "axis" else abs(T_goal_object[2, 2])
+            angle = math.atan2(math.hypot(T_goal_object[0, 2], T_goal_object[1, 2]), upright)
+            return max(float(np.linalg.norm(T_goal_object[:3, 3])) / GOAL_DISTANCE, angle / GOAL_ANGLE)
+        turns = symmetry_turns(self.body.solid, self.symmetry)
+        distances = np.linalg.norm(T_goal_object[:3, 3] - turns[:, :3, 3], axis=1)
+        chords = np.linalg.norm(T_goal_object[:3, :3] - turns[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
+        angles = 2.0 * np.arcsin(np.minimum(1.0, chords / 2.0))
+        return float(np.maximum(distances / GOAL_DISTANCE, angles / GOAL_ANGLE).min())
 
 
 def symmetry_turns(solid: Solid, symmetry: Symmetry) -> Array:

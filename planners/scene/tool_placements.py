@@ -109,7 +109,18 @@ def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: Sha
     for i, (one, start, goal) in enumerate(zip(given, starts, goals, strict=True)):
         body = replace(bodies[i], T_world_body=start.T_world_body)
         turns = pile.turns_at_rest(i, symmetry_turns(body.solid, one.goal_symmetry))
-        objects.append(MovedObject(body, goal.T_world_body, one.goal_symmetry, turns, start.supports, goal.supports))
+        objects.append(
+            MovedObject(
+                body=body,
+                T_world_goal=goal.T_world_body,
+                symmetry=one.goal_symmetry,
+                goal_turns=turns,
+                start_supports=start.supports,
+                goal_supports=goal.supports,
+                T_world_start_given=bodies[i].T_world_body,
+                T_world_goal_given=from_pose7(one.goal_pose),
+            )
+        )
     return tuple(objects)
 
 

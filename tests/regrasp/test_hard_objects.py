@@ -61,7 +61,8 @@ def shape_of(given: dict[str, Any]) -> dict[str, Any]:
 
 def object_of(given: dict[str, Any]) -> dict[str, Any]:
     com = MESHES[given["mesh"]].center_mass.tolist() if "mesh" in given else [0.0, 0.0, 0.0]
-    return {
+    symmetry = {"goal_symmetry": given["symmetry"]} if "symmetry" in given else {}
+    return symmetry | {
         "name": given["name"],
         "shape": shape_of(given),
         "mass": given.get("mass", 0.15),
