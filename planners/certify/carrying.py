@@ -11,6 +11,7 @@ import numpy as np
 
 from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import PlanView
+from planners.certify.inertia import InertialLoad
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_course import CourseStep
@@ -51,15 +52,7 @@ def carrying_check(
 
 def _needed_force(plan: PlanView, motion: SegmentMotion, name: str) -> Array:
     """Return what must be exerted on a body, world axes: (n, 3) [N]."""
-    body, poses = plan.bodies[name], motion.body_poses[name]
-    centres = poses[:, :3, :3] @ body.com + poses[:, :3, 3]
-    return (body.mass or 0.0) * (_accelerations(motion.segment.time, centres) - plan.gravity)
-
-
-def _accelerations(time: Array, points: Array) -> Array:
-    """Return the acceleration of a point (n, 3) from the two steps about each sample; at the ends, of the neighbour."""
-    if len(time) < 3:
-        return np.zeros_like(points)
-    steps = np.diff(time)[:, None]
-    inner = 2.0 * np.diff(np.diff(points, axis=0) / steps, axis=0) / (steps[:-1] + steps[1:])
-    return np.concatenate([inner[:1], inner, inner[-1:]])
+    body = plan.bodies[name]
+    if body.mass is None:
+        return np.zeros((motion.samples, 3))
+    return -(body.mass * plan.gravity + InertialLoad.of(body, body.mass, motion).forces)

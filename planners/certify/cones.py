@@ -140,11 +140,29 @@ class ConeChecks:
             return
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
         hold = values["mu"] * (force if self._limits.model == "paper" else values["limit"] - force)
-        self._suction.note(hold - math.sqrt(3.0) * float(np.abs(shear).max()) + slack, f"{where}: shear")
-        radius = values["radius"]
-        self._suction_moment.note(radius * hold - math.sqrt(3.0) * abs(twist) + slack, f"{where}: twist")
-        peel = math.pi * radius * values["kappa"]
-        self._suction_moment.note(peel - math.sqrt(2.0) * float(np.abs(bend).max()) + slack, f"{where}: peel")
+        slips, twists, peels = pad_margins(hold, shear, twist, bend, values["radius"], values["kappa"])
+        self._suction.note(float(slips) + slack, f"{where}: shear")
+        self._suction_moment.note(float(twists) + slack, f"{where}: twist")
+        self._suction_moment.note(float(peels) + slack, f"{where}: peel")
+
+
+def pad_margins(
+    hold: Array | float, shear: Array, twist: Array | float, bend: Array, radius: float, kappa: float
+) -> tuple[Array, Array, Array]:
+    """Return what a suction pad's bounds (paper B, 5f-5h) leave of shear [N], of twist [Nm] and of bend [Nm]: (...,).
+
+    Args:
+        hold: (...,) largest shear [N].
+        shear: (..., 2) force along the pad's x and y [N].
+        twist: (...,) torque about the pad's normal [Nm].
+        bend: (..., 2) torque about the pad's x and y [Nm].
+        radius: of the pad [m].
+        kappa: how stiff the lip is against bending [N].
+    """
+    slips = hold - math.sqrt(3.0) * np.abs(shear).max(axis=-1)
+    twists = radius * hold - math.sqrt(3.0) * np.abs(twist)
+    peels = math.pi * radius * kappa - math.sqrt(2.0) * np.abs(bend).max(axis=-1)
+    return slips, twists, peels
 
 
 def _name(contact: ContactView) -> str:
@@ -153,12 +171,23 @@ def _name(contact: ContactView) -> str:
 
 
 def x_axis_error(contact: ContactView, T_world_body: Array) -> float:
-    """Return the angle between a pad's x axis and the body's x projected on the pad [rad].
+    """Return the angle between a pad's x axis as stated and as it is [rad]."""
+    return angle(contact.x_axis, pad_x_axes(T_world_body[None], contact.normal[None])[0])
 
-    The body's y stands for its x where that is square to the pad.
+
+def pad_x_axes(poses: Array, normals: Array) -> Array:
+    """Return the x axis of a pad on a body: the body's x projected on the pad, or its y where x is square to the pad.
+
+    Args:
+        poses: (n, 4, 4) `T_world_body`.
+        normals: (n, 3) unit, of the pad.
+
+    Returns:
+        (n, 3) unit vectors, world axes.
     """
-    x, y = (axis - contact.normal * float(axis @ contact.normal) for axis in T_world_body[:3, :2].T)
-    return angle(contact.x_axis, x if float(np.linalg.norm(x)) > _SQUARE else y)
+    x, y = (poses[:, :3, k] - normals * np.sum(poses[:, :3, k] * normals, axis=1, keepdims=True) for k in (0, 1))
+    axes = np.where(np.linalg.norm(x, axis=1, keepdims=True) > _SQUARE, x, y)
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
 
 
 def angle(a: Array, b: Array) -> float:

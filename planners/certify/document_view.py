@@ -99,6 +99,10 @@ class BodyView:
         heights = -planes[level, 3] * (planes[level, :3] @ up) + self.T_world_start[2, 3]
         return float(heights.max(initial=-math.inf))
 
+    def centres(self, poses: Array) -> Array:
+        """Return the centre of mass in the world at poses `T_world_body`: (n, 4, 4) → (n, 3) [m]."""
+        return poses[:, :3, :3] @ self.com + poses[:, :3, 3]
+
     @cached_property
     def lowest(self) -> float:
         """Height of the lowest vertex at the start [m]."""

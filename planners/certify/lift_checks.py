@@ -11,6 +11,7 @@ from planners.certify.cones import ConeChecks
 from planners.certify.contact_states import contact_state_checks, needs_sets
 from planners.certify.evidence import Evidence
 from planners.certify.holds import hold_checks
+from planners.certify.inertia import inertia_checks
 from planners.certify.infeasibility import infeasibility_check
 from planners.certify.joins import join_checks
 from planners.certify.kinds import PLATE_LIFT, kind_check
@@ -21,6 +22,7 @@ from planners.certify.lift_pairs import LiftTouchRule
 from planners.certify.lift_task import read_lift_task
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
+from planners.certify.set_spacing import spacing_check
 from planners.certify.solids import solids_of
 
 
@@ -60,7 +62,9 @@ class LiftExamination:
             *lift_attachment_checks(plan, motions, settings),
             *hold_checks(plan, motions, settings),
             *contact_state_checks(plan, motions, task, settings),
-            *balance_checks(plan, motions, sets, lambda m, b: needs_sets(plan, m, b, settings), settings),
+            *balance_checks(plan, sets, settings),
+            *inertia_checks(plan, motions, sets, settings),
+            spacing_check(plan, motions, sets, lambda m, b: needs_sets(plan, m, b, settings), settings),
             *ConeChecks(task.limits, settings).run([one for group in sets for one in group]),
             *LiftContactPlaces(plan, task, settings).run(motions, sets),
             *CollisionCheck(plan, solids, partial(LiftTouchRule, plan), settings).run(motions),

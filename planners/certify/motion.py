@@ -119,7 +119,7 @@ class SegmentMotion:
         """
         steps = np.diff(self.segment.time)
         if frame.kind == "body" and frame.owner not in self.riders:
-            return far * _turns(self.poses(frame)) ** 2 / 8
+            return far * turns_between(self.poses(frame)) ** 2 / 8
         arm, link = self._link_of(frame)
         if frame.kind == "finger":
             far += _FINGER_REACH + 0.1
@@ -181,7 +181,7 @@ def chord_lengths(poses: Array, centre: Array, bound: float) -> Array:
     return np.linalg.norm(np.diff(centres, axis=0), axis=1) + bound * turns
 
 
-def _turns(poses: Array) -> Array:
+def turns_between(poses: Array) -> Array:
     """Return the angles between successive orientations: (n - 1,) [rad]."""
     chord = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
     return 2 * np.arcsin(np.clip(chord / 2, 0.0, 1.0))

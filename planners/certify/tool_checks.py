@@ -7,13 +7,16 @@ from planners.certify.carrying import carrying_check
 from planners.certify.certificate import Check
 from planners.certify.collision import CollisionCheck
 from planners.certify.cones import ConeChecks
+from planners.certify.cup_hold import CupHold
 from planners.certify.evidence import Evidence
 from planners.certify.goals import goal_checks
 from planners.certify.holds import hold_checks
+from planners.certify.inertia import inertia_checks
 from planners.certify.joins import join_checks
 from planners.certify.kinds import SUCTION_TOOL, kind_check
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
+from planners.certify.set_spacing import spacing_check
 from planners.certify.solids import solids_of
 from planners.certify.standing import standing_check
 from planners.certify.tool_attachments import tool_attachment_checks
@@ -65,7 +68,10 @@ class ToolExamination:
             standing_check(plan, motions, steps, settings),
             *tool_attachment_checks(plan, motions, course, settings),
             *hold_checks(plan, motions, settings),
-            *balance_checks(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
+            *balance_checks(plan, sets, settings),
+            *inertia_checks(plan, motions, sets, settings),
+            spacing_check(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
+            *CupHold(plan, task, settings).run(motions, course),
             *ConeChecks(task.limits(plan), settings).run([one for group in sets for one in group]),
             carrying_check(plan, motions, steps, task.carry_limits(plan), settings),
             *ToolContactPlaces(plan, settings).run(motions, sets),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -485,11 +486,13 @@ def _at_rest(time: Array, pause: float) -> Iterator[int]:
 
 
 def _every(T_world_plate: Array, com_world: Array, pace: PaceSettings) -> Iterator[int]:
-    """Yield inner samples so that neither turn nor way between them is too large."""
-    last = 0
+    """Yield inner samples so that neither turn nor way between them is too large, added up there and back."""
+    turns = [rotation_angle(a, b) for a, b in pairwise(T_world_plate[:, :3, :3])]
+    ways = np.linalg.norm(np.diff(com_world, axis=0), axis=1)
+    steps = np.column_stack([np.array(turns) / pace.set_rotation, ways / pace.set_travel])
+    used = np.zeros(2)
     for sample in range(1, len(T_world_plate) - 1):
-        turn = rotation_angle(T_world_plate[last, :3, :3], T_world_plate[sample + 1, :3, :3])
-        way = float(np.linalg.norm(com_world[sample + 1] - com_world[last]))
-        if turn > pace.set_rotation or way > pace.set_travel:
-            last = sample
+        used += steps[sample - 1]
+        if np.any(used + steps[sample] > 1.0):
+            used[:] = 0.0
             yield sample

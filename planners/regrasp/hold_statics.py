@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -68,6 +69,9 @@ class HoldSettings:
     """Largest way of a centre of mass between two contact sets [m]: the document's rule is 10 mm."""
     set_pause: float = 0.24
     """Longest time between two contact sets while a body is held still [s]: the document's rule is 0.25 s."""
+    set_inertia: float = 0.045
+    """Part of a body's weight by which its inertia between two contact sets may differ from the mean of what both
+    count, weighted by time: the certificate's rule is 0.05."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,8 @@ class _Load:
     """(6,) about the centre of mass, world axes."""
     inertia: Array
     """(n, 6) likewise."""
+    gyration: float
+    """The body's largest radius of gyration [m]."""
 
     def wrenches(self, slowness: float = 1.0) -> Array:
         """Return (n, 6) that must be exerted on the body, about its centre of mass, if time is stretched so much."""
@@ -223,7 +229,8 @@ class HoldStatics:
             if poses is None:
                 poses = np.broadcast_to(places[name], (len(time), 4, 4))
             weight = np.concatenate([mass.mass * self.scene.cell.gravity, np.zeros(3)])
-            loads[name] = _Load(poses, mass.centres(poses), weight, mass.inertial_wrenches(time, poses))
+            inertia = mass.inertial_wrenches(time, poses)
+            loads[name] = _Load(poses, mass.centres(poses), weight, inertia, mass.gyration)
         return loads
 
     def _bearing(self, segment: ToolSegment, loads: Mapping[str, _Load], slowness: float = 1.0) -> _Bearing:
@@ -310,22 +317,45 @@ class HoldStatics:
         )
 
     def _samples(self, segment: ToolSegment, loads: Mapping[str, _Load]) -> list[int]:
-        """Return first and last sample and, between them, as few as the document's rule allows."""
-        time, last = segment.trajectory.time, len(segment.trajectory.time) - 1
-        chosen = [0]
+        """Return first and last sample and, between them, as few as the rules of documents and certificates allow."""
+        time = segment.trajectory.time
+        inner = (
+            k for pair in pairwise(self._spaced(time, loads)) for k in (*self._uncounted(time, loads, *pair), pair[1])
+        )
+        return [0, *inner]
+
+    def _spaced(self, time: Array, loads: Mapping[str, _Load]) -> list[int]:
+        """Return samples with no more than a pause between them, nor more of a turn or of a way, there and back."""
+        last, settings = len(time) - 1, self.settings
+        used = [time / settings.set_pause]
+        for load in loads.values():
+            chords = np.linalg.norm(np.diff(load.poses[:, :3, :3], axis=0), axis=(1, 2)) / math.sqrt(2.0)
+            used.append(_added_up(2.0 * np.arcsin(np.minimum(1.0, 0.5 * chords))) / settings.set_rotation)
+            used.append(_added_up(np.linalg.norm(np.diff(load.centres, axis=0), axis=1)) / settings.set_travel)
+        spent, chosen = np.array(used), [0]
         for sample in range(1, last + 1):
             before = chosen[-1]
-            if sample - 1 > before and self._far(loads, time, before, sample):
+            if sample - 1 > before and np.any(spent[:, sample] - spent[:, before] > 1.0):
                 chosen.append(sample - 1)
         return [*chosen, last]
 
-    def _far(self, loads: Mapping[str, _Load], time: Array, one: int, other: int) -> bool:
-        far = time[other] - time[one] > self.settings.set_pause
+    def _uncounted(self, time: Array, loads: Mapping[str, _Load], one: int, other: int) -> list[int]:
+        """Return the samples between two at which inertia must be counted too: always where it differs most."""
+        if other - one < 2:
+            return []
+        share = ((time[one + 1 : other] - time[one]) / (time[other] - time[one]))[:, None]
+        off = np.zeros(other - one - 1)
         for load in loads.values():
-            chord = np.linalg.norm(load.poses[other, :3, :3] - load.poses[one, :3, :3]) / math.sqrt(2.0)
-            far |= 2.0 * math.asin(min(1.0, 0.5 * float(chord))) > self.settings.set_rotation
-            far |= float(np.linalg.norm(load.centres[other] - load.centres[one])) > self.settings.set_travel
-        return bool(far)
+            missed = load.inertia[one + 1 : other] - (1.0 - share) * load.inertia[one] - share * load.inertia[other]
+            force, moment = (np.linalg.norm(part, axis=1) for part in (missed[:, :3], missed[:, 3:]))
+            allowed = self.settings.set_inertia * float(np.linalg.norm(load.weight))
+            off = np.maximum(off, np.maximum(force, moment / load.gyration) / allowed)
+        worst = int(np.argmax(off))
+        if off[worst] <= 1.0:
+            return []
+        middle = one + 1 + worst
+        before, after = (self._uncounted(time, loads, *ends) for ends in ((one, middle), (middle, other)))
+        return [*before, middle, *after]
 
     def _sets_at(
         self,
@@ -359,6 +389,11 @@ class HoldStatics:
                 )
                 point = T[:3, 3] - 0.5 * hold.width * normal
                 yield ContactForce(hold.arm, "soft_finger", point, normal, wrench, finger)
+
+
+def _added_up(steps: Array) -> Array:
+    """Return how far it is to each sample, (n,), from the steps between them, (n - 1,)."""
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def bearers(segment: ToolSegment) -> tuple[ToolHold, ...]:

@@ -34,6 +34,11 @@ class MassProperties:
         second = np.einsum("n,nki,nkj->ij", volumes, corners, corners) / 20.0 * (mass / volumes.sum())
         return cls(mass, np.asarray(com, dtype=float), np.trace(second) * np.eye(3) - second)
 
+    @property
+    def gyration(self) -> float:
+        """The largest radius of gyration about the centre of mass [m]."""
+        return float(np.sqrt(np.linalg.norm(self.tensor, 2) / self.mass))
+
     def centres(self, poses: Array) -> Array:
         """Return the centre of mass in the world at poses (n, 4, 4): (n, 3) [m]."""
         return poses[:, :3, :3] @ self.com + poses[:, :3, 3]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,20 @@ def squeeze(document: Document, segment: int, change: Callable[[float, float], f
         wrench = np.array(finger["wrench"])
         wrench[:3] += more * np.array(finger["normal"])
         finger["wrench"] = wrench.tolist()
+
+
+def widest_gap(document: Document) -> tuple[int, int]:
+    """The two balances of the lift that are farthest apart in samples."""
+    samples = sorted({c["sample"] for c in document["segments"][LIFT]["contacts"]})
+    before, after = max(pairwise(samples), key=lambda pair: pair[1] - pair[0])
+    assert after - before >= 8
+    return before, after
+
+
+def move_plate_aside(document: Document, sample: int, way: float) -> None:
+    """Move the plate and what is on it by so much during the lift [m]."""
+    for name in ("plate", "cup", "cable"):
+        document["segments"][LIFT]["body_poses"][name][sample][1] += way
 
 
 def tremble(document: Document, segment: int, joint: int) -> float:
@@ -333,6 +348,18 @@ def a_balance_is_missing(document: Document) -> None:
     segment = document["segments"][TILT]
     dropped = sorted({c["sample"] for c in segment["contacts"]})[2]
     segment["contacts"] = [c for c in segment["contacts"] if c["sample"] != dropped]
+
+
+@lie("contact_sets inertia attachments grips pushes", "segment 5 (transfer)")
+def the_plate_goes_aside_and_comes_back_between_two_balances(document: Document) -> None:
+    before, after = widest_gap(document)
+    for sample in range(before + 1, after):
+        move_plate_aside(document, sample, 0.006 * np.sin(np.pi * (sample - before) / (after - before)) ** 2)
+
+
+@lie("inertia", "segment 5 (transfer)")
+def the_plate_is_jolted_between_two_balances(document: Document) -> None:
+    move_plate_aside(document, sum(widest_gap(document)) // 2, 1.5e-4)
 
 
 @lie("contact_sets", "segment 3 (approach)")

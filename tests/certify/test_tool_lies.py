@@ -14,7 +14,7 @@ from support.tool_plans import QUARTER, Document, block, planned, reference_of_t
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify
 from planners.contract.plan_document import check_document
-from planners.geometry.pose import from_pose7, rotation_x, rotation_z, to_pose7, transform
+from planners.geometry.pose import Array, from_pose7, rotation_x, rotation_z, to_pose7, transform
 
 POST = {"name": "post", "shape": {"type": "box", "size": [0.05, 0.05, 0.05]}, "pose": [0.7, 0.7, 1.12, 1, 0, 0, 0]}
 
@@ -67,6 +67,18 @@ def contacts(segment: Document, kind: str, body: str) -> list[dict[str, Any]]:
     samples = sorted({c["sample"] for c in segment["contacts"] if c["body"] == body})
     sample = samples[len(samples) // 2]
     return [c for c in segment["contacts"] if (c["kind"], c["body"], c["sample"]) == (kind, body, sample)]
+
+
+def sway_between_sets(document: Document, way: Array) -> None:
+    """Move tool and block aside and back, smoothly, between the two of the block's sets with most samples between."""
+    segment = first(document, "transfer", after="attach")
+    samples = sorted({c["sample"] for c in segment["contacts"] if c["body"] == "block"})
+    before, after = max(pairwise(samples), key=lambda pair: pair[1] - pair[0])
+    assert after - before >= 4
+    for sample in range(before + 1, after):
+        part = np.sin(np.pi * (sample - before) / (after - before)) ** 2
+        for rows in segment["body_poses"].values():
+            rows[sample][:3] = (np.array(rows[sample][:3]) + part * way).tolist()
 
 
 @lie("hands", "held by")
@@ -212,6 +224,21 @@ def sets_of_the_object_are_missing(document: Document) -> None:
     segment = first(document, "transfer", after="attach")
     last = len(segment["time"]) - 1
     segment["contacts"] = [c for c in segment["contacts"] if c["body"] != "block" or c["sample"] in (0, last)]
+
+
+@lie("contact_sets", "transfer")
+def the_object_goes_away_and_comes_back_between_two_sets(document: Document) -> None:
+    sway_between_sets(document, np.array([0.0, 0.03, 0.0]))
+
+
+@lie("inertia", "transfer")
+def the_object_shakes_between_two_sets(document: Document) -> None:
+    sway_between_sets(document, np.array([0.0, 0.002, 0.0]))
+
+
+@lie("cup_hold", "block presses")
+def the_object_is_jerked_between_two_sets(document: Document) -> None:
+    sway_between_sets(document, np.array([0.0, 0.0, 0.15]))
 
 
 @lie("inertia", "transfer")

@@ -145,6 +145,34 @@ def test_sets_are_as_close_as_the_document_demands() -> None:
         assert swung.trajectory.time[other] - swung.trajectory.time[one] <= 0.25
 
 
+@pytest.mark.parametrize("step", [0.01, 0.02])
+def test_between_two_sets_the_mean_of_both_counts_the_inertia(step: float) -> None:
+    held = statics()
+    swung, places = swing(held, step=step, way=0.02, turn=0.0)
+    found = {one.sample: one for one in held.sets(swung, places) if one.body == "block"}
+    samples = sorted(found)
+    counted = [
+        sum((each.wrench[:3] for each in found[sample].forces if each.kind == "inertia"), np.zeros(3))
+        for sample in samples
+    ]
+    centres = swung.body_poses["block"][:, :3, 3]
+    needed = -0.1 * np.diff(centres, n=2, axis=0) / step**2
+    inner = np.arange(1, len(centres) - 1)
+    shown = np.column_stack([np.interp(inner, samples, column) for column in np.array(counted).T])
+    assert len(samples) < len(centres)
+    assert np.linalg.norm(shown - needed, axis=1).max() <= 0.05 * 0.1 * GRAVITY
+
+
+def test_a_way_there_and_back_needs_sets_like_any_other() -> None:
+    held = statics()
+    s = np.concatenate([smooth(40), smooth(40)[-2::-1]])[:, None]
+    there_and_back = segment(held, s * [0.0, 0.008, 0.0], np.zeros((len(s), 3)), 0.02)
+    samples = sorted({one.sample for one in held.sets(*there_and_back)})
+    centres = there_and_back[0].body_poses["block"][:, :3, 3]
+    ways = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    assert all(ways[one:other].sum() <= 0.010 for one, other in pairwise(samples))
+
+
 @pytest.mark.parametrize("mass", [0.1, 0.5, 1.9])
 def test_an_object_that_hangs_still_leaves_the_cup_what_it_does_not_weigh(mass: float) -> None:
     held = statics(mass=mass)
