@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import subprocess
+from types import FrameType
 
 import structlog
 import uvicorn
@@ -87,6 +88,8 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         server_header=False,
         timeout_graceful_shutdown=LONGEST_GOODBYE_SECONDS,
     )
+    # The server raises the signal that ended it once more, when everything is in order.
+    signal.signal(signal.SIGTERM, _end)
     asyncio.run(_Server(config, "keys" if keys_needed else "none").serve(sockets))
 
 
@@ -151,6 +154,11 @@ def _refuse_second_worker(settings: WorkerSettings) -> None:
     """Say so at once, in one line; the worker itself takes the lock for good when it starts."""
     if settings.embedded:
         FileLock(settings.data_dir, settings.executor_name).release()
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    # As a worker ends: threads of the engine that wait for a database which is away would keep the process.
+    os._exit(0)
 
 
 class _Server(uvicorn.Server):

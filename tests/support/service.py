@@ -64,7 +64,8 @@ class ServiceProcess:
 
     def stop(self) -> None:
         """Ask it to end, and wait."""
-        self._signal(signal.SIGTERM)
+        code = self._signal(signal.SIGTERM)
+        assert code in (None, 0), f"a stop in order ends with 0, not {code}"
 
     def client(self) -> httpx.Client:
         """Return a client for it."""
@@ -83,11 +84,13 @@ class ServiceProcess:
         except httpx.TransportError:
             return False
 
-    def _signal(self, number: signal.Signals) -> None:
-        if self.process is not None:
-            self.process.send_signal(number)
-            self.process.wait(timeout=30)
-            self.process = None
+    def _signal(self, number: signal.Signals) -> int | None:
+        """Send a signal, wait, and return the exit code; None where nothing runs."""
+        process, self.process = self.process, None
+        if process is None:
+            return None
+        process.send_signal(number)
+        return process.wait(timeout=30)
 
 
 @contextmanager
