@@ -145,10 +145,10 @@ def test_sets_are_as_close_as_the_document_demands() -> None:
         assert swung.trajectory.time[other] - swung.trajectory.time[one] <= 0.25
 
 
-@pytest.mark.parametrize("step", [0.01, 0.02])
+@pytest.mark.parametrize("step", [0.004, 0.006])
 def test_between_two_sets_the_mean_of_both_counts_the_inertia(step: float) -> None:
     held = statics()
-    swung, places = swing(held, step=step, way=0.02, turn=0.0)
+    swung, places = swing(held, step=step, way=0.005, turn=0.0)
     found = {one.sample: one for one in held.sets(swung, places) if one.body == "block"}
     samples = sorted(found)
     counted = [
@@ -166,7 +166,7 @@ def test_between_two_sets_the_mean_of_both_counts_the_inertia(step: float) -> No
 def test_a_way_there_and_back_needs_sets_like_any_other() -> None:
     held = statics()
     s = np.concatenate([smooth(40), smooth(40)[-2::-1]])[:, None]
-    there_and_back = segment(held, s * [0.0, 0.008, 0.0], np.zeros((len(s), 3)), 0.02)
+    there_and_back = segment(held, s * [0.0, 0.009, 0.0], np.zeros((len(s), 3)), 0.003)
     samples = sorted({one.sample for one in held.sets(*there_and_back)})
     centres = there_and_back[0].body_poses["block"][:, :3, 3]
     ways = np.linalg.norm(np.diff(centres, axis=0), axis=1)
