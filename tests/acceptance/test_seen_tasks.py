@@ -12,6 +12,7 @@ from support.service import ServiceProcess, finished, running_service
 
 from tests.support.scan_frames import SHIPPED, Scan, tissue_boxes
 
+pytestmark = pytest.mark.slow
 LONGEST_JOB_SECONDS = 120.0
 REACHED = 1e-3
 
@@ -27,7 +28,6 @@ def scan() -> Scan:
     return tissue_boxes(seed=7)
 
 
-@pytest.mark.slow
 def test_three_boxes_and_a_tool_that_cameras_see_are_piled_up_by_a_certified_plan(
     service: ServiceProcess, scan: Scan
 ) -> None:

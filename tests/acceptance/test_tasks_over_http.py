@@ -54,7 +54,10 @@ def solved(client: httpx.Client) -> Solved:
     return cache(lambda name: solve(client, task(f"{name}.json")))
 
 
-@pytest.mark.parametrize("name", ["ab1", "ab2", "ab3", "pb1", "pb2"])
+@pytest.mark.parametrize(
+    "name",
+    ["ab1", pytest.param("ab2", marks=pytest.mark.slow), "ab3", pytest.param("pb1", marks=pytest.mark.slow), "pb2"],
+)
 def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) -> None:
     body = task(f"{name}.json")
     plan, document = solved(name)

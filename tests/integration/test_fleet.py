@@ -180,6 +180,7 @@ def test_a_cancelled_job_is_stopped_within_a_second_wherever_it_runs(fleet: Flee
     assert fleet.plan(plan)["state"] == "cancelled"
 
 
+@pytest.mark.slow
 def test_a_job_that_takes_each_worker_with_it_is_given_up_and_the_next_one_runs(tmp_path: Path) -> None:
     with running_postgres() as server:
         settings = {**SETTINGS, "interruption_limit": 2, "database_url": server.url}
