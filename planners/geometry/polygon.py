@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numba import njit
 
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
@@ -105,29 +106,34 @@ def overlap(outline: Array, other: Array) -> Array:
 
     Sutherland and Hodgman's clipping of the first outline by each side of the second.
     """
-    corners = np.asarray(outline, dtype=float)
-    for start, normal in zip(other, inward_normals(other), strict=True):
-        if len(corners) == 0:
-            break
-        corners = _clip(corners, start, normal)
-    return _without_repeats(corners)
+    # Copies: for arrays that are locked, or in another order, the kernel would be compiled once more.
+    corners, sides = (np.array(each, dtype=float, order="C") for each in (outline, other))
+    return _without_repeats(_clipped(corners, sides, inward_normals(sides)))
 
 
-def _clip(corners: Array, start: Array, normal: Array) -> Array:
-    """Keep the part of the polygon on the inner side of one line."""
-    heights = (corners - start) @ normal
-    heights[np.abs(heights) < _ON_LINE] = 0.0
-    if np.all(heights >= 0.0):
-        return corners
-    kept: list[Array] = []
-    for index, corner in enumerate(corners):
-        following = (index + 1) % len(corners)
-        here, there = heights[index], heights[following]
-        if here >= 0.0:
-            kept.append(corner)
-        if here * there < 0.0:
-            kept.append(corner + here / (here - there) * (corners[following] - corner))
-    return np.array(kept).reshape(-1, 2)
+@njit(cache=True, nogil=True)
+def _clipped(corners: Array, starts: Array, normals: Array) -> Array:
+    """Keep the part of a polygon on the inner side of each of the lines."""
+    kept = corners
+    for side in range(len(starts)):
+        start, normal, heights = starts[side], normals[side], np.empty(len(kept))
+        for i in range(len(kept)):
+            height = (kept[i, 0] - start[0]) * normal[0] + (kept[i, 1] - start[1]) * normal[1]
+            heights[i] = 0.0 if abs(height) < _ON_LINE else height
+        if np.all(heights >= 0.0):
+            continue
+        left, count = np.empty((2 * len(kept), 2)), 0
+        for i in range(len(kept)):
+            following = (i + 1) % len(kept)
+            here, there = heights[i], heights[following]
+            if here >= 0.0:
+                left[count] = kept[i]
+                count += 1
+            if here * there < 0.0:
+                left[count] = kept[i] + here / (here - there) * (kept[following] - kept[i])
+                count += 1
+        kept = left[:count].copy()
+    return kept
 
 
 def _without_repeats(corners: Array) -> Array:
