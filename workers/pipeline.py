@@ -33,8 +33,8 @@ from workers.solver_protocol import REJECTED_VARIABLE, Request
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel that a plate lift needs."""
-REFERENCE_TOOL_TASK = "domino_pile.json"
-"""Planning its first object compiles what a suction-tool task needs beyond that."""
+REFERENCE_TOOL_TASKS = ("domino_pile.json", "can_stack.json")
+"""Planning the first object of each compiles what suction-tool tasks need beyond that: flat facets and curved ones."""
 FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
 """With so few holds the reference task is answered soon, and nearly all kernels are loaded."""
 
@@ -82,10 +82,11 @@ class Pipeline:
         Takes minutes the first time, seconds after that.
         """
         self.solve({"id": "compile", "task": reference_task()}, silent)
-        task = reference_tool_task()
-        self.solve({"id": "compile", "task": task}, silent)
+        tasks = reference_tool_tasks()
+        for task in tasks:
+            self.solve({"id": "compile", "task": task}, silent)
         for tool in known_tools():
-            self.handovers(self.cells[task["cell"]], load_tool(tool), ToolPlannerSettings().handovers, silent)
+            self.handovers(self.cells[tasks[0]["cell"]], load_tool(tool), ToolPlannerSettings().handovers, silent)
 
     def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
         """Return the certified and simulated plan document of a task, or the document that says why there is no plan.
@@ -127,10 +128,10 @@ def reference_task() -> dict[str, Any]:
     return _shipped_task(REFERENCE_TASK)
 
 
-def reference_tool_task() -> dict[str, Any]:
-    """Return the body of a suction-tool task with one object."""
-    task = _shipped_task(REFERENCE_TOOL_TASK)
-    return {**task, "objects": task["objects"][:1]}
+def reference_tool_tasks() -> list[dict[str, Any]]:
+    """Return bodies of suction-tool tasks with one object each: a flat one and a round one."""
+    tasks = [_shipped_task(name) for name in REFERENCE_TOOL_TASKS]
+    return [{**task, "objects": task["objects"][:1]} for task in tasks]
 
 
 def _shipped_task(name: str) -> dict[str, Any]:
