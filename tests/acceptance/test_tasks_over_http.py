@@ -56,7 +56,7 @@ def solved(client: httpx.Client) -> Solved:
 
 @pytest.mark.parametrize(
     "name",
-    ["ab1", pytest.param("ab2", marks=pytest.mark.slow), "ab3", pytest.param("pb1", marks=pytest.mark.slow), "pb2"],
+    ["ab1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2"))],
 )
 def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) -> None:
     body = task(f"{name}.json")
@@ -70,7 +70,7 @@ def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) 
     assert document["software"]["name"] == "liftwright"
 
 
-@pytest.mark.parametrize("name", ["ab1", "pb2"])
+@pytest.mark.parametrize("name", ["ab1", pytest.param("pb2", marks=pytest.mark.slow)])
 def test_a_lift_begins_on_the_support_and_ends_in_the_air(solved: Solved, name: str) -> None:
     _, document = solved(name)
     states = [segment["contact_state"]["element"] for segment in document["segments"] if segment["contact_state"]]
@@ -92,6 +92,7 @@ def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(c
     assert any(cause["needed"] == pytest.approx(weight, rel=0.01) for cause in in_newtons)
 
 
+@pytest.mark.slow
 def test_the_same_task_gives_the_same_plan(client: httpx.Client, solved: Solved) -> None:
     documents = [dict(solved("ab1")[1]), solve(client, task("ab1.json"))[1]]
     for document in documents:
@@ -104,7 +105,7 @@ def test_the_same_task_gives_the_same_plan(client: httpx.Client, solved: Solved)
     "name",
     [
         "domino_pile",
-        "can_stack",
+        pytest.param("can_stack", marks=pytest.mark.slow),
         pytest.param("tissue_pile", marks=pytest.mark.slow),
         pytest.param("tissue_pile_short_tool", marks=pytest.mark.slow),
     ],

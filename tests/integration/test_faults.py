@@ -99,6 +99,7 @@ def test_cancelling_ends_the_whole_process_group_within_a_second(service: Servic
         assert finished(client, post(client, "now"))["outcome"] == "solved"
 
 
+@pytest.mark.slow
 def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next_one_runs(tmp_path: Path) -> None:
     with running_service(tmp_path, FAKE_SOLVER, worker_slots=1, interruption_limit=2) as service:
         with service.client() as client:

@@ -79,12 +79,14 @@ def test_another_worker_takes_over_what_a_dead_one_had_and_its_processes_are_gon
     fleet.second.end(signal.SIGTERM)
 
 
+@pytest.mark.slow
 def test_a_worker_that_lives_is_not_robbed(fleet: Fleet) -> None:
     fleet.with_both_workers()
     plans = [fleet.post("steps-60") for _ in range(2)]
     assert [finished(fleet.client, plan)["attempts"] for plan in plans] == [1, 1]
 
 
+@pytest.mark.slow
 def test_two_workers_cannot_share_a_name(fleet: Fleet) -> None:
     fleet.with_both_workers()
     rival = WorkerProcess(

@@ -14,7 +14,11 @@ from workers.database import open_database
 from workers.settings import WorkerSettings
 
 
-@pytest.mark.parametrize("postgres", [False, pytest.param(True, marks=needs_postgres)], ids=["sqlite", "postgres"])
+@pytest.mark.parametrize(
+    "postgres",
+    [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=needs_postgres)],
+    ids=["sqlite", "postgres"],
+)
 def test_jobs_that_wait_and_run_while_the_software_is_replaced_all_end(postgres: bool, tmp_path: Path) -> None:
     with ExitStack() as stack:
         place = {"database_url": stack.enter_context(running_postgres()).url} if postgres else {}

@@ -54,6 +54,7 @@ def test_every_object_is_told_with_its_size_and_the_scene_is_listed(page: Page, 
     assert not page.locator("#score").is_visible()
 
 
+@pytest.mark.slow
 def test_layers_are_hidden_and_shown_again(page: Page) -> None:
     shown = settled(page)
     for layer, share in LAYERS.items():
@@ -63,6 +64,7 @@ def test_layers_are_hidden_and_shown_again(page: Page) -> None:
         wait_until_it_is_as_before(page, shown)
 
 
+@pytest.mark.slow
 def test_keys_hide_layers_and_move_the_camera(page: Page) -> None:
     shown = settled(page)
     page.keyboard.press("m")

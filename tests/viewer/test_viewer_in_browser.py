@@ -118,6 +118,7 @@ def test_the_slider_moves_robot_and_curves(page: Page) -> None:
     wait_until_it_is_as_before(page, before)
 
 
+@pytest.mark.slow
 def test_at_its_end_the_plan_goes_on_with_the_simulated_lift(
     page: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:
@@ -134,6 +135,7 @@ def test_at_its_end_the_plan_goes_on_with_the_simulated_lift(
     wait_until_it_differs(page, before)
 
 
+@pytest.mark.slow
 def test_the_simulation_shows_its_own_curves_and_the_lift_on_a_page_of_its_own(
     page: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:
@@ -232,6 +234,7 @@ def test_the_panels_tell_figures_rejections_and_checks(
     assert page.locator(".checks .yes").count() == len(document["certificate"]["checks"])
 
 
+@pytest.mark.slow
 def test_two_people_watch_two_plans_and_one_of_them_learns_why_there_is_none(
     page: Page, service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
 ) -> None:
@@ -253,6 +256,7 @@ def test_two_people_watch_two_plans_and_one_of_them_learns_why_there_is_none(
     other.context.close()
 
 
+@pytest.mark.slow
 def test_neither_a_plan_deleted_while_watched_nor_a_watcher_who_leaves_harms_anything(
     page: Page, service: ServiceProcess, plans: dict[str, Any], open_page: Callable[..., Page]
 ) -> None:
@@ -302,6 +306,7 @@ def test_a_suction_tool_plan_plays_with_its_object_and_curves(suction_page: Page
     page.evaluate("player.choose('plan'); player.seek(0)")
 
 
+@pytest.mark.slow
 def test_what_was_considered_is_told_and_drawn_on_demand(
     suction_page: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:

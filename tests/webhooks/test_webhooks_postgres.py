@@ -6,6 +6,7 @@ import json
 import signal
 from pathlib import Path
 
+import pytest
 from standardwebhooks.webhooks import Webhook
 from support.postgres import needs_postgres, running_postgres
 from support.receiver import running_receiver
@@ -13,6 +14,7 @@ from support.service import FAKE_SOLVER, running_service, task, wait_for
 from support.worker import WorkerProcess
 
 
+@pytest.mark.slow
 @needs_postgres
 def test_a_worker_tells_the_end_of_a_job_again_until_it_is_taken_even_if_it_dies_meanwhile(tmp_path: Path) -> None:
     with running_postgres() as server, running_receiver() as receiver:
