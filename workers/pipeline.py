@@ -129,9 +129,12 @@ def reference_task() -> dict[str, Any]:
 
 
 def reference_tool_tasks() -> list[dict[str, Any]]:
-    """Return bodies of suction-tool tasks with one object each: a flat one and a round one."""
-    tasks = [_shipped_task(name) for name in REFERENCE_TOOL_TASKS]
-    return [{**task, "objects": task["objects"][:1]} for task in tasks]
+    """Return bodies of suction-tool tasks with one object each: a flat one and a round one; the first is simulated."""
+    flat, curved = (_shipped_task(name) for name in REFERENCE_TOOL_TASKS)
+    return [
+        {**flat, "objects": flat["objects"][:1]},
+        {**curved, "objects": curved["objects"][:1], "options": {"simulate": False}},
+    ]
 
 
 def _shipped_task(name: str) -> dict[str, Any]:
