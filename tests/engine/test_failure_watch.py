@@ -2,44 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 import sqlalchemy as sa
 from support.service import task
 
 from app.access.caller import ANYBODY
 from app.plan_desk import PlanDesk
-from workers.database import Database, open_database
+from workers.database import Database
 from workers.engine_table import workflow_table
 from workers.failure_watch import FailureWatch
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
-from workers.settings import WorkerSettings
 from workers.totals import FAILURE
 
 JOBS = workflow_table("sqlite")
 LONG_AGO_MS, LATER_MS = 1_700_000_000_000, 32_000_000_000_000
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    database = open_database(WorkerSettings(data_dir=tmp_path))
-    yield database
-    database.close()
-
-
-@pytest.fixture
-def queue(database: Database) -> Iterator[JobQueue]:
-    queue = JobQueue(database)
-    yield queue
-    queue.close()
-
-
-@pytest.fixture
-def store(database: Database) -> PlanStore:
-    return PlanStore(database)
 
 
 def end(database: Database, plan_id: str, status: str, ended_ms: int = LATER_MS) -> None:

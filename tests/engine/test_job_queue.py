@@ -3,44 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
-import pytest
 import sqlalchemy as sa
 from support.service import task
 
-from workers.database import Database, open_database
+from workers.database import Database
 from workers.engine_table import workflow_table
 from workers.job_order import JobOrder
 from workers.job_queue import APPLICATION_VERSION, Depth, JobQueue
 from workers.packed_document import PackedDocument
 from workers.plan_store import PlanStore
-from workers.settings import WorkerSettings
 from workers.time_stamp import now_us
 from workers.totals import DOCUMENT, STAGE, TAKEOVER
 
 JOBS = workflow_table("sqlite")
 DOCUMENT_MADE = PackedDocument("solved", "0" * 64, b"first", {"search": 0.5, "certify": 0.25})
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    database = open_database(WorkerSettings(data_dir=tmp_path))
-    yield database
-    database.close()
-
-
-@pytest.fixture
-def store(database: Database) -> PlanStore:
-    return PlanStore(database)
-
-
-@pytest.fixture
-def queue(database: Database) -> Iterator[JobQueue]:
-    queue = JobQueue(database)
-    yield queue
-    queue.close()
 
 
 def begin(database: Database, plan_id: str, worker: str) -> None:

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 import trimesh
 
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.solid_mesh import SolidMesh
-from workers.database import open_database
+from workers.database import Database
 from workers.mesh_store import MeshStore
-from workers.settings import WorkerSettings
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[MeshStore]:
-    database = open_database(WorkerSettings(data_dir=tmp_path))
-    yield MeshStore(database)
-    database.close()
+def store(database: Database) -> MeshStore:
+    return MeshStore(database)
 
 
 @pytest.fixture(scope="module")

@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator
-from pathlib import Path
 
-import pytest
 import sqlalchemy as sa
 from support.service import task
 
 from planners.contract.scene_document import SceneDocument
 from planners.perception.perceive import PerceivedScene
-from workers.database import Database, open_database
+from workers.database import Database
 from workers.engine_table import workflow_table
 from workers.job_queue import JobQueue
 from workers.packed_document import PackedDocument
 from workers.plan_store import PlanStore, now_us
 from workers.retention import BATCH, US_PER_DAY, Retention
 from workers.scene_store import SceneStore
-from workers.settings import WorkerSettings
 from workers.tables import DOCUMENTS, EVENTS, PLANS, SCENES
-
-
-@pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    database = open_database(WorkerSettings(data_dir=tmp_path))
-    yield database
-    database.close()
-
-
-@pytest.fixture
-def queue(database: Database) -> Iterator[JobQueue]:
-    queue = JobQueue(database)
-    yield queue
-    queue.close()
 
 
 def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: float | None) -> str:

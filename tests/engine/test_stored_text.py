@@ -47,13 +47,6 @@ def database(place: dict[str, str], tmp_path: Path) -> Iterator[Database]:
     database.close()
 
 
-@pytest.fixture
-def queue(database: Database) -> Iterator[JobQueue]:
-    queue = JobQueue(database)
-    yield queue
-    queue.close()
-
-
 @on_both_databases
 def test_progress_of_an_object_with_the_longest_name_is_kept(database: Database, queue: JobQueue) -> None:
     store = PlanStore(database)

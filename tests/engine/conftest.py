@@ -1,0 +1,32 @@
+"""A database of one's own for each test, with the queue and the plans in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from workers.database import Database, open_database
+from workers.job_queue import JobQueue
+from workers.plan_store import PlanStore
+from workers.settings import WorkerSettings
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[Database]:
+    database = open_database(WorkerSettings(data_dir=tmp_path))
+    yield database
+    database.close()
+
+
+@pytest.fixture
+def queue(database: Database) -> Iterator[JobQueue]:
+    queue = JobQueue(database)
+    yield queue
+    queue.close()
+
+
+@pytest.fixture
+def store(database: Database) -> PlanStore:
+    return PlanStore(database)
