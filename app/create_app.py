@@ -30,6 +30,7 @@ from app.settings import ServiceSettings
 from app.upload_gate import UploadGate
 from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
+from planners.contract.strict_json import parse_json
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.suction_tool import SuctionTool, known_tools, load_tool
 from workers.database import Database, open_database
@@ -118,5 +119,6 @@ def _load_assets() -> tuple[dict[str, Cell], dict[str, SuctionTool]]:
     cells = {name: load_cell(name) for name in known_cells()}
     tools = {name: load_tool(name) for name in known_tools()}
     for name in REFERENCE_TASKS:
-        accept_task(resources.files("assets").joinpath("tasks", name).read_bytes(), cells, tools=tools)
+        sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())
+        accept_task(sent, cells, tools=tools)
     return cells, tools

@@ -22,7 +22,7 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.refusal import ScanRefused
-from workers.database_loss import DATABASE_GONE
+from workers.database_loss import DATABASE_GONE, said_by
 from workers.webhook_target import TargetRefused
 
 MEDIA_TYPE = "application/problem+json"
@@ -352,7 +352,7 @@ def error_response(error: Exception) -> Response:
     """Return the answer to an error of `TABLE`."""
     if isinstance(error, DATABASE_GONE):
         # What the database says is for the log: it holds statements and addresses.
-        log.error("database cannot be used", error=str(error.args[0] if error.args else error))
+        log.error("database cannot be used", error=said_by(error))
         detail = "the database is away, or its disk is full; what was accepted is kept, so ask again"
         return problem_response(_answer_to(error), detail, headers={"Retry-After": "5"})
     return _answered(error, _problems(error))

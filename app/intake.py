@@ -10,7 +10,6 @@ from starlette.requests import ClientDisconnect, Request
 
 from app.errors import BodyStalled, BodyTooLarge, EncodedBody, NotJsonMedia
 from planners.contract.scene_document import SceneDocument
-from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import read_task, write_task
 from planners.errors import SceneError
 from planners.perception.scene_task import fill_from_scene
@@ -123,21 +122,6 @@ def _not_worth_reading(request: Request, limit: int) -> bool:
 
 
 def accept_task(
-    body: bytes,
-    cells: Mapping[str, Cell],
-    uploads: Uploads = no_uploads,
-    scenes: Scenes = no_scenes,
-    tools: Mapping[str, SuctionTool] = NO_TOOLS,
-) -> dict[str, Any]:
-    """Return the task in a body; see `accept_sent`.
-
-    Raises:
-        NotJson, pydantic.ValidationError, SceneError: What is wrong with it.
-    """
-    return accept_sent(parse_json(body), cells, uploads, scenes, tools)
-
-
-def accept_sent(
     sent: Any,
     cells: Mapping[str, Cell],
     uploads: Uploads = no_uploads,

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from app.bad_input import refuse
-from app.intake import NeedsScene, accept_sent
+from app.intake import NeedsScene, accept_task
 from app.progress_bar import ProgressBar
 from app.service_client import ServiceClient, ServiceRefused
 from app.summary import summarise
@@ -102,9 +102,9 @@ def _accept(sent: Any, scene: SceneDocument | None, pipeline: Pipeline) -> dict[
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
     if scene is not None:
-        return accept_sent(_named(sent, scene), pipeline.cells, _upload_elsewhere, lambda _: scene)
+        return accept_task(_named(sent, scene), pipeline.cells, _upload_elsewhere, lambda _: scene)
     try:
-        return accept_sent(sent, pipeline.cells, _upload_elsewhere, _scene_elsewhere)
+        return accept_task(sent, pipeline.cells, _upload_elsewhere, _scene_elsewhere)
     except NeedsScene as error:
         detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
         raise SceneError(error.pointer, detail) from error

@@ -11,7 +11,7 @@ import structlog
 from dbos import run_dbos_database_migrations
 from sqlalchemy import event
 
-from workers.database_loss import DATABASE_GONE, tell_read_only_as_loss
+from workers.database_loss import DATABASE_GONE, said_by, tell_read_only_as_loss
 from workers.migrations import migrate
 from workers.settings import WorkerSettings
 from workers.tables import TOTALS
@@ -98,7 +98,7 @@ def _wait_for_server(engine: sa.Engine) -> None:
         except DATABASE_GONE as error:
             if time.monotonic() > deadline:
                 raise
-            log.warning("waiting for the database", error=str(error.args[0] if error.args else error))
+            log.warning("waiting for the database", error=said_by(error))
         time.sleep(1.0)
 
 

@@ -23,6 +23,11 @@ Result = TypeVar("Result")
 log = structlog.get_logger(__name__)
 
 
+def said_by(error: exc.SQLAlchemyError) -> str:
+    """Return what the database said, without the statement that it was asked: for the log."""
+    return str(error.args[0] if error.args else error)
+
+
 def tell_read_only_as_loss() -> None:
     """Have a server that takes no writes count as one that is away: its connections are closed, and made anew.
 
@@ -52,6 +57,6 @@ async def once_it_is_there(
         try:
             return await asyncio.to_thread(call, *arguments, **named)
         except DATABASE_GONE as error:
-            log.warning("waiting for the database", seconds=pause, error=str(error.args[0] if error.args else error))
+            log.warning("waiting for the database", seconds=pause, error=said_by(error))
         await asyncio.sleep(pause)
         pause = min(2.0 * pause, LONGEST_PAUSE_SECONDS)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence, Set
 
 import structlog
 
-from workers.database_loss import DATABASE_GONE
+from workers.database_loss import DATABASE_GONE, said_by
 from workers.executor_lock import AdvisoryLock, FileLock, WorkerRuns
 from workers.job_queue import JobQueue
 from workers.settings import WorkerSettings
@@ -80,7 +80,7 @@ class FleetWatch:
         try:
             await asyncio.to_thread(self._look, stuck=bool(self._stuck()))
         except DATABASE_GONE as error:
-            self._lose(str(error.args[0] if error.args else error))
+            self._lose(said_by(error))
 
     def _look(self, *, stuck: bool) -> None:
         if self._lock is not None and not self._lock.hold():

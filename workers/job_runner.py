@@ -11,7 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from planners.contract.uploads import named_uploads
 from planners.errors import LiftwrightError
-from workers.database_loss import once_it_is_there
+from workers.database_loss import once_it_is_there, said_by
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
 from workers.packed_document import PackedDocument
@@ -125,7 +125,7 @@ class JobRunner:
                 await asyncio.to_thread(self._store.add_event, plan_id, event)
             except SQLAlchemyError as loss:
                 # Whatever the database says, it is no reason to end a job: what the solver reports next tells more.
-                log.warning("progress not kept", job_id=plan_id, error=str(loss.args[0] if loss.args else loss))
+                log.warning("progress not kept", job_id=plan_id, error=said_by(loss))
 
         limit = self._settings.solver_seconds
         try:

@@ -92,6 +92,7 @@ class PlanStore:
 
     def __init__(self, database: Database) -> None:
         self._engine = database.engine
+        self._jobs = workflow_table(database.engine.dialect.name)
 
     def accept(
         self,
@@ -260,7 +261,7 @@ class PlanStore:
 
     def overdue(self, time_us: int, most: int) -> list[str]:
         """Return the ids of plans whose jobs have not ended and should have by a time, most overdue first."""
-        jobs = workflow_table(self._engine.dialect.name)
+        jobs = self._jobs
         late = (
             sa.select(PLANS.c.id)
             .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
@@ -271,7 +272,7 @@ class PlanStore:
 
     def delayed(self, owner: str | None, most: int) -> int:
         """Return how many jobs of an owner wait for their start, counted up to `most`."""
-        jobs = workflow_table(self._engine.dialect.name)
+        jobs = self._jobs
         waiting = (
             sa.select(sa.literal(1))
             .select_from(PLANS.join(jobs, jobs.c.workflow_uuid == PLANS.c.id))
@@ -304,7 +305,7 @@ class PlanStore:
 
         Each is counted once, however often it is asked: a plan whose end is kept has been counted.
         """
-        jobs = workflow_table(self._engine.dialect.name)
+        jobs = self._jobs
         begun = sa.func.coalesce(PLANS.c.started_us, PLANS.c.created_us)
         uncounted = (
             sa.select(PLANS.c.id, jobs.c.status, jobs.c.updated_at, begun.label("begun_us"))

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 
 import structlog
 
-from workers.database_loss import DATABASE_GONE
+from workers.database_loss import DATABASE_GONE, said_by
 
 FIRST_RETRY_SECONDS = 1.0
 LONGEST_RETRY_SECONDS = 5.0
@@ -65,7 +65,7 @@ class Supervisor:
         try:
             await work()
         except DATABASE_GONE as error:
-            log.warning("waiting for the database", work=name, error=str(error.args[0] if error.args else error))
+            log.warning("waiting for the database", work=name, error=said_by(error))
             return False
         except Exception:
             # The one place in the service where everything is caught. Nobody waits for this work, so nobody would see

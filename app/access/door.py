@@ -17,6 +17,7 @@ from app.access.key_store import KeyRecord, KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import KeyNeeded, TooManyRequests
+from workers.database_loss import said_by
 from workers.time_stamp import now_us
 
 COOKIE = "liftwright"
@@ -116,7 +117,7 @@ class Door:
             self.keys.note_use(record)
         except SQLAlchemyError as error:
             self._next_note = time.monotonic() + UNNOTED_SECONDS
-            log.warning("use of a key not noted", key_id=record.id, error=str(error.args[0] if error.args else error))
+            log.warning("use of a key not noted", key_id=record.id, error=said_by(error))
 
     def _by_session(self, secret: str) -> KeyRecord | None:
         key_id = self.sessions.key_id(secret)

@@ -13,7 +13,7 @@ from starlette.responses import StreamingResponse
 
 from app.errors import BadHeader
 from app.events import stream_events, wait_for_end
-from app.intake import accept_sent, read_body
+from app.intake import accept_task, read_body
 from app.job_order_query import JobOrderQuery
 from app.page_token import write_page_token
 from app.plan_query import PlanQuery
@@ -81,7 +81,7 @@ async def post_plan(
         def accepted() -> dict[str, Any]:
             if order.webhook_id is not None:
                 webhooks.require_usable(order.webhook_id)
-            return accept_sent(sent, state.cells, state.meshes.get, scenes, state.tools)
+            return accept_task(sent, state.cells, state.meshes.get, scenes, state.tools)
 
         return desk.submit(sent, accepted, key, order)
 
