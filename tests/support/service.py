@@ -9,10 +9,10 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import httpx
 import psutil
@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TASKS = ROOT / "assets" / "tasks"
 FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
 STARTUP_SECONDS = 900.0
+T = TypeVar("T")
 
 
 def task(name: str = "ab1.json", **members: Any) -> dict[str, Any]:
@@ -103,12 +104,13 @@ def running_service(data_dir: Path, solver: tuple[str, ...] | None, **settings: 
         service.stop()
 
 
-def wait_for(holds: Any, seconds: float) -> None:
-    """Wait until `holds()` is true."""
+def wait_for(holds: Callable[[], T], seconds: float) -> T:
+    """Wait until `holds()` is true, and return what it returned."""
     deadline = time.monotonic() + seconds
-    while not holds():
+    while not (held := holds()):
         assert time.monotonic() < deadline, f"did not hold within {seconds} s"
         time.sleep(0.02)
+    return held
 
 
 def finished(client: httpx.Client, plan: dict[str, Any], seconds: float = 60.0) -> dict[str, Any]:
