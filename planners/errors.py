@@ -5,6 +5,8 @@ A plan that cannot be found is not an error: it is a result with reasons (`plann
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class LiftwrightError(Exception):
     """Anything the planners refuse; the message is a sentence for a person."""
@@ -25,7 +27,9 @@ class SceneError(LiftwrightError):
     `pointers` are all of them where several members do not go together.
     """
 
-    def __init__(self, pointer: str, detail: str, allowed: list[str] | None = None) -> None:
+    def __init__(
+        self, pointer: str, detail: str, allowed: list[str] | None = None, *, others: Iterable[str] = ()
+    ) -> None:
         self.pointer, self.detail, self.allowed = pointer, detail, allowed
-        self.pointers = (pointer,)
+        self.pointers = (pointer, *others)
         super().__init__(f"{pointer or '/'}: {detail}")

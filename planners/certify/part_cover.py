@@ -11,6 +11,9 @@ from planners.certify.body_shape import BodyShape, ConvexPart
 from planners.certify.covering import uncovered_point
 from planners.geometry.pose import Array
 
+_TOGETHER = 4096
+"""Points that are compared with all planes of a part at a time: a part may have thousands."""
+
 
 def beyond_parts(shape: BodyShape, give: float) -> tuple[float, Array]:
     """Return how far the surface reaches beyond all parts, and where [m]; negative where it is inside them.
@@ -43,10 +46,6 @@ def _heights(part: ConvexPart, points: Array, give: float) -> Array:
     for some in np.array_split(near, 1 + len(near) // _TOGETHER):
         heights[some] = np.max(points[some] @ part.planes[:, :3].T + part.planes[:, 3], axis=1)
     return heights
-
-
-_TOGETHER = 4096
-"""Points that are compared with all planes of a part at a time: a part may have thousands."""
 
 
 def _least_height(parts: Sequence[ConvexPart], point: Array) -> float:

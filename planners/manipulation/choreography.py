@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from planners.balance.balanced import Balanced, Unbalanced
 from planners.collision.model import CollisionQuery
 from planners.collision.placement import Attached
-from planners.geometry.pose import Array, Transform, inverse, rotation_angle
+from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
 from planners.kinematics.inverse import BRANCHES
 from planners.manipulation.assignment import Assignment
@@ -30,6 +29,7 @@ from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
+from planners.motion.spacing import spaced, spent_on_the_way
 from planners.motion.timing import TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, hold_still
 from planners.segment import ContactSet, GripHold, PushHold, Segment, SegmentKind
@@ -340,7 +340,8 @@ class _Run:
         hands = self._hands()
         chosen = [ContactSet(0, self._balanced(self.balance_at(ends[0], hands), errand))]
         last = len(T_world_plate) - 1
-        for sample in _every(T_world_plate, self.follower.poses.plate.com_world(T_world_plate), self.plan.pace):
+        com_world, pace = self.follower.poses.plate.com_world(T_world_plate), self.plan.pace
+        for sample in spaced(spent_on_the_way(T_world_plate, com_world, pace.set_rotation, pace.set_travel)):
             answer = self.plan.balance.solve(T_world_plate[sample], motion.contact_points, hands)
             chosen.append(ContactSet(sample, self._balanced(answer, errand)))
         chosen.append(ContactSet(last, self._balanced(self.balance_at(ends[1], hands), errand)))
@@ -483,16 +484,3 @@ def _at_rest(time: Array, pause: float) -> Iterator[int]:
         yield sample
         sample = max(sample + 1, int(np.searchsorted(time, time[sample] + pause, side="right")) - 1)
     yield last
-
-
-def _every(T_world_plate: Array, com_world: Array, pace: PaceSettings) -> Iterator[int]:
-    """Yield inner samples so that neither turn nor way between them is too large, added up there and back."""
-    turns = [rotation_angle(a, b) for a, b in pairwise(T_world_plate[:, :3, :3])]
-    ways = np.linalg.norm(np.diff(com_world, axis=0), axis=1)
-    steps = np.column_stack([np.array(turns) / pace.set_rotation, ways / pace.set_travel])
-    used = np.zeros(2)
-    for sample in range(1, len(T_world_plate) - 1):
-        used += steps[sample - 1]
-        if np.any(used + steps[sample] > 1.0):
-            used[:] = 0.0
-            yield sample

@@ -20,6 +20,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, transform
 from planners.geometry.wrench import wrench_about
 from planners.graph.rejections import Rejection
+from planners.motion.spacing import spaced, spent_on_the_way
 from planners.regrasp.finger_forces import FingerForces, least_squeeze, scaled
 from planners.regrasp.inertia import MassProperties
 from planners.regrasp.resting import RestingPoints, resting_points
@@ -326,18 +327,13 @@ class HoldStatics:
 
     def _spaced(self, time: Array, loads: Mapping[str, _Load]) -> list[int]:
         """Return samples with no more than a pause between them, nor more of a turn or of a way, there and back."""
-        last, settings = len(time) - 1, self.settings
-        used = [time / settings.set_pause]
-        for load in loads.values():
-            chords = np.linalg.norm(np.diff(load.poses[:, :3, :3], axis=0), axis=(1, 2)) / math.sqrt(2.0)
-            used.append(_added_up(2.0 * np.arcsin(np.minimum(1.0, 0.5 * chords))) / settings.set_rotation)
-            used.append(_added_up(np.linalg.norm(np.diff(load.centres, axis=0), axis=1)) / settings.set_travel)
-        spent, chosen = np.array(used), [0]
-        for sample in range(1, last + 1):
-            before = chosen[-1]
-            if sample - 1 > before and np.any(spent[:, sample] - spent[:, before] > 1.0):
-                chosen.append(sample - 1)
-        return [*chosen, last]
+        settings = self.settings
+        spent = [time[None] / settings.set_pause]
+        spent += [
+            spent_on_the_way(load.poses, load.centres, settings.set_rotation, settings.set_travel)
+            for load in loads.values()
+        ]
+        return [0, *spaced(np.concatenate(spent)), len(time) - 1]
 
     def _uncounted(self, time: Array, loads: Mapping[str, _Load], one: int, other: int) -> list[int]:
         """Return the samples between two at which inertia must be counted too: always where it differs most."""
@@ -389,11 +385,6 @@ class HoldStatics:
                 )
                 point = T[:3, 3] - 0.5 * hold.width * normal
                 yield ContactForce(hold.arm, "soft_finger", point, normal, wrench, finger)
-
-
-def _added_up(steps: Array) -> Array:
-    """Return how far it is to each sample, (n,), from the steps between them, (n - 1,)."""
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def bearers(segment: ToolSegment) -> tuple[ToolHold, ...]:

@@ -21,9 +21,8 @@ class BodiesOverlap(SceneError):
     """Two bodies touch or overlap; every member of the task that places one of them is pointed at."""
 
     def __init__(self, a: PlacedBody, b: PlacedBody, when: str) -> None:
-        pointers = tuple(dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None))
-        super().__init__(pointers[0], f"{a.name} and {b.name} touch or overlap {when}")
-        self.pointers = pointers
+        pointer, *others = dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None)
+        super().__init__(pointer, f"{a.name} and {b.name} touch or overlap {when}", others=others)
 
 
 @dataclass(frozen=True, eq=False)

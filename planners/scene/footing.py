@@ -85,18 +85,12 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
     tilt = face_tilt(face, T_world_body)
     below = [place for place in places if _shares(footprint(face, T_world_body), place.outline)]
     if tilt > REST_TILT:
-        return Unsupported(
-            _why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below) + scalar_last_hint(T_world_body)
-        )
+        return Unsupported(_why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below))
     if not below:
         return Unsupported("rests on nothing: nothing level is below it")
     fitting = [place for place in below if rests_level(face, T_world_body, place.height)]
     if not fitting:
-        return Unsupported(
-            _why_apart(face, T_world_body, below)
-            + _advice(solid, T_world_body, com, below)
-            + scalar_last_hint(T_world_body)
-        )
+        return Unsupported(_why_apart(face, T_world_body, below) + _advice(solid, T_world_body, com, below))
     height = max(place.height for place in fitting)
     T_settled = settled(face, T_world_body, height)
     touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]
@@ -158,14 +152,18 @@ def _why_apart(face: FlatFace, T_world_body: Transform, below: Sequence[Surface]
 
 
 def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[Surface]) -> str:
-    """Say where the body would rest, on the face that looks most nearly down among those it does not tip off."""
+    """Say where the body would rest, on the face that looks most nearly down among those it does not tip off.
+
+    And ask about its quaternion where the order of its components would explain how it is turned.
+    """
+    hint = scalar_last_hint(T_world_body)
     steady = [face for face in solid.flat_faces() if _is_steady(face, com)]
     if not below or not steady:
-        return ""
+        return hint
     face = max(steady, key=lambda face: float(face.normal @ -T_world_body[2, :3]))
     nearest = _nearest(face, T_world_body, below)
     pose = [round(value, 6) + 0.0 for value in to_pose7(settled(face, T_world_body, nearest.height))]
-    return f"; on {nearest.name} it would rest at {pose}"
+    return f"; on {nearest.name} it would rest at {pose}{hint}"
 
 
 def _is_steady(face: FlatFace, com: Array) -> bool:

@@ -125,7 +125,9 @@ def _fall(bodies: Sequence[Body], footings: Sequence[Footing]) -> Fall | None:
 
     What is left of b is, by Farkas' lemma, the motion in which they fall: no contact resists it, and weights drive it.
     """
-    centers = np.array([(footing.T_world_body @ [*body.com, 1.0])[:2] for body, footing in _pairs(bodies, footings)])
+    centers = np.array(
+        [(footing.T_world_body @ [*body.com, 1.0])[:2] for body, footing in zip(bodies, footings, strict=True)]
+    )
     masses = np.array([body.mass for body in bodies])
     rows = _rows(bodies, footings, centers, masses)
     needed = np.tile([1.0, 0.0, 0.0], len(bodies))
@@ -164,10 +166,6 @@ def _why(
     if not TIP_SLACK < outside < np.inf:
         return "would tip over together, though each would stand alone"
     return f"would tip over together: their common centre of mass is {1e3 * outside:.4g} mm beyond what carries them"
-
-
-def _pairs(bodies: Sequence[Body], footings: Sequence[Footing]) -> Iterator[tuple[Body, Footing]]:
-    yield from zip(bodies, footings, strict=True)
 
 
 def _listed(names: Sequence[str]) -> str:

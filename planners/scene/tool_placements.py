@@ -34,9 +34,8 @@ class ObjectsFall(SceneError):
     """Objects do not stand together; the member that places each of them is pointed at."""
 
     def __init__(self, fall: Fall, pointers: Mapping[str, str], when: str) -> None:
-        chosen = tuple(pointers[name] for name in fall.names)
-        super().__init__(chosen[0], f"{when}, {fall}")
-        self.pointers = chosen
+        pointer, *others = (pointers[name] for name in fall.names)
+        super().__init__(pointer, f"{when}, {fall}", others=others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,20 +235,19 @@ class _GoalPile:
 
     def turns_at_rest(self, index: int, turns: Array) -> Array:
         """Return the turns of a goal after which all objects stand, and are clear of one another."""
-        body, T_world_goal = self.bodies[index], self.footings[index].T_world_body
-        kept = [
-            turn
-            for turn in turns[1:]
-            if _changes_nothing(body, turn)
-            or (self._rests(index, T_world_goal @ turn) and self._is_clear(index, T_world_goal @ turn))
-        ]
-        return np.array([turns[0], *kept])
-
-    def _rests(self, index: int, T_world_body: Transform) -> bool:
-        """Tell whether a turned object rests where it is, and all others with it."""
-        body, supports = self.bodies[index], self.footings[index].supports
+        body, footing = self.bodies[index], self.footings[index]
         places = [*self.still.places, *self._places_of_others(index)]
-        under = [place for place in places if place.name in supports]
+        under = [place for place in places if place.name in footing.supports]
+
+        def is_kept(turn: Transform) -> bool:
+            T = footing.T_world_body @ turn
+            return _changes_nothing(body, turn) or (self._rests(index, T, under) and self._is_clear(index, T))
+
+        return np.array([turns[0], *filter(is_kept, turns[1:])])
+
+    def _rests(self, index: int, T_world_body: Transform, under: Sequence[Surface]) -> bool:
+        """Tell whether a turned object rests where it is on what is under it, and all others with it."""
+        body = self.bodies[index]
         footing = find_footing(body.solid, T_world_body, body.com, under)
         if isinstance(footing, Unsupported) or float(np.abs(footing.T_world_body - T_world_body).max()) > SAME_GOAL:
             return False
