@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +161,23 @@ class CollisionModel:
             frame_numbers={name: k for k, name in enumerate(frames)},
             names=names,
             arm_drivers=_arm_drivers(len(arms), len(frames)),
+        )
+
+    def with_bodies(self, bodies: Sequence[CollisionBody]) -> CollisionModel:
+        """Return the model of the same bodies whose shapes have moved on their frames; pairs are taken over.
+
+        Raises:
+            CollisionModelError: names, frames or numbers of shapes differ from those of `self.bodies`, in order.
+        """
+        if [_outward(body) for body in bodies] != [_outward(body) for body in self.bodies]:
+            raise CollisionModelError("the bodies differ in more than the places of their shapes")
+        by_name = {body.name: body for body in bodies}
+        arms = dict(zip(self.arms, zip(self.shapes.dh, self.shapes.T_world_base, strict=True), strict=True))
+        return replace(
+            self,
+            bodies=tuple(bodies),
+            body_pairs=tuple((by_name[a], by_name[b]) for a, b in self.pair_names),
+            shapes=_bare_kernel(arms, bodies, self.frames),
         )
 
     def frame_index(self, frame: str) -> int:
@@ -321,6 +338,11 @@ def _offset(placement: Placement) -> Transform:
 def _sorted_pair(pair: NamePair) -> NamePair:
     a, b = pair
     return (a, b) if a < b else (b, a)
+
+
+def _outward(body: CollisionBody) -> tuple[str, str, int]:
+    """Return what the pairs of a model depend on."""
+    return body.name, body.frame, len(body.shapes)
 
 
 def _check_bodies(bodies: Sequence[CollisionBody]) -> None:

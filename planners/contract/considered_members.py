@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from planners.contract.document_members import pose_row, significant
-from planners.geometry.pose import to_pose7
+from planners.geometry.pose import to_pose7s
 from planners.graph.rejections import Rejection
 from planners.regrasp.regrasp_figures import EdgeFigures, LayerFigures, RegraspFigures
 from planners.regrasp.suction_poses import SuctionCandidate
@@ -31,7 +29,7 @@ def considered_members(plan: ToolPlan) -> dict[str, Any]:
             for tried in plan.considered.suctions
         ],
         "tool_grasps": {
-            "poses": [significant(np.array(to_pose7(T))) for T in plan.grasps.T_tool_tcp],
+            "poses": significant(to_pose7s(plan.grasps.T_tool_tcp)),
             "widths": significant(plan.grasps.widths),
         },
         "regrasp_graphs": [_graph(figures) for figures in plan.regrasp],

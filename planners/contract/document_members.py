@@ -11,7 +11,7 @@ import numpy as np
 from planners.contract.document_bodies import document_bodies
 from planners.contract.plan_document import JOINT_NAMES, SCHEMA_VERSION
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, write_task
-from planners.geometry.pose import Array, Transform, to_pose7
+from planners.geometry.pose import Array, Transform, to_pose7s
 from planners.graph.rejections import Rejection, Rejections
 from planners.motion.trajectory import Trajectory
 from planners.scene.scene import PlateLiftScene
@@ -150,7 +150,12 @@ def motion_members(segment: TimedSegment, begun: float) -> dict[str, Any]:
 
 def pose_row(T: Transform) -> list[float]:
     """Return a sampled pose as `[x, y, z, w, x, y, z]`."""
-    return rounded(np.array(to_pose7(T)))
+    return pose_rows(T[None])[0]
+
+
+def pose_rows(transforms: Array) -> list[list[float]]:
+    """Return sampled poses (n, 4, 4), each as `pose_row` does."""
+    return rounded(to_pose7s(transforms))
 
 
 def rounded(values: Array, digits: int = _DIGITS) -> list[Any]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planners.balance.balanced import Balanced
-from planners.contract.document_members import document_of, motion_members, pose_row, rounded
+from planners.contract.document_members import document_of, motion_members, pose_rows, rounded
 from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, to_pose7
 from planners.manipulation.lift_plan import LiftPlan
@@ -87,7 +87,7 @@ def _body_poses(segment: Segment, scene: PlateLiftScene) -> dict[str, Any]:
     cable[:, :3, 3] = segment.T_world_body[:, :3, :3] @ anchor + segment.T_world_body[:, :3, 3]
     cable[:, 2, 3] += 0.5 * scene.cup.cable_length
     moving = {"plate": segment.T_world_body, "cup": cup, "cable": cable}
-    return {name: [pose_row(T) for T in poses] for name, poses in moving.items()}
+    return {name: pose_rows(poses) for name, poses in moving.items()}
 
 
 def _contacts(contact_set: ContactSet, segment: Segment, scene: PlateLiftScene) -> Iterator[dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planners.contract.considered_members import considered_members
-from planners.contract.document_members import document_of, motion_members, pose_row, significant
+from planners.contract.document_members import document_of, motion_members, pose_rows, significant
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, to_pose7
 from planners.regrasp.hold_statics import EPS, pad_axes
@@ -45,12 +45,8 @@ def tool_segments(segments: Sequence[ToolSegment], scene: SuctionToolScene) -> I
             "contact_state": None,
             "hold": _hold(segment),
             "attached": _attached(segment),
-            "body_poses": {name: [pose_row(T) for T in poses] for name, poses in segment.body_poses.items()},
-            "contacts": [
-                contact
-                for contact_set in segment.contact_sets
-                for contact in _contacts(contact_set, segment, places, scene)
-            ],
+            "body_poses": {name: pose_rows(poses) for name, poses in segment.body_poses.items()},
+            "contacts": list(_contacts(segment, places, scene)),
         }
         begun = document["time"][-1]
         places |= {name: poses[-1] for name, poses in segment.body_poses.items()}
@@ -78,12 +74,17 @@ def _attached(segment: ToolSegment) -> dict[str, Any]:
     return attached
 
 
-def _contacts(
-    contact_set: ToolContactSet, segment: ToolSegment, places: Mapping[str, Array], scene: SuctionToolScene
-) -> Iterator[dict[str, Any]]:
-    poses = segment.body_poses.get(contact_set.body)
-    T_world_body = places[contact_set.body] if poses is None else poses[contact_set.sample]
-    for force in contact_set.forces:
+def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionToolScene) -> Iterator[dict[str, Any]]:
+    """Yield all contacts of a segment; their numbers are written all at once, as there are thousands."""
+    stated = [(each, force) for each in segment.contact_sets for force in each.forces]
+    if not stated:
+        return
+    points, normals, wrenches = (
+        significant(np.array(rows))
+        for rows in zip(*((force.point, force.normal, force.wrench) for _, force in stated), strict=True)
+    )
+    of_cup = iter(_cup_members([entry for entry in stated if entry[1].kind == "suction"], segment, places, scene))
+    for (contact_set, force), point, normal, wrench in zip(stated, points, normals, wrenches, strict=True):
         inertia = force.kind == "inertia"
         yield {
             "sample": contact_set.sample,
@@ -91,25 +92,39 @@ def _contacts(
             "by": None if inertia else force.by,
             "finger": force.finger,
             "kind": force.kind,
-            "point": significant(force.point),
-            "normal": None if inertia else significant(force.normal),
-            "wrench": significant(force.wrench),
-            **_parameters(force, T_world_body, scene),
+            "point": point,
+            "normal": None if inertia else normal,
+            "wrench": wrench,
+            **(next(of_cup) if force.kind == "suction" else _parameters(force.kind, scene)),
         }
 
 
-def _parameters(force: ContactForce, T_world_body: Array, scene: SuctionToolScene) -> dict[str, Any]:
-    """Return what limits a contact."""
-    if force.kind == "soft_finger":
+def _parameters(kind: str, scene: SuctionToolScene) -> dict[str, Any]:
+    """Return what limits a contact that is not the cup's."""
+    if kind == "soft_finger":
         return {"mu": scene.friction.grip, "eps": EPS, "limit": scene.grip_force_limit}
-    if force.kind == "environment":
+    if kind == "environment":
         return {"mu": scene.friction.environment, "limit": None}
-    if force.kind == "inertia":
-        return {}
-    cup = scene.tool.cup
-    pull = -float(force.wrench[:3] @ force.normal)
-    return {
-        "mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force,
-        "suction_force": significant(np.array([pull]))[0],
-        "x_axis": significant(pad_axes(T_world_body[None], force.normal[None])[0]),
-    }  # fmt: skip
+    return {}
+
+
+def _cup_members(
+    stated: Sequence[tuple[ToolContactSet, ContactForce]],
+    segment: ToolSegment,
+    places: Mapping[str, Array],
+    scene: SuctionToolScene,
+) -> Iterator[dict[str, Any]]:
+    """Yield what limits the cup in each of its contacts, and how hard it pulls."""
+    if not stated:
+        return
+    cup, moving = scene.tool.cup, segment.body_poses
+    normals = np.array([force.normal for _, force in stated])
+    forces = np.array([force.wrench[:3] for _, force in stated])
+    T_world_bodies = np.array(
+        [moving[each.body][each.sample] if each.body in moving else places[each.body] for each, _ in stated]
+    )
+    pulls = significant(-np.einsum("ij,ij->i", forces, normals))
+    axes = significant(pad_axes(T_world_bodies, normals))
+    limits = {"mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force}
+    for pull, axis in zip(pulls, axes, strict=True):
+        yield {**limits, "suction_force": pull, "x_axis": axis}

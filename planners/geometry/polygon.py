@@ -5,6 +5,7 @@ Side k of an outline runs from corner k to corner k + 1 (modulo n).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -56,23 +57,25 @@ def convex_outline(corners: Sequence[Sequence[float]] | Array) -> Array:
 
 def side_lengths(outline: Array) -> Array:
     """Return the (n,) lengths of the sides [m]."""
-    return np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1)
+    return np.linalg.norm(_sides(outline), axis=1)
 
 
 def side_directions(outline: Array) -> Array:
     """Return the (n, 2) unit vectors along the sides, counter-clockwise."""
-    return (np.roll(outline, -1, axis=0) - outline) / side_lengths(outline)[:, None]
+    sides = _sides(outline)
+    return sides / np.linalg.norm(sides, axis=1)[:, None]
 
 
 def inward_normals(outline: Array) -> Array:
     """Return the (n, 2) unit normals of the sides that point into the polygon."""
     along = side_directions(outline)
-    return np.column_stack([-along[:, 1], along[:, 0]])
+    return np.stack([-along[:, 1], along[:, 0]], axis=1)
 
 
 def area(outline: Array) -> float:
     """Return the enclosed area [m²]."""
-    return 0.5 * float(np.sum(_cross(outline, np.roll(outline, -1, axis=0))))
+    x, y = outline[:, 0], outline[:, 1]
+    return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
 
 
 def segment_distance(one: Array, other: Array) -> float:
@@ -108,17 +111,19 @@ def overlap(outline: Array, other: Array) -> Array:
     """
     # Copies: for arrays that are locked, or in another order, the kernel would be compiled once more.
     corners, sides = (np.array(each, dtype=float, order="C") for each in (outline, other))
-    return _without_repeats(_clipped(corners, sides, inward_normals(sides)))
+    return _clipped(corners, sides)
 
 
 @njit(cache=True, nogil=True)
-def _clipped(corners: Array, starts: Array, normals: Array) -> Array:
-    """Keep the part of a polygon on the inner side of each of the lines."""
+def _clipped(corners: Array, sides: Array) -> Array:
+    """Keep the part of a polygon on the inner side of each side of another, without corners that coincide."""
     kept = corners
-    for side in range(len(starts)):
-        start, normal, heights = starts[side], normals[side], np.empty(len(kept))
+    for side in range(len(sides)):
+        start, end = sides[side], sides[(side + 1) % len(sides)]
+        x, y = end[0] - start[0], end[1] - start[1]
+        length, heights = math.sqrt(x * x + y * y), np.empty(len(kept))
         for i in range(len(kept)):
-            height = (kept[i, 0] - start[0]) * normal[0] + (kept[i, 1] - start[1]) * normal[1]
+            height = (kept[i, 0] - start[0]) * (-y / length) + (kept[i, 1] - start[1]) * (x / length)
             heights[i] = 0.0 if abs(height) < _ON_LINE else height
         if np.all(heights >= 0.0):
             continue
@@ -133,15 +138,16 @@ def _clipped(corners: Array, starts: Array, normals: Array) -> Array:
                 left[count] = kept[i] + here / (here - there) * (kept[following] - kept[i])
                 count += 1
         kept = left[:count].copy()
-    return kept
+    apart = np.empty(len(kept), np.bool_)
+    for i in range(len(kept)):
+        x, y = kept[i, 0] - kept[i - 1, 0], kept[i, 1] - kept[i - 1, 1]
+        apart[i] = math.sqrt(x * x + y * y) > _MIN_SIDE
+    return kept[apart]
 
 
-def _without_repeats(corners: Array) -> Array:
-    """Drop corners that coincide with the one before."""
-    if len(corners) == 0:
-        return corners
-    gaps = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    return corners[gaps > _MIN_SIDE]
+def _sides(outline: Array) -> Array:
+    """Return the (n, 2) ways from each corner to the next [m]."""
+    return np.concatenate([outline[1:], outline[:1]]) - outline
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -50,30 +50,26 @@ def from_pose7(pose: Sequence[float] | Array) -> Transform:
 
 def to_pose7(T: Transform) -> list[float]:
     """Write `[x, y, z, w, x, y, z]` with a unit quaternion whose scalar part is not negative."""
-    R = T[:3, :3]
-    # The largest of the four squared components decides the division, so that nothing small is divided by.
-    squares = np.array(
-        [
-            1 + R[0, 0] + R[1, 1] + R[2, 2],
-            1 + R[0, 0] - R[1, 1] - R[2, 2],
-            1 - R[0, 0] + R[1, 1] - R[2, 2],
-            1 - R[0, 0] - R[1, 1] + R[2, 2],
-        ]
-    )
-    largest = int(np.argmax(squares))
-    a, b, c = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    d, e, f = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
-    rows = [
-        (squares[0], a, b, c),
-        (a, squares[1], d, e),
-        (b, d, squares[2], f),
-        (c, e, f, squares[3]),
-    ]
-    quaternion = np.array(rows[largest])
-    quaternion /= np.linalg.norm(quaternion)
-    if quaternion[0] < 0:
-        quaternion = -quaternion
-    return [float(value) for value in (*T[:3, 3], *quaternion)]
+    return to_pose7s(T[None])[0].tolist()
+
+
+def to_pose7s(transforms: Array) -> Array:
+    """Write many transforms (n, 4, 4) as `to_pose7` writes one: (n, 7)."""
+    R = transforms[:, :3, :3]
+    # Every row is a multiple of the quaternion. The one with the largest of the four squared components divides by
+    # nothing small.
+    rows = np.empty((len(transforms), 4, 4))
+    for i, (x, y, z) in enumerate(((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))):
+        rows[:, i, i] = 1 + x * R[:, 0, 0] + y * R[:, 1, 1] + z * R[:, 2, 2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        rows[:, 0, 1 + i] = rows[:, 1 + i, 0] = R[:, k, j] - R[:, j, k]
+        rows[:, 1 + j, 1 + k] = rows[:, 1 + k, 1 + j] = R[:, j, k] + R[:, k, j]
+    largest = np.argmax(rows[:, range(4), range(4)], axis=1)
+    quaternions = rows[np.arange(len(rows)), largest]
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    quaternions[quaternions[:, 0] < 0] *= -1.0
+    return np.concatenate([transforms[:, :3, 3], quaternions], axis=1)
 
 
 def skew(vector: Sequence[float] | Array) -> Array:

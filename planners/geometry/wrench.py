@@ -32,5 +32,8 @@ def rotated(R_a_b: Array, sixes_b: Array) -> Array:
 def wrench_about(wrench: Array, point: Array, about: Array) -> Array:
     """Move a wrench (..., 6) given about `point` to the point `about`; all in the same axes [m]."""
     moved = wrench.copy()
-    moved[..., 3:] += np.cross(point - about, wrench[..., :3])
+    lever = point - about
+    for i in range(3):  # np.cross takes ten times as long for few
+        j, k = (i + 1) % 3, (i + 2) % 3
+        moved[..., 3 + i] += lever[..., j] * wrench[..., k] - lever[..., k] * wrench[..., j]
     return moved

@@ -114,8 +114,8 @@ class SuctionLoad:
         start = self._margins_at(self.T_world_start, T_object_tools, cup)
         if self.T_world_goals is None:
             return start
-        goals = [self._margins_at(T, T_object_tools, cup) for T in self.T_world_goals]
-        return np.minimum(start, np.max(goals, axis=0))
+        goals = self._margins_at(self.T_world_goals[:, None], T_object_tools, cup)
+        return np.minimum(start, goals.max(axis=0))
 
     def looks_down(self, normals: Array) -> NDArray[np.bool_]:
         """Return whether a pad with one of these outward normals (n, 3) looks down at the start or at all goals."""
@@ -124,8 +124,8 @@ class SuctionLoad:
             upward = np.minimum(upward, (normals @ self.T_world_goals[:, 2, :3].T).max(axis=1))
         return upward < -_ROUNDING
 
-    def _margins_at(self, T_world_object: Transform, T_object_tools: Array, cup: Cup) -> Array:
-        return suction_margin(cup_wrenches(weight(self.mass), T_world_object, self.com, T_object_tools), cup)
+    def _margins_at(self, T_world_objects: Array, T_object_tools: Array, cup: Cup) -> Array:
+        return suction_margin(cup_wrenches(weight(self.mass), T_world_objects, self.com, T_object_tools), cup)
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,5 +163,8 @@ class ToolWorkcell:
             *(body.collision_body() for body in self.objects),
             *(body.collision_body_in_world() for body in self.obstacles),
         ]
+        if self._models:
+            # Only fingers have moved.
+            return next(iter(self._models.values())).with_bodies(bodies)
         arms = {name: (arm.dh, arm.T_world_base) for name, arm in cell.arms.items()}
         return CollisionModel.build(arms, bodies, cell.excluded_pairs)

@@ -83,7 +83,8 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
     """
     face = lowest_face(solid, T_world_body)
     tilt = face_tilt(face, T_world_body)
-    below = [place for place in places if _shares(footprint(face, T_world_body), place.outline)]
+    seen_from_above = footprint(face, T_world_body)
+    below = [place for place in places if _shares(seen_from_above, place.outline)]
     if tilt > REST_TILT:
         return Unsupported(_why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below))
     if not below:
@@ -115,10 +116,13 @@ def _touching_points(solid: Solid, face: FlatFace, T_world_body: Transform, plac
     on_place = footprint(face, T_world_body)
     corners = [on_place[polygon.depth_inside(place.outline, on_place) >= -EDGE_SLACK]]
     for piece in solid.flat_pieces():
-        apart = (piece.corners - face.corners[0]) @ face.normal
-        if piece.normal @ face.normal > 0.0 and float(np.abs(apart).max()) <= SAME_PLANE:
+        if piece.normal @ face.normal > 0.0 and _is_in_plane(piece, face):
             corners.append(polygon.overlap(footprint(piece, T_world_body), place.outline))
     return np.vstack(corners)
+
+
+def _is_in_plane(piece: FlatFace, face: FlatFace) -> bool:
+    return float(np.abs((piece.corners - face.corners[0]) @ face.normal).max()) <= SAME_PLANE
 
 
 def beyond(points: Array, center: Array) -> float:

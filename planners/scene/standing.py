@@ -142,15 +142,16 @@ def _fall(bodies: Sequence[Body], footings: Sequence[Footing]) -> Fall | None:
 def _rows(bodies: Sequence[Body], footings: Sequence[Footing], centers: Array, masses: Array) -> Array:
     """Return A: (3 n, k), force and moments about the centre of mass of each body, over its mass."""
     numbers = {body.name: i for i, body in enumerate(bodies)}
-    columns = []
-    for i, footing in enumerate(footings):
-        for point, name in zip(footing.points, footing.by, strict=True):
-            column = np.zeros((len(bodies), 3))
-            for j, sign in ((i, 1.0), (numbers.get(name), -1.0)):
-                if j is not None:
-                    column[j] = sign / masses[j] * np.array([1.0, *(point - centers[j])])
-            columns.append(column.ravel())
-    return np.column_stack(columns)
+    points = np.vstack([footing.points for footing in footings])
+    above = np.repeat(np.arange(len(bodies)), [len(footing.points) for footing in footings])
+    below = np.array([numbers.get(name, -1) for footing in footings for name in footing.by])
+    rows = np.zeros((len(bodies), 3, len(points)))
+    for carried, sign in ((above, 1.0), (below, -1.0)):
+        known = np.flatnonzero(carried >= 0)
+        body = carried[known]
+        rows[body, 0, known] = sign / masses[body]
+        rows[body, 1:, known] = (sign / masses[body])[:, None] * (points[known] - centers[body])
+    return rows.reshape(3 * len(bodies), len(points))
 
 
 def _why(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,6 +75,24 @@ def test_frames_stand_where_matrix_products_put_them(model):
         place_frames(query.kernel, q, scratch.frames)
         for name, T in world_frames(q, placements).items():
             assert scratch.frames[query.frame_index(name)] == pytest.approx(T, abs=1e-12)
+
+
+def test_a_model_whose_bodies_have_moved_is_one_that_is_built_of_them(model):
+    rng = np.random.default_rng(11)
+    moved = [
+        replace(body, shapes=tuple(shape.placed(transform(position=rng.normal(0.0, 0.05, 3))) for shape in body.shapes))
+        for body in model.bodies
+    ]
+    built = CollisionModel.build(ARMS, moved, excluded_pairs(moved))
+    Q = configurations(rng, 300, 0.4)
+    verdicts = [each.scene(resting()).first_collision(Q) for each in (built, model.with_bodies(moved), model)]
+    assert np.array_equal(verdicts[0], verdicts[1])
+    assert not np.array_equal(verdicts[0], verdicts[2])
+
+
+def test_other_bodies_need_a_model_of_their_own(model):
+    with pytest.raises(CollisionModelError, match="more than the places"):
+        model.with_bodies([*model.bodies[1:], model.bodies[0]])
 
 
 def test_riding_on_an_attached_plate_is_attached_with_the_product(model):
