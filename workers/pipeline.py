@@ -25,7 +25,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
-from planners.scene.suction_tool import known_tools, load_tool, tool_descriptions
+from planners.scene.suction_tool import SuctionTool, known_tools, load_tool, tool_descriptions
 from workers.handover_store import HandoverStore
 from workers.simulation.stage import simulate_plan
 from workers.software import describe_software
@@ -54,6 +54,7 @@ class Pipeline:
     cells: Mapping[str, Cell]
     surfaces: RobotSurfaces
     """The robots' meshes, which the certificate checks against."""
+    tools: Mapping[str, SuctionTool]
     plan: Callable[..., dict[str, Any]] = plan
     certify: Callable[..., Certificate] = certify
     simulate: Callable[..., dict[str, Any]] = simulate_plan
@@ -63,13 +64,15 @@ class Pipeline:
 
     @classmethod
     def load(cls, handovers_dir: Path | None = None) -> Self:
-        """Load the cells and meshes that are shipped.
+        """Load the cells, tools and meshes that are shipped.
 
         Args:
             handovers_dir: where handover databases are kept; None: each is computed for its one task.
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
-        return cls({name: load_cell(name) for name in known_cells()}, load_surfaces(), handovers=handovers)
+        cells = {name: load_cell(name) for name in known_cells()}
+        tools = {name: load_tool(name) for name in known_tools()}
+        return cls(cells, load_surfaces(), tools, handovers=handovers)
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
@@ -85,8 +88,8 @@ class Pipeline:
         tasks = reference_tool_tasks()
         for task in tasks:
             self.solve({"id": "compile", "task": task}, silent)
-        for tool in known_tools():
-            self.handovers(self.cells[tasks[0]["cell"]], load_tool(tool), ToolPlannerSettings().handovers, silent)
+        for tool in self.tools.values():
+            self.handovers(self.cells[tasks[0]["cell"]], tool, ToolPlannerSettings().handovers, silent)
 
     def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
         """Return the certified and simulated plan document of a task, or the document that says why there is no plan.
@@ -98,7 +101,7 @@ class Pipeline:
         begun = self.clock()
         progress("scene", 0, 1)
         task = read_task(request["task"])
-        scene = build_scene(task, self.cells, uploads=_uploads(request))
+        scene = build_scene(task, self.cells, uploads=_uploads(request), tools=self.tools)
         progress("scene", 1, 1)
         built = self.clock()
         document = self.plan(task, scene, progress, self.clock, self.handovers)

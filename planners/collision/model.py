@@ -95,12 +95,12 @@ class CollisionModel:
     """Names by number, see `planners.collision.kernel`."""
     pair_names: tuple[NamePair, ...]
     """All body pairs that a scene may check."""
-    body_pairs: tuple[tuple[CollisionBody, CollisionBody], ...]
-    """The bodies of `pair_names`."""
+    pair_frames: Indices
+    """(pairs, 2), the numbers of the frames of both bodies."""
     shape_pairs: Indices
     """(m, 2), all pairs of shapes of those bodies."""
     shape_pair_bodies: Indices
-    """(m,), index in `body_pairs`."""
+    """(m,), index in `pair_names`."""
     shapes: CollisionKernel
     """The kernel with no pairs and nothing placed: what all scenes share."""
     pair_index: Mapping[NamePair, int]
@@ -147,13 +147,14 @@ class CollisionModel:
             for t in range(first_shape[j], first_shape[j + 1])
         ]
         rows = np.array(shape_pairs, dtype=np.int32).reshape(-1, 3)
+        frame_of = np.array([frames.index(body.frame) for body in bodies], dtype=np.int32)
         pair_names = tuple((bodies[i].name, bodies[j].name) for i, j in body_pairs)
         return CollisionModel(
             arms=tuple(arms),
             bodies=tuple(bodies),
             frames=frames,
             pair_names=pair_names,
-            body_pairs=tuple((bodies[i], bodies[j]) for i, j in body_pairs),
+            pair_frames=frame_of[np.array(body_pairs, dtype=np.int32).reshape(-1, 2)],
             shape_pairs=np.ascontiguousarray(rows[:, :2]),
             shape_pair_bodies=np.ascontiguousarray(rows[:, 2]),
             shapes=_bare_kernel(arms, bodies, frames),
@@ -171,12 +172,10 @@ class CollisionModel:
         """
         if [_outward(body) for body in bodies] != [_outward(body) for body in self.bodies]:
             raise CollisionModelError("the bodies differ in more than the places of their shapes")
-        by_name = {body.name: body for body in bodies}
         arms = dict(zip(self.arms, zip(self.shapes.dh, self.shapes.T_world_base, strict=True), strict=True))
         return replace(
             self,
             bodies=tuple(bodies),
-            body_pairs=tuple((by_name[a], by_name[b]) for a, b in self.pair_names),
             shapes=_bare_kernel(arms, bodies, self.frames),
         )
 
@@ -198,7 +197,8 @@ class CollisionModel:
 
     def pair_mask(self, only: PairChoice) -> PairMask:
         """Say for each of `pair_names` whether `only` chooses it: the quick form of `scene(only=...)`."""
-        return np.array([only(a, b) for a, b in self.body_pairs], dtype=bool)
+        by_name = {body.name: body for body in self.bodies}
+        return np.array([only(by_name[a], by_name[b]) for a, b in self.pair_names], dtype=bool)
 
     def scene(
         self,
@@ -266,7 +266,8 @@ class CollisionModel:
                 chosen[index] = False
         absent = [frame for frame, placement in placements.items() if placement is None]
         if absent:
-            chosen &= self.pair_mask(lambda a, b: a.frame not in absent and b.frame not in absent)
+            gone = np.isin(self.frames, absent)
+            chosen &= ~gone[self.pair_frames].any(axis=1)
         return chosen
 
     def _follow(self, placements: Mapping[str, Placement | None]) -> tuple[Indices, Array, Indices]:

@@ -80,7 +80,9 @@ def hull_faces(vertices: Array) -> list[FlatPiece]:
     a, b, c = (corners[faces[:, k]] for k in range(3))
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
-    return [_hull_of(corners, faces, group)[0] for group in coplanar_groups(corners, faces)]
+    normals, areas = triangle_normals(corners, faces)
+    groups = coplanar_groups(corners, faces)
+    return [_hull_of(corners, faces[group], areas[group] @ normals[group])[0] for group in groups]
 
 
 def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
@@ -88,7 +90,7 @@ def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
     normals, areas = triangle_normals(vertices, faces)
     pieces: list[FlatPiece] = []
     for group in coplanar_groups(vertices, faces):
-        piece, area = _hull_of(vertices, faces, group)
+        piece, area = _hull_of(vertices, faces[group], areas[group] @ normals[group])
         if areas[group].sum() >= CONVEX_SHARE * area:
             pieces.append(piece)
         else:
@@ -133,16 +135,21 @@ def _neighbours(faces: Faces) -> dict[int, list[int]]:
     return neighbours
 
 
-def _hull_of(vertices: Array, faces: Faces, group: Faces) -> tuple[FlatPiece, float]:
-    """Return the convex outline of a flat group of triangles, and its area [m²]."""
-    normals, areas = triangle_normals(vertices, faces[group])
-    normal = areas @ normals
-    normal /= np.linalg.norm(normal)
-    loop = _boundary_loop(faces[group])
+def _hull_of(vertices: Array, faces: Faces, vector_area: Array) -> tuple[FlatPiece, float]:
+    """Return the convex outline of flat triangles, and its area [m²].
+
+    Args:
+        vertices: (n, 3) [m].
+        faces: (k, 3), the triangles.
+        vector_area: (3,), the sum of their normals, each as long as its triangle is large [m²].
+    """
+    area = float(np.linalg.norm(vector_area))
+    normal = vector_area / area
+    loop = _boundary_loop(faces)
     corners = None if loop is None else _convex_corners(vertices[loop], normal)
     if corners is not None:
-        return (normal, corners), float(areas.sum())
-    points = vertices[np.unique(faces[group])]
+        return (normal, corners), area
+    points = vertices[np.unique(faces)]
     R = frame_from_z(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     hull = ConvexHull((points - points[0]) @ R[:, :2])
     return (normal, points[hull.vertices]), float(hull.volume)

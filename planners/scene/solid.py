@@ -111,6 +111,14 @@ class ExtrudedSolid(Solid):
 
     def flat_faces(self) -> list[FlatFace]:
         """Return bottom, top and, unless it is round, the sides."""
+        return self._flat_faces
+
+    def flat_pieces(self) -> list[FlatFace]:
+        """Return its flat faces, which are convex."""
+        return self._flat_faces
+
+    @cached_property
+    def _flat_faces(self) -> list[FlatFace]:
         low, high = self._rings()
         faces = [FlatFace(np.array([0.0, 0.0, -1.0]), low[::-1]), FlatFace(np.array([0.0, 0.0, 1.0]), high)]
         if self.is_round:
@@ -119,10 +127,6 @@ class ExtrudedSolid(Solid):
             j = (i + 1) % len(low)
             faces.append(FlatFace(np.append(normal, 0.0), np.array([low[i], low[j], high[j], high[i]])))
         return faces
-
-    def flat_pieces(self) -> list[FlatFace]:
-        """Return its flat faces, which are convex."""
-        return self.flat_faces()
 
     def _rings(self) -> tuple[Array, Array]:
         low = np.column_stack([self.outline, np.full(len(self.outline), -0.5 * self.height)])

@@ -43,7 +43,7 @@ def a_slip(_document: Any, _scene: Any, progress: Any, seed: int) -> dict[str, A
 
 def pipeline(*, passed: bool) -> Pipeline:
     ticks = itertools.count()
-    return Pipeline(CELLS, SURFACES, a_plan, verdict(passed=passed), a_slip, lambda: float(next(ticks)))
+    return Pipeline(CELLS, SURFACES, {}, a_plan, verdict(passed=passed), a_slip, lambda: float(next(ticks)))
 
 
 def test_a_document_says_whose_it_is_what_made_it_and_how_long_each_stage_took() -> None:
