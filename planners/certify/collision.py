@@ -212,8 +212,8 @@ def _swept_boxes(motion: SegmentMotion, solid: Solid, starts: NDArray[np.intp]) 
     poses = motion.poses(solid.frame)
     if not motion.moves(solid.frame):
         poses = poses[:1]
-    points = np.einsum("nij,kj->nki", poses[:, :3, :3], solid.corners) + poses[:, None, :3, 3]
-    low, high = points.min(axis=1), points.max(axis=1)
+    points = poses[:, :3, :3] @ solid.corners.T + poses[:, :3, 3:]
+    low, high = points.min(axis=2), points.max(axis=2)
     if len(poses) == 1:
         shape = (len(starts), 3)
         return np.broadcast_to(low, shape), np.broadcast_to(high, shape)

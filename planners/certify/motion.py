@@ -130,7 +130,7 @@ class SegmentMotion:
         speed, push = (curve.velocity_peak[:, columns], curve.acceleration_peak[:, columns])
         # |p''| <= sum_j |q''_j| r_j + sum_jk |q'_j| |q'_k| r_max(j, k): the outer joint's lever counts.
         lever = np.minimum.outer(reach, reach)
-        bends = (push @ reach + np.einsum("nj,jk,nk->n", speed, lever, speed)) * steps**2 / 8
+        bends = (push @ reach + np.sum((speed @ lever) * speed, axis=1)) * steps**2 / 8
         return bends + self.finger_travel(frame)
 
     def finger_travel(self, frame: Frame) -> Array | float:

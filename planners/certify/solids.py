@@ -10,14 +10,12 @@ import numpy as np
 
 from planners.certify.body_shape import ConvexPart
 from planners.certify.document_view import ARMS, HandView, PlanView
+from planners.certify.gap import largest_gap
 from planners.certify.surfaces import LINKS, RobotSurfaces, sensor_length
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 
 _THIN = 1e-7
 """Radius that stands for none: fcl's capsules must have one [m]."""
-_CLOSE_ENOUGH, _FINE = 0.98, 1e-5
-"""A gap of this part of the distance, less this length [m], is good enough: it only costs steps."""
-_GILBERT_STEPS = 60
 _MANY_AXES = 40_000
 """Pairs of edges beyond which a depth is bounded by the faces alone: larger than it is, never smaller."""
 
@@ -153,7 +151,8 @@ def signed_distance(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transfo
     way = _way(a.place(T_world_a), b.place(T_world_b))
     if way is None and (a.part is None or b.part is None):
         way = _way(a.place(T_world_a, core=True), b.place(T_world_b, core=True))
-    gap = -math.inf if way is None else _largest_gap(way, a, T_world_a, b, T_world_b)
+    radii = a.radius + b.radius
+    gap = -math.inf if way is None else largest_gap(way, a.points, T_world_a, b.points, T_world_b, radii)
     return gap if gap > 0.0 else max(gap, _best_gap(a, T_world_a, b, T_world_b))
 
 
@@ -165,40 +164,6 @@ def _way(a: fcl.CollisionObject, b: fcl.CollisionObject) -> Array | None:
     on_a, on_b = (np.asarray(point, dtype=float) for point in result.nearest_points)
     way = on_b - on_a
     return way if float(way @ way) > 0.0 else None
-
-
-def _largest_gap(way: Array, a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
-    """Return the gap between two solids along a way, or along better ones (Gilbert's algorithm) [m]."""
-    radii = a.radius + b.radius
-    best, nearest = -math.inf, None
-    for _ in range(_GILBERT_STEPS):
-        direction = way / math.sqrt(float(way @ way))
-        end_of_a = _support(a, T_world_a, direction)
-        start_of_b = _support(b, T_world_b, -direction)
-        between = start_of_b - end_of_a
-        best = max(best, float(between @ direction) - radii)
-        # At first fcl's word for how far they are apart, then the nearest point found of all differences.
-        known = math.sqrt(float(way @ way)) - (0.0 if nearest is None else radii)
-        if best >= _CLOSE_ENOUGH * known - _FINE:
-            break
-        nearest = between if nearest is None else _nearest_on_segment(nearest, between)
-        if float(nearest @ nearest) == 0.0:
-            break
-        way = nearest
-    return best
-
-
-def _support(solid: Solid, T_world_solid: Transform, direction: Array) -> Array:
-    """Return the point of the solid's hull that is farthest along a direction of the world."""
-    local = solid.points[(solid.points @ (direction @ T_world_solid[:3, :3])).argmax()]
-    return T_world_solid[:3, :3] @ local + T_world_solid[:3, 3]
-
-
-def _nearest_on_segment(start: Array, end: Array) -> Array:
-    """Return the point of a segment that is nearest to the origin."""
-    along = end - start
-    length = float(along @ along)
-    return start if length == 0.0 else start + along * min(1.0, max(0.0, -float(start @ along) / length))
 
 
 def _best_gap(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
