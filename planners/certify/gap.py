@@ -36,6 +36,8 @@ def largest_gap(
     best, grown = -math.inf, 0.0
     for step in range(_STEPS):
         length = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+        if length == 0.0:
+            break
         for i in range(3):
             direction[i] = way[i] / length
         a, b = _farthest(points_a, T_world_a, direction, 1.0), _farthest(points_b, T_world_b, direction, -1.0)
@@ -53,8 +55,6 @@ def largest_gap(
             nearest[:] = between
         else:
             _move_towards(nearest, between)
-        if nearest[0] == 0.0 and nearest[1] == 0.0 and nearest[2] == 0.0:
-            break
         way, grown = nearest, radii
     return best
 

@@ -122,8 +122,10 @@ def _clipped(corners: Array, sides: Array) -> Array:
         start, end = sides[side], sides[(side + 1) % len(sides)]
         x, y = end[0] - start[0], end[1] - start[1]
         length, heights = math.sqrt(x * x + y * y), np.empty(len(kept))
+        if length == 0.0:
+            continue
         for i in range(len(kept)):
-            height = (kept[i, 0] - start[0]) * (-y / length) + (kept[i, 1] - start[1]) * (x / length)
+            height = (x * (kept[i, 1] - start[1]) - y * (kept[i, 0] - start[0])) / length
             heights[i] = 0.0 if abs(height) < _ON_LINE else height
         if np.all(heights >= 0.0):
             continue

@@ -49,11 +49,12 @@ class Circumstances:
 
 
 def commit() -> str:
-    """Return the commit, and whether tracked files differ from it."""
+    """Return the commit, and whether tracked files, what benchmarks write aside, differ from it."""
     head = _git("rev-parse", "HEAD")
     if not head:
         return "unknown"
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!tests/benchmarks/RESULTS.md")
+    written = (":!tests/benchmarks/RESULTS.md", ":!tests/benchmarks/*.svg")
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", *written)
     return f"{head[:12]}{' with uncommitted changes' if changed else ''}"
 
 

@@ -112,3 +112,10 @@ def test_the_distance_of_sides_is_the_least_of_all_their_points(seed):
     brute = float(np.linalg.norm(along[0][:, None] - along[1][None], axis=2).min())
     assert segment_distance(one, other) <= brute + 1e-12
     assert segment_distance(one, other) == pytest.approx(brute, abs=2e-3)
+
+
+def test_a_corner_that_is_given_twice_changes_nothing():
+    square, other = np.array([[0, 0], [2, 0], [2, 2], [0, 2.0]]), np.array([[1, 1], [3, 1], [3, 3], [1, 3.0]])
+    twice = np.vstack([other[:1], other])
+    assert overlap(square, twice) == pytest.approx(overlap(square, other))
+    assert area(overlap(twice, square)) == pytest.approx(1.0)
