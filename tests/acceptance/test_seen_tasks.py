@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import httpx
 import numpy as np
 import pytest
-from support.service import ServiceProcess, finished, running_service
+from support.service import ServiceProcess, finished, running_service, warmed
 
 from tests.support.scan_frames import SHIPPED, Scan, tissue_boxes
 
@@ -19,7 +19,7 @@ REACHED = 1e-3
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path_factory.mktemp("data"), None) as service:
+    with running_service(warmed(tmp_path_factory.mktemp("data")), None) as service:
         yield service
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -16,6 +17,8 @@ from typing import Any, Self, TypeVar
 
 import httpx
 import psutil
+
+from workers.settings import HANDOVERS_FOLDER
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS = ROOT / "assets" / "tasks"
@@ -102,6 +105,17 @@ def running_service(data_dir: Path, solver: tuple[str, ...] | None, **settings: 
         yield service.start()
     finally:
         service.stop()
+
+
+def warmed(data_dir: Path) -> Path:
+    """Give a data directory what was computed when this tree was set up, so that a service with real solvers need not.
+
+    Where that is missing, or of other sources, the service finds out and computes it.
+    """
+    kept = ROOT / "data" / HANDOVERS_FOLDER
+    if kept.is_dir():
+        shutil.copytree(kept, data_dir / HANDOVERS_FOLDER)
+    return data_dir
 
 
 def wait_for(holds: Callable[[], T], seconds: float) -> T:
