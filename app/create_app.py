@@ -32,7 +32,7 @@ from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
 from planners.contract.strict_json import parse_json
 from planners.scene.cell import Cell, known_cells, load_cell
-from planners.scene.suction_tool import SuctionTool, known_tools, load_tool
+from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.database import Database, open_database
 from workers.job_queue import JobQueue
 from workers.mesh_store import MeshStore
@@ -117,7 +117,7 @@ def _door(settings: ServiceSettings, database: Database) -> Door:
 def _load_assets() -> tuple[dict[str, Cell], dict[str, SuctionTool]]:
     """Load cells and tools, and check a task of each kind, so that no request waits for files or compiled kernels."""
     cells = {name: load_cell(name) for name in known_cells()}
-    tools = {name: load_tool(name) for name in known_tools()}
+    tools = load_tools()
     for name in REFERENCE_TASKS:
         sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())
         accept_task(sent, cells, tools=tools)

@@ -102,9 +102,9 @@ def _accept(sent: Any, scene: SceneDocument | None, pipeline: Pipeline) -> dict[
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
     if scene is not None:
-        return accept_task(_named(sent, scene), pipeline.cells, _upload_elsewhere, lambda _: scene)
+        return accept_task(_named(sent, scene), pipeline.cells, _upload_elsewhere, lambda _: scene, pipeline.tools)
     try:
-        return accept_task(sent, pipeline.cells, _upload_elsewhere, _scene_elsewhere)
+        return accept_task(sent, pipeline.cells, _upload_elsewhere, _scene_elsewhere, pipeline.tools)
     except NeedsScene as error:
         detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
         raise SceneError(error.pointer, detail) from error

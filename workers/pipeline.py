@@ -25,7 +25,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
-from planners.scene.suction_tool import SuctionTool, known_tools, load_tool, tool_descriptions
+from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
 from workers.handover_store import HandoverStore
 from workers.simulation.stage import simulate_plan
 from workers.software import describe_software
@@ -71,8 +71,7 @@ class Pipeline:
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
         cells = {name: load_cell(name) for name in known_cells()}
-        tools = {name: load_tool(name) for name in known_tools()}
-        return cls(cells, load_surfaces(), tools, handovers=handovers)
+        return cls(cells, load_surfaces(), load_tools(), handovers=handovers)
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""

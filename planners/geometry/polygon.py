@@ -35,7 +35,7 @@ def convex_outline(corners: Sequence[Sequence[float]] | Array) -> Array:
     outline = np.array(corners, dtype=float)
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.all(np.isfinite(outline)):
         raise ShapeError("an outline is a list of at least three finite [x, y] corners")
-    sides = np.roll(outline, -1, axis=0) - outline
+    sides = _sides(outline)
     lengths = np.linalg.norm(sides, axis=1)
     if np.any(lengths < _MIN_SIDE):
         raise ShapeError(f"corner {int(np.argmin(lengths))} of the outline coincides with the next one")

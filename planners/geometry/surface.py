@@ -81,7 +81,7 @@ def hull_faces(vertices: Array) -> list[FlatPiece]:
     inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
     normals, areas = triangle_normals(corners, faces)
-    groups = coplanar_groups(corners, faces)
+    groups = coplanar_groups(faces, normals, areas)
     return [_hull_of(corners, faces[group], areas[group] @ normals[group])[0] for group in groups]
 
 
@@ -89,7 +89,7 @@ def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
     """Return convex flat pieces that together are the surface: a flat place whole if it is convex, else triangles."""
     normals, areas = triangle_normals(vertices, faces)
     pieces: list[FlatPiece] = []
-    for group in coplanar_groups(vertices, faces):
+    for group in coplanar_groups(faces, normals, areas):
         piece, area = _hull_of(vertices, faces[group], areas[group] @ normals[group])
         if areas[group].sum() >= CONVEX_SHARE * area:
             pieces.append(piece)
@@ -98,12 +98,16 @@ def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
     return pieces
 
 
-def coplanar_groups(vertices: Array, faces: Faces) -> list[Faces]:
+def coplanar_groups(faces: Faces, normals: Array, areas: Array) -> list[Faces]:
     """Return the connected groups of triangles in one plane, as arrays of triangle numbers, largest area first.
 
     Each triangle of a group has a normal within `SAME_NORMAL` of that of the group's largest one.
+
+    Args:
+        faces: (m, 3).
+        normals: (m, 3), as of `triangle_normals`.
+        areas: (m,), likewise [m²].
     """
-    normals, areas = triangle_normals(vertices, faces)
     neighbours = _neighbours(faces)
     free = areas > 0.0
     groups: list[Faces] = []

@@ -18,7 +18,7 @@ from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_from_vector, rotation_z, transform
 from planners.scene.body import Body
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body
-from planners.scene.footing import SAME_PLANE, Footing, find_footing
+from planners.scene.footing import Footing, find_footing, lies_in_plane
 from planners.scene.moved_object import MovedObject
 from planners.scene.rest import Surface, lowest_face
 from planners.scene.solid import FlatFace
@@ -138,8 +138,7 @@ def _standing_on(body: Body, face: FlatFace) -> FlatFace | None:
     corners = [
         piece.corners
         for piece in body.solid.flat_pieces()
-        if piece.normal @ face.normal > _SAME_NORMAL
-        and np.abs((piece.corners - face.corners[0]) @ face.normal).max() <= SAME_PLANE
+        if piece.normal @ face.normal > _SAME_NORMAL and lies_in_plane(piece, face)
     ]
     if not corners:
         return None

@@ -116,12 +116,13 @@ def _touching_points(solid: Solid, face: FlatFace, T_world_body: Transform, plac
     on_place = footprint(face, T_world_body)
     corners = [on_place[polygon.depth_inside(place.outline, on_place) >= -EDGE_SLACK]]
     for piece in solid.flat_pieces():
-        if piece.normal @ face.normal > 0.0 and _is_in_plane(piece, face):
+        if piece.normal @ face.normal > 0.0 and lies_in_plane(piece, face):
             corners.append(polygon.overlap(footprint(piece, T_world_body), place.outline))
     return np.vstack(corners)
 
 
-def _is_in_plane(piece: FlatFace, face: FlatFace) -> bool:
+def lies_in_plane(piece: FlatFace, face: FlatFace) -> bool:
+    """Tell whether a flat piece of a body lies in the plane of a face of it, whichever way it looks."""
     return float(np.abs((piece.corners - face.corners[0]) @ face.normal).max()) <= SAME_PLANE
 
 

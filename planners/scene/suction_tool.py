@@ -66,6 +66,11 @@ def known_tools() -> list[str]:
     return shipped_shelf().names("tools")
 
 
+def load_tools() -> dict[str, SuctionTool]:
+    """Load all tools that are shipped, by name."""
+    return {name: load_tool(name) for name in known_tools()}
+
+
 def tool_descriptions() -> dict[str, dict[str, Any]]:
     """Return every shipped tool by name, as a task would describe it."""
     files = {name: read_tool_file(shipped_shelf().find("tools", name, "tool")) for name in known_tools()}
