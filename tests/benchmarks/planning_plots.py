@@ -22,6 +22,7 @@ STAGE_COLOURS = {
     "merge": "#72b7b2",
     "examine": "#9d755d",
     "search": "#f58518",
+    "motion": "#e45756",
     "certify": "#54a24b",
 }
 PAPER_COLOUR, EXTRAPOLATED_COLOUR, OUR_COLOUR = "#8c8c8c", "#4c78a8", "#f58518"
