@@ -1,5 +1,6 @@
 # One image for API and workers. Not built yet; say so in the README until it was.
-FROM python:3.11.14-slim-bookworm AS source
+ARG BASE=python:3.11.14-slim-bookworm
+FROM ${BASE} AS source
 WORKDIR /source
 COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY app ./app
@@ -8,13 +9,18 @@ COPY planners ./planners
 COPY workers ./workers
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 
-FROM python:3.11.14-slim-bookworm
+FROM ${BASE}
 ARG COMMIT=""
 ENV LIFTWRIGHT_COMMIT=${COMMIT} \
     LIFTWRIGHT_DATA_DIR=/data \
     NUMBA_CACHE_DIR=/kernels \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1
+
+# Pinocchio is linked with OpenMP's library, which a slim image lacks.
+RUN apt-get update \
+    && apt-get install --no-install-recommends --yes libgomp1 \
+    && rm -rf /var/lib/apt/lists/*
 
 # The packages are there once, installed: compiled kernels belong to the path of their source.
 COPY --from=source /wheels /source/constraints.txt /wheels/

@@ -41,7 +41,7 @@ format: setup ## put code into its format
 openapi: setup ## write docs/openapi.json anew, after a change of the HTTP interface
 	@$(BIN)/python -m app.openapi
 
-bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md; PART="lifts kernels" measures these only
+bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md; PART="lifts kernels" measures these only, "lifts_random --most 40" in pieces
 	@$(BIN)/python -m tests.benchmarks $(PART)
 
 clean: ## forget the environment and all plans

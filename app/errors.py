@@ -379,6 +379,8 @@ def _problems(error: Exception) -> list[Problem]:
         return [Problem(pointer="/url", detail=str(error))]
     if isinstance(error, WebhookUnusable):
         return [Problem(pointer="/query/webhook", detail=str(error))]
+    if isinstance(error, ScanRefused):
+        return [Problem(pointer="" if error.part == "description" else f"/{error.part}", detail=error.detail)]
     if isinstance(error, MeshRefused | BadUpload):
         return [Problem(pointer="", detail=str(error))]
     return []

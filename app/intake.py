@@ -17,6 +17,7 @@ from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
+from planners.scene.task_centres import with_centres
 
 Scenes = Callable[[str], SceneDocument | None]
 """Finds what was perceived in a scene, by its id; None if there is none."""
@@ -141,8 +142,8 @@ def accept_task(
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
     task = read_task(_with_scene(sent, cells, scenes))
-    build_scene(task, cells, uploads=uploads, tools=tools)
-    return write_task(task)
+    scene = build_scene(task, cells, uploads=uploads, tools=tools)
+    return write_task(with_centres(task, scene))
 
 
 def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: Scenes) -> Any:

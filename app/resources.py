@@ -45,6 +45,9 @@ class MeshResource(Resource):
     triangles: int
     size: tuple[float, float, float]
     """Full lengths, in the unit of the file."""
+    centroid: tuple[float, float, float]
+    """Centre of mass where a task states none: that of the solid, evenly filled. In the frame and the unit of the file,
+    that is before `scale`."""
     convex_parts: int
     """How many convex parts stand for it where collision is checked."""
     excess: float

@@ -9,28 +9,52 @@ from typing import Any
 import numpy as np
 
 from app.cause_words import figures_of, reason_of
+from app.least_reserve import least_reserve
 
 
 def summarise(document: Mapping[str, Any]) -> str:
     """Return a few lines: outcome, what happens, largest force, times, checks, physics; or why there is no plan."""
     if document["outcome"] != "solved":
         return _explain(document)
-    checks = document["certificate"]["checks"]
-    verdict = "passed" if document["certificate"]["passed"] else "FAILED"
     total = document["statistics"]["total_seconds"]
     seconds = {stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]}
     certifying, simulating = seconds.get("certify", 0.0), seconds.get("simulate", 0.0)
-    force, where = largest_hand_force(document)
+    force, arm = largest_load(document)
     lines = {
         "outcome": "solved",
         **_happening(document),
         "segments": f"{len(document['segments'])}, {document['segments'][-1]['time'][-1]:.1f} s of motion",
-        "largest force": f"{force:.1f} N on one contact normal ({where})",
-        "planning time": f"{total - certifying - simulating:.2f} s",
-        "certificate": f"{verdict}, {len(checks)} checks in {certifying:.2f} s",
+        "largest force": f"{force:.1f} N ({arm} hand)" if arm else "no hand bears anything",
+        **_reserve(document),
+        "planning time": "not told" if total is None else f"{total - certifying - simulating:.2f} s",
+        "certificate": _certificate(document, certifying),
         "simulation": _simulated(document["simulation"], simulating),
     }
     return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
+
+
+def is_certified(document: Mapping[str, Any]) -> bool:
+    """Tell whether a document has a plan, and a certificate that it passed."""
+    certificate = document["certificate"]
+    return document["outcome"] == "solved" and certificate is not None and certificate["passed"]
+
+
+def _certificate(document: Mapping[str, Any], seconds: float) -> str:
+    """Return how the second opinion went, and how long it took."""
+    certificate = document["certificate"]
+    if certificate is None:
+        return "none, not certified" if document["outcome"] == "solved" else "none, nothing to certify: no plan"
+    verdict = "passed" if certificate["passed"] else "FAILED"
+    return f"{verdict}, {len(certificate['checks'])} checks in {seconds:.2f} s"
+
+
+def _reserve(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return how much of the force limits is kept back where least is, of what, and when; nothing without a figure."""
+    found = least_reserve(document)
+    if found is None:
+        return {}
+    least, time = found
+    return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s)"}
 
 
 def _happening(document: Mapping[str, Any]) -> dict[str, str]:
@@ -45,12 +69,21 @@ def _simulated(simulation: Mapping[str, Any] | None, seconds: float) -> str:
         return "none, options.simulate is false"
     match simulation["outcome"]:
         case "lifted":
-            return f"lifted, {1e3 * simulation['lift']['height']:.0f} mm, in {seconds:.1f} s"
+            lift = simulation["lift"]
+            height = "" if lift is None else f", {1e3 * lift['height']:.0f} mm"
+            return f"lifted{height}, in {seconds:.1f} s"
         case "done":
             return f"done, in {seconds:.1f} s"
         case failure:
-            when = simulation.get("failed_at", simulation["time"])
-            return f"FAILED: {failure} at {when:.2f} s of motion: {simulation['cause']}"
+            when, cause = failure_of(simulation)
+            return f"FAILED: {failure} at {when:.2f} s of motion: {cause}"
+
+
+def failure_of(simulation: Mapping[str, Any]) -> tuple[float, str]:
+    """Return when a simulation failed [s], and what gave way, without a full stop."""
+    failed_at = simulation.get("failed_at")
+    cause = simulation["cause"] or "it is not told what gave way"
+    return simulation["time"] if failed_at is None else failed_at, cause.rstrip(".")
 
 
 def contact_states(document: Mapping[str, Any]) -> list[str]:
@@ -60,32 +93,47 @@ def contact_states(document: Mapping[str, Any]) -> list[str]:
     return [word for word, _ in groupby(words)]
 
 
-def largest_hand_force(document: Mapping[str, Any]) -> tuple[float, str]:
-    """Return the largest force along the normal of one hand contact [N], and which arm it belongs to."""
-    return max(_hand_forces(document), default=(0.0, "no hand"))
+def largest_load(document: Mapping[str, Any]) -> tuple[float, str]:
+    """Return the most that a hand bears [N], and which arm's it is; without any, 0 N and no arm.
+
+    Of a gripper it is the net force of both fingers, which its squeeze cancels in; of a stick its normal force.
+    """
+    return max(_loads(document), default=(0.0, ""))
 
 
 def contact_word(state: Mapping[str, Any]) -> str:
     """Return one contact state of a plan document in words."""
     if state["element"] == "none":
         return "no contact"
-    return f"{state['element']} {state['index']} on {state['with']}"
+    index, body = state["index"], state["with"]
+    return state["element"] + ("" if index is None else f" {index}") + ("" if body is None else f" on {body}")
 
 
-def _hand_forces(document: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
+def _loads(document: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
     for segment in document["segments"]:
+        nets: dict[tuple[str, str, int], np.ndarray] = {}
         for contact in segment["contacts"]:
-            if contact["by"] in document["cell"]["arms"]:
-                yield float(np.dot(contact["wrench"][:3], contact["normal"])), contact["by"]
+            arm, force = contact.get("by"), np.array(contact["wrench"][:3])
+            if arm not in document["cell"]["arms"]:
+                continue
+            if contact["kind"] == "point":
+                yield float(force @ contact["normal"]), arm
+            else:
+                key = arm, contact["body"], contact["sample"]
+                nets[key] = nets.get(key, 0.0) + force
+        for (arm, _, _), net in nets.items():
+            yield float(np.linalg.norm(net)), arm
 
 
 def _explain(document: Mapping[str, Any]) -> str:
     explanation = document["explanation"]
     lines = [f"{'outcome:':<16}{document['outcome']}", f"{'why:':<16}{explanation['summary']}"]
-    lines += [f"{'':<16}- {_cause(cause)}" for cause in explanation["causes"]]
+    lines += [f"{'':<16}- {_cause(cause)}" for cause in explanation.get("causes", ())]
+    if document["certificate"] is None:
+        lines.append(f"{'certificate:':<16}{_certificate(document, 0.0)}")
     return "\n".join(lines)
 
 
 def _cause(cause: Mapping[str, Any]) -> str:
-    figures = figures_of(cause)
-    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({cause['where']})" if cause["where"] else "")
+    figures, where = figures_of(cause), cause.get("where")
+    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({where})" if where else "")

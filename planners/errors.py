@@ -16,6 +16,10 @@ class PlanningCancelled(LiftwrightError):
     """The caller asked for the work to stop."""
 
 
+class PlanningFaultError(LiftwrightError):
+    """A fault of the planner itself: it would go on for ever, or contradict itself."""
+
+
 class AssetError(LiftwrightError):
     """A file of the assets folder is missing, unreadable or says something impossible."""
 

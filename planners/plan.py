@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Protocol
 
 from planners.contract.lift_document import lift_document
@@ -14,12 +13,13 @@ from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, Suction
 from planners.contract.tool_document import tool_document
 from planners.errors import SceneError
 from planners.manipulation.dense_contacts import ContactSampling
+from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_settings import LiftSettings
-from planners.manipulation.planner import PlateLiftPlanner
 from planners.progress import Progress
 from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
-from planners.regrasp.hold_statics import HoldStatics
-from planners.regrasp.planner import SuctionToolPlanner
+from planners.regrasp.planner import infeasible_plan
+from planners.regrasp.reserve_search import plan_with_reserve
+from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.cell import Cell
 from planners.scene.scene import PlateLiftScene
@@ -51,7 +51,7 @@ def plan(
         scene: built from it.
         progress: told what is being done; may raise `PlanningCancelled`.
         clock: seconds, for the statistics only; no decision depends on it.
-        handovers: asked once by a suction-tool task; computing them takes some seconds.
+        handovers: asked once by a suction-tool task that may have a plan; computing them takes some seconds.
 
     Returns:
         The plan document, without certificate.
@@ -62,16 +62,11 @@ def plan(
     """
     stopwatch = _Stopwatch(clock, progress)
     if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene):
-        lift = PlateLiftPlanner(scene, lift_settings(task.options), stopwatch).plan()
+        lift = plan_lift(scene, lift_settings(task.options), stopwatch)
         stopwatch.stop()
         return lift_document(task, scene, lift, stopwatch.seconds)
     if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
-        settings = ToolPlannerSettings()
-        database = handovers(scene.cell, scene.tool, settings.handovers, stopwatch)
-        moved = SuctionToolPlanner(scene, settings, database, stopwatch).plan()
-        stopwatch("forces", 0, 1)
-        moved = replace(moved, segments=HoldStatics(scene).balanced(moved.segments))
-        stopwatch("forces", 1, 1)
+        moved = infeasible_plan(scene) or _searched(scene, handovers, stopwatch)
         stopwatch.stop()
         return tool_document(task, scene, moved, stopwatch.seconds)
     raise SceneError("/kind", f"the scene is not that of a task of kind {task.kind}")
@@ -79,15 +74,20 @@ def plan(
 
 def lift_settings(options: PlateLiftOptions) -> LiftSettings:
     """Return the planner's settings for the options of a task."""
-    defaults = LiftSettings()
-    return replace(
-        defaults,
-        minimise=options.minimise,
+    settings = LiftSettings(
+        minimise="force" if options.minimise == "force" else "cost",
+        reserve=options.reserve,
+        most_reserve=options.minimise == "risk",
         full=options.search == "full",
-        sampling=replace(ContactSampling().scaled(options.contact_density), goal_height=options.goal_height),
-        grips=replace(defaults.grips, count=max(1, round(defaults.grips.count * options.hold_density))),
-        pushes=replace(defaults.pushes, count=max(1, round(defaults.pushes.count * options.hold_density))),
+        sampling=ContactSampling(goal_height=options.goal_height),
     )
+    return settings.scaled(options.contact_density, options.hold_density)
+
+
+def _searched(scene: SuctionToolScene, handovers: HandoverSource, progress: Progress) -> ToolPlan:
+    settings = ToolPlannerSettings().starting_at(scene.tool.T_world_tool)
+    database = handovers(scene.cell, scene.tool, settings.handovers, progress)
+    return plan_with_reserve(scene, settings, database, progress)
 
 
 class _Stopwatch:

@@ -56,7 +56,7 @@ class Pipeline:
     """The robots' meshes, which the certificate checks against."""
     tools: Mapping[str, SuctionTool]
     plan: Callable[..., dict[str, Any]] = plan
-    certify: Callable[..., Certificate] = certify
+    certify: Callable[..., Certificate | None] = certify
     simulate: Callable[..., dict[str, Any]] = simulate_plan
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
@@ -87,11 +87,15 @@ class Pipeline:
         tasks = reference_tool_tasks()
         for task in tasks:
             self.solve({"id": "compile", "task": task}, silent)
+        standing = ToolPlannerSettings()
         for tool in self.tools.values():
-            self.handovers(self.cells[tasks[0]["cell"]], tool, ToolPlannerSettings().handovers, silent)
+            for settings in (standing, standing.with_fingertips()):
+                self.handovers(self.cells[tasks[0]["cell"]], tool, settings.handovers, silent)
 
     def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
         """Return the certified and simulated plan document of a task, or the document that says why there is no plan.
+
+        That nothing was found is no claim: such a document has the certificate None.
 
         Raises:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
@@ -108,7 +112,8 @@ class Pipeline:
         planned = self.clock()
         progress("certify", 0, 1)
         reference = _reference(self.cells[document["cell"]["name"]])
-        document["certificate"] = self.certify(document, self.surfaces, reference).to_document()
+        certificate = self.certify(document, self.surfaces, reference)
+        document["certificate"] = None if certificate is None else certificate.to_document()
         progress("certify", 1, 1)
         _require_passed(document)
         certified = self.clock()
@@ -158,7 +163,7 @@ def _reference(cell: Cell) -> CellReference:
 
 def _require_passed(document: dict[str, Any]) -> None:
     certificate = document["certificate"]
-    if certificate["passed"]:
+    if certificate is None or certificate["passed"]:
         return
     directory = os.environ.get(REJECTED_VARIABLE)
     if directory:

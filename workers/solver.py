@@ -1,4 +1,8 @@
-"""The worker's side of solver processes: each job gets a process of its own, and one waits warm for the next."""
+"""The worker's side of solver processes: each job has one to itself, and one waits warm for the next.
+
+A process that has planned ends. One that has proven a task infeasible has searched for nothing, and takes further jobs
+until its successor is ready: otherwise each of many such tasks would wait for a start that takes far longer than they.
+"""
 
 from __future__ import annotations
 
@@ -64,6 +68,8 @@ class SolverProcess:
         assert process.stdout is not None
         self._process, self._stdin, self._stdout = process, process.stdin, process.stdout
         self._ready = False
+        self.again = False
+        """Whether it has answered, and waits for another request."""
 
     @classmethod
     async def start(cls, command: SolverCommand) -> Self:
@@ -112,13 +118,14 @@ class SolverProcess:
             self._ready = True
 
     async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
-        """Hand over a request and wait for its document. The process ends by itself afterwards.
+        """Hand over a request and wait for its document. Unless it is to be asked again, the process ends by itself.
 
         Raises:
             SolverDied: It ended before.
             SolverFault: It says why there is none.
         """
         await self.ready()
+        self.again = False
         try:
             self._stdin.write(json.dumps(request).encode() + b"\n")
             await self._stdin.drain()
@@ -162,6 +169,7 @@ class SolverProcess:
             packed = await self._stdout.readexactly(header["size"])
         except asyncio.IncompleteReadError:
             raise SolverDied.with_code(await self._process.wait()) from None
+        self.again = header.get("again", False)
         return PackedDocument(header["outcome"], header["sha256"], packed, header["stages"])
 
 
@@ -172,6 +180,10 @@ class SolverPool:
         self._command, self._slots = command, slots
         self._waiting: deque[asyncio.Task[SolverProcess | None]] = deque()
         """One per slot, oldest first; the result is None if the child failed to get ready."""
+        self._again: list[SolverProcess] = []
+        """Children that have answered and take further jobs, at most as many as waiting ones are not ready yet."""
+        self._ending: set[asyncio.Task[None]] = set()
+        """Of such children, whose successors have become ready."""
 
     async def open(self) -> None:
         """Start the waiting children and wait until they are ready, or have failed to be."""
@@ -183,10 +195,11 @@ class SolverPool:
         """End all waiting children."""
         waiting = list(self._waiting)
         self._waiting.clear()
-        await asyncio.gather(*map(_give_up, waiting))
+        self._end_surplus()
+        await asyncio.gather(*map(_give_up, waiting), *self._ending)
 
     async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
-        """Solve one request in a process of its own; when this is cancelled, the process is gone.
+        """Solve one request in a process that works on nothing else; when this is cancelled, the process is gone.
 
         Raises:
             SolverDied: The process ended before.
@@ -196,10 +209,24 @@ class SolverPool:
         try:
             return await child.solve(request, on_report)
         finally:
-            await child.kill()
+            if child.again and len(self._again) < self._unready:
+                self._again.append(child)
+            else:
+                await child.kill()
+
+    @property
+    def _unready(self) -> int:
+        """How many of the waiting children are not ready yet."""
+        return sum(not each.done() for each in self._waiting)
 
     async def _take(self) -> SolverProcess:
         """Return the child that has waited longest, and have its successor get ready while it works."""
+        while self._again:
+            # Its successor was started when it was taken first.
+            child = self._again.pop()
+            if child.alive:
+                return child
+            await child.kill()
         oldest = self._waiting.popleft()
         self._start_one()
         try:
@@ -224,7 +251,16 @@ class SolverPool:
         return await SolverProcess.start(self._command)
 
     def _start_one(self) -> None:
-        self._waiting.append(asyncio.create_task(self._get_ready()))
+        starting = asyncio.create_task(self._get_ready())
+        starting.add_done_callback(self._end_surplus)
+        self._waiting.append(starting)
+
+    def _end_surplus(self, _: object = None) -> None:
+        """End children that have answered and have a successor that is ready, or failed to be."""
+        while len(self._again) > self._unready:
+            ending = asyncio.create_task(self._again.pop().kill())
+            ending.add_done_callback(self._ending.discard)
+            self._ending.add(ending)
 
     async def _get_ready(self) -> SolverProcess | None:
         try:

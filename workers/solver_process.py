@@ -1,5 +1,6 @@
-"""The child's side: one process that waits for one task, solves it, hands the document over, and ends.
+"""The child's side: one process that waits for a task, solves it, hands the document over, and ends.
 
+Only where the task was proven infeasible, which takes no search and leaves nothing behind, it waits for another one.
 It has a process group of its own. When its stdin closes the worker has died, and the whole group kills itself.
 """
 
@@ -24,7 +25,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 from planners.errors import LiftwrightError
 from planners.progress import Progress
-from workers.solver_protocol import HANDOVERS_VARIABLE, Message, Request
+from workers.solver_protocol import HANDOVERS_VARIABLE, DocumentHeader, Message, Request
 
 if TYPE_CHECKING:
     from workers.pipeline import Pipeline
@@ -117,7 +118,7 @@ def _stages(document: dict[str, Any]) -> dict[str, float]:
 
 
 def main(prepare: Callable[[], Solve]) -> None:
-    """Get ready, solve the one request that comes, and end."""
+    """Get ready and solve what is requested, until something was searched for."""
     channel = Channel()
     requests: SimpleQueue[bytes] = SimpleQueue()
     threading.Thread(target=_listen_to_the_worker, args=(requests,), daemon=True).start()
@@ -127,25 +128,34 @@ def main(prepare: Callable[[], Solve]) -> None:
         gc.collect()
         gc.freeze()
         channel.send({"ready": True})
-        document = solve(json.loads(requests.get()), ThrottledReports(channel))
-        body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-        packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
-        header = {
-            "outcome": document["outcome"],
-            "sha256": hashlib.sha256(body).hexdigest(),
-            "size": len(packed),
-            "stages": _stages(document),
-        }
-        channel.send({"document": header}, packed)  # pyright: ignore[reportArgumentType]
+        while _answer(solve, json.loads(requests.get()), channel):
+            gc.collect()
+
+
+def _answer(solve: Solve, request: Request, channel: Channel) -> bool:
+    """Hand over the document of a request; return whether there may be another one."""
+    document = solve(request, ThrottledReports(channel))
+    body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+    packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
+    header: DocumentHeader = {
+        "outcome": document["outcome"],
+        "sha256": hashlib.sha256(body).hexdigest(),
+        "size": len(packed),
+        "stages": _stages(document),
+        "again": document["outcome"] == "infeasible",
+    }
+    channel.send({"document": header}, packed)
+    return header["again"]
 
 
 def _listen_to_the_worker(requests: SimpleQueue[bytes]) -> None:
-    """Pass the one request on, and notice when the worker is gone."""
+    """Pass requests on, each of which follows the answer to the last, and notice when the worker is gone."""
     line = bytearray()
     while chunk := os.read(sys.stdin.fileno(), 65536):
         line += chunk
         if line.endswith(b"\n"):
             requests.put(bytes(line))
+            line.clear()
     _die_with_the_worker()
 
 

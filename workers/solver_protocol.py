@@ -3,7 +3,8 @@
 Parent to child, on stdin: one request `{"id", "task", "meshes"}`. Stdin then stays open; that it closes means the
 parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": {stage, done, total}}`, then either
-`{"document": {outcome, sha256, size, stages}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
+`{"document": {outcome, sha256, size, stages, again}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
+Then the child ends, unless it has said that it can be asked `again`.
 """
 
 from __future__ import annotations
@@ -45,6 +46,8 @@ class DocumentHeader(TypedDict):
     size: int
     stages: dict[str, float]
     """How long each stage took, by name [s]."""
+    again: NotRequired[bool]
+    """Whether the process waits for another request."""
 
 
 class Message(TypedDict):

@@ -68,7 +68,7 @@ class Supervisor:
             log.warning("waiting for the database", work=name, error=said_by(error))
             return False
         except Exception:
-            # The one place in the service where everything is caught. Nobody waits for this work, so nobody would see
+            # Everything is caught, as nowhere else in the background. Nobody waits for this work, so nobody would see
             # what ends it: jobs would go on being accepted while none expires, is told or is taken over any more.
             log.exception("background work failed", work=name)
             self._failing_since.setdefault(name, time.monotonic())

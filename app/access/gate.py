@@ -57,7 +57,7 @@ class Gate:
         request = HTTPConnection(connection)
         method = connection.get("method", "GET")
         try:
-            caller = await self._admit(door, request, method)
+            caller = await admit(request)
         except ANSWERED as error:
             await _refuse(request, method, error, receive, send)
             return
@@ -66,20 +66,32 @@ class Gate:
             send = _audited(door, caller, request, method, send)
         await self._app(connection, receive, send)
 
-    async def _admit(self, door: Door, request: HTTPConnection, method: str) -> Caller | None:
-        if door.open and not _is_loopback_name(request.headers.get("host", "")):
-            raise WrongHost(request.headers.get("host", ""))
-        if (method not in SAFE or request.scope["type"] == "websocket") and not is_from_here(request.headers):
-            raise ForeignPage
-        needed = needed_scope(method, request.url.path)
-        if needed is None:
-            return None
-        caller = await door.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
-        if not caller.scope.allows(needed):
-            if method not in SAFE:
-                await keep(door, caller, request, method, error_response(ScopeNeeded(needed.value)).status_code)
-            raise ScopeNeeded(needed.value)
-        return caller
+
+async def admit(request: HTTPConnection) -> Caller | None:
+    """Return who calls, by what a request or websocket has shown; None where nobody is asked.
+
+    A websocket outlives the key it was opened with: who serves one asks again whenever something is opened by it.
+
+    Raises:
+        WrongHost, ForeignPage: It was sent by a page of another site.
+        KeyNeeded, ScopeNeeded: It shows no key that opens what it wants, or none that does so any more.
+        TooManyRequests: The key was used too often, or too many wrong ones came from the address.
+    """
+    door: Door = request.app.state.door
+    method = request.scope.get("method", "GET")
+    if door.open and not _is_loopback_name(request.headers.get("host", "")):
+        raise WrongHost(request.headers.get("host", ""))
+    if (method not in SAFE or request.scope["type"] == "websocket") and not is_from_here(request.headers):
+        raise ForeignPage
+    needed = needed_scope(method, request.url.path)
+    if needed is None:
+        return None
+    caller = await door.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
+    if not caller.scope.allows(needed):
+        if method not in SAFE:
+            await keep(door, caller, request, method, error_response(ScopeNeeded(needed.value)).status_code)
+        raise ScopeNeeded(needed.value)
+    return caller
 
 
 def is_from_here(headers: Headers) -> bool:

@@ -21,11 +21,6 @@ def caller_of(connection: HTTPConnection) -> Caller:
     return connection.state.caller
 
 
-def desk_of(connection: HTTPConnection) -> PlanDesk:
-    """Return the plans that the caller may see."""
-    return connection.app.state.desk.seen_by(caller_of(connection))
-
-
 def scenes_of(connection: HTTPConnection) -> SceneDesk:
     """Return the perceived scenes that the caller may see."""
     return connection.app.state.scenes.seen_by(caller_of(connection))
@@ -41,7 +36,8 @@ def _caller(request: Request) -> Caller:
 
 
 def _desk(request: Request) -> PlanDesk:
-    return desk_of(request)
+    """Return the plans that the caller may see."""
+    return request.app.state.desk.seen_by(caller_of(request))
 
 
 def _scenes(request: Request) -> SceneDesk:

@@ -92,12 +92,14 @@ def _accept(content: bytes, file_format: MeshFormat, store: MeshStore) -> MeshRe
 
 def _resource(mesh_id: str, mesh: SolidMesh) -> MeshResource:
     x, y, z = mesh.size.tolist()
+    center_x, center_y, center_z = mesh.centroid.tolist()
     too_long = max(x, y, z) > LONGEST_MESH
     hint = f"if the unit of the file is the millimetre, name the mesh with scale {MILLIMETRE:g}" if too_long else None
     return MeshResource(
         id=mesh_id,
         triangles=len(mesh.faces),
         size=(x, y, z),
+        centroid=(center_x, center_y, center_z),
         convex_parts=len(mesh.parts),
         excess=mesh.excess,
         hint=hint,

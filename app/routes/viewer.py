@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path, PurePath
 from typing import Annotated
 
@@ -11,11 +11,12 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, HTTPException, Request, WebSocket
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 
+from app.access.gate import admit
 from app.resources import ProblemDocument
-from app.routes.given import Desk, Scenes, desk_of, scenes_of
+from app.routes.given import Desk, Scenes
 from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
 from app.viewer.theatre import Theatre
-from app.viewer.watch import POLICY_VIOLATION, relay_scene, watch
+from app.viewer.watch import POLICY_VIOLATION, Desks, relay_scene, watch
 
 FILES = frozenset({*STYLES, *LIVE_SCRIPTS})
 PROBLEM = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
@@ -95,7 +96,7 @@ def get_file(name: str) -> Response:
 @router.websocket("/viewer/watch")
 async def watch_plans(socket: WebSocket) -> None:
     """Open a room for as long as the page is open."""
-    await watch(socket, socket.app.state.theatre, desk_of(socket), scenes_of(socket))
+    await watch(socket, socket.app.state.theatre, partial(_desks_now, socket))
 
 
 @router.websocket("/viewer/scene/{key}")
@@ -103,6 +104,13 @@ async def watch_scene(socket: WebSocket, key: str) -> None:
     """Relay the scene of a room."""
     room = socket.app.state.theatre.room(key)
     await (socket.close(POLICY_VIOLATION, "this scene is closed") if room is None else relay_scene(socket, room))
+
+
+async def _desks_now(socket: WebSocket) -> Desks:
+    """Return what the watcher may see now: the key of a page that is open may have been revoked since."""
+    caller = await admit(socket)
+    assert caller is not None, "the viewer's websockets are not public"
+    return Desks(socket.app.state.desk.seen_by(caller), socket.app.state.scenes.seen_by(caller))
 
 
 @cache

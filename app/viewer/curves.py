@@ -61,13 +61,33 @@ def speeds(document: Mapping[str, Any]) -> Chart:
     return Chart("Fastest joint, of its limit", "%", time, tuple(series))
 
 
+def reserves(document: Mapping[str, Any]) -> Chart | None:
+    """Return which share of the force limits is kept back; None where no segment tells, as in documents of 0.1.0."""
+    told = [segment for segment in document["segments"] if segment.get("reserve") is not None]
+    if not told:
+        return None
+    time = np.concatenate([segment["time"] for segment in told])
+    # Null, where nothing is held, becomes nan: a gap.
+    kept = PERCENT * np.concatenate([np.array(segment["reserve"], dtype=float) for segment in told])
+    series = [Series("kept back", "reserve", kept)]
+    requested = document["task"].get("options", {}).get("reserve")
+    if requested is not None:
+        series.append(level("requested", PERCENT * requested, time))
+    return Chart("Force reserve", "%", time, tuple(series))
+
+
 def level(name: str, value: float, time: Array) -> Series:
     """Return a limit that stays."""
     return Series(name, "limit", np.full(len(time), value), dashed=True)
 
 
+def has_curves(simulation: Mapping[str, Any] | None) -> bool:
+    """Tell whether there is a simulation, and it came as far as its first sample."""
+    return simulation is not None and any(curve["time"] for curve in simulation["force_curves"])
+
+
 def simulated_curves(simulation: Mapping[str, Any]) -> tuple[Array, dict[str, Array]]:
-    """Return the common time of a simulation's curves and their values by name."""
+    """Return the common time of a simulation's curves and their values by name; of a simulation that has curves."""
     curves = {curve["name"]: np.array(curve["value"], dtype=float) for curve in simulation["force_curves"]}
     return np.array(simulation["force_curves"][0]["time"], dtype=float), curves
 

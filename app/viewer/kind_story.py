@@ -64,6 +64,12 @@ class KindStory(ABC):
         """Return outcome, a sentence, groups of figures, and what was modelled."""
 
 
+def squeeze_words(grips: Sequence[Mapping[str, Any]]) -> str:
+    """Return with what force the pads press, to follow what is held; nothing where the plan does not command it."""
+    forces = {f"{grip['squeeze']:.0f} N" for grip in grips if grip.get("squeeze") is not None}
+    return f", squeezed with {' and '.join(sorted(forces))}" if forces else ""
+
+
 def stretch(kind: str, time: Sequence[float], words: str, state: str, hold: str) -> dict[str, Any]:
     """Return one segment of the timeline."""
     return {

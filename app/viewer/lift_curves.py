@@ -7,24 +7,37 @@ from typing import Any
 
 import numpy as np
 
-from app.viewer.curves import MILLIMETRES, Chart, Series, Span, level, simulated_curves, spans, speeds, times
+from app.viewer.curves import (
+    MILLIMETRES,
+    Chart,
+    Series,
+    Span,
+    has_curves,
+    level,
+    reserves,
+    simulated_curves,
+    spans,
+    speeds,
+    times,
+)
 from app.viewer.timeline import ContactSet, Timeline, Touch
 
 MINIMUM = "min. m g \u2212 f_cup"
 
 
 def planned_charts(document: Mapping[str, Any], timeline: Timeline) -> list[Chart]:
-    """Return vertical forces of the hands, suction load and joint speeds; nothing for a plan without segments."""
+    """Return vertical forces of the hands, suction load, reserve and joint speeds; nothing without segments."""
     if not document["segments"]:
         return []
-    charts = [_hand_forces(document, timeline.contact_sets), _suction(timeline.contact_sets), speeds(document)]
+    sets = timeline.contact_sets
+    charts = [_hand_forces(document, sets), _suction(sets), reserves(document), speeds(document)]
     return [chart for chart in charts if chart is not None]
 
 
 def simulated_charts(document: Mapping[str, Any]) -> list[Chart]:
     """Return what the simulated hands, cup and lifter did; nothing for a plan without one."""
     simulation = document["simulation"]
-    if simulation is None or not simulation["force_curves"][0]["time"]:
+    if not has_curves(simulation):
         return []
     time, curves = simulated_curves(simulation)
     gripping, pushing = (arm_with(document, kind) for kind in ("gripper", "stick"))
@@ -56,7 +69,7 @@ def dips(document: Mapping[str, Any]) -> tuple[Span, ...]:
     """Return when both hands together bore less than the minimum during the simulated lift."""
     simulation = document["simulation"]
     least, lift = simulation["minimum_total_force"], simulation["lift"]
-    if least is None or lift is None:
+    if least is None or lift is None or not has_curves(simulation):
         return ()
     time, curves = simulated_curves(simulation)
     return spans(time, (curves["both hands"] < least) & (time >= lift["begin"]))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from app.summary import contact_word, largest_hand_force
+from app.summary import contact_word, largest_load
 from app.viewer.curves import Chart, Span
-from app.viewer.kind_story import KindStory, stretch
+from app.viewer.kind_story import KindStory, squeeze_words, stretch
 from app.viewer.lift_curves import dips, planned_charts, simulated_charts
 from app.viewer.simulation_story import tell_simulation
 from app.viewer.timeline import Timeline
@@ -32,12 +32,12 @@ class LiftStory(KindStory):
         return [_segment(segment) for segment in self.document["segments"]]
 
     def highlights(self) -> list[list[str]]:
-        """Return the largest force of a hand."""
-        force, arm = largest_hand_force(self.document)
-        return [["largest force", f"{force:.1f} N ({arm})"]]
+        """Return the most that a hand bears."""
+        force, arm = largest_load(self.document)
+        return [["largest force", f"{force:.1f} N ({arm} hand)"]]
 
     def planned_charts(self, timeline: Timeline) -> list[Chart]:
-        """Return vertical forces of the hands, suction load and joint speeds."""
+        """Return vertical forces of the hands, suction load, reserve and joint speeds."""
         return planned_charts(self.document, timeline)
 
     def simulated_charts(self) -> list[Chart]:
@@ -88,7 +88,7 @@ def _deed(kind: str, movers: Sequence[str]) -> str:
 
 
 def _hold(hold: Mapping[str, Any] | None) -> str:
-    if hold is None:
-        return "no hand on it"
-    words = [f"{deed} by {hold[key]['arm']}" for key, deed in (("grip", "gripped"), ("push", "pushed")) if hold[key]]
+    grip, push = (None, None) if hold is None else (hold["grip"], hold["push"])
+    words = [] if grip is None else [f"gripped by {grip['arm']}{squeeze_words([grip])}"]
+    words += [] if push is None else [f"pushed by {push['arm']}"]
     return ", ".join(words) or "no hand on it"

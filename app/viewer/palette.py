@@ -13,6 +13,7 @@ MEANINGS: Final[dict[str, tuple[str, str]]] = {
     "environment": ("#2fa866", "table, support"),
     "suction": ("#9b59d0", "vacuum cup"),
     "sum": ("#1d2733", "both hands"),
+    "reserve": ("#b3368c", "reserve"),
     "limit": ("#d63a4a", "limit"),
     "start": ("#8a97a6", "ghost at start"),
     "goal": ("#16a3b8", "ghost at goal"),

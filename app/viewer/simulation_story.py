@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from app.summary import failure_of
+
 SIMULATED_OUTCOMES = {"lifted": "lifted", "slipped": "slipped", "cup_lost": "cup lost", "overload": "overload"}
 BEARERS = {"left": "left hand", "right": "right hand", "cup": "cup", "support": "support"}
 """Words for what bears the plate."""
@@ -27,11 +29,11 @@ def tell_simulation(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sentence(simulation: Mapping[str, Any]) -> str:
-    lift, time = simulation["lift"], simulation["time"]
-    if simulation["outcome"] == "lifted":
+    lift = simulation["lift"]
+    if simulation["outcome"] == "lifted" and lift is not None:
         return f"The plate was lifted by {1e3 * lift['height']:.0f} mm."
+    time, cause = failure_of(simulation)
     when = f"{time:.2f} s" if lift is None else f"{time:.2f} s, {time - lift['begin']:.2f} s into the lift"
-    cause = simulation["cause"] or "it is not told what gave way"
     return f"At {when}: {cause}."
 
 
@@ -43,7 +45,8 @@ def _figures(simulation: Mapping[str, Any]) -> list[dict[str, Any]]:
         rows = [["dips", f"{dips['count']}"], ["together", f"{dips['seconds']:.2f} s"]]
         if dips["lowest"] is not None:
             rows.append(["lowest sum", f"{dips['lowest']:.1f} N"])
-        rows.append(["minimum", f"{simulation['minimum_total_force']:.1f} N"])
+        if simulation["minimum_total_force"] is not None:
+            rows.append(["minimum", f"{simulation['minimum_total_force']:.1f} N"])
         groups.append({"title": "Both hands below the minimum", "rows": rows})
     rows = [
         ["largest force difference", f"{manipulation['largest_difference']:.1f} N"],

@@ -15,7 +15,7 @@ from app.viewer.nodes import add_frame, place, place_at
 from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
 from app.viewer.robot_drawing import RobotDrawing
 from app.viewer.sources import SourceName, Sources
-from app.viewer.timeline import Moment, Touch
+from app.viewer.timeline import Moment, Touch, by_hand
 from app.viewer.tool_story import subjects_of
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.kinematics.forward import link_frames
@@ -136,7 +136,9 @@ class Stage:
                         handle.visible = visible
 
     def _show_contacts(self) -> None:
-        touches = [touch for touch in self._moment.touches if _is_drawn(touch)]
+        each = self._moment.touches
+        # What the fingers of a hand press against each other is many times what the hand bears.
+        touches = [touch for touch in (each if "cones" in self._visible else by_hand(each)) if _is_drawn(touch)]
         for meaning, handle in self._arrows.items():
             mine = [t for t in touches if meaning_of(t.by, self._arms, t.kind) == meaning]
             drawn = bool(mine) and "forces" in self._visible

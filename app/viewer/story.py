@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from app.cause_words import figures_of, reason_of
+from app.least_reserve import least_reserve
 from app.viewer.considered import tell_considered
-from app.viewer.curves import Chart, Span
+from app.viewer.curves import PERCENT, Chart, Span
 from app.viewer.kind_story import DIGITS, KindStory
 from app.viewer.lift_story import LiftStory
 from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
@@ -21,7 +22,15 @@ BY_CONTACT = "contact_states"
 """Member of a graph's figures that has the same figures for each contact state."""
 AFTER_PLANNING = frozenset({"certify", "simulate"})
 """Stages of a job in which there is a plan already."""
+NO_FIGURE = "\u2013"
+RESERVE = "reserve"
+"""Meaning of the colour of a curve that only newer documents have."""
 OUTCOMES = {"solved": "solved", "infeasible": "infeasible", "not_found": "not found"}
+WITHOUT_PLAN = {
+    "infeasible": "it is proven that there is no plan",
+    "not_found": "none among those that were tried; there may be one",
+}
+"""What it means that there is none."""
 KIND_STORIES: Mapping[str, type[KindStory]] = {"plate_lift": LiftStory, "suction_tool": ToolStory}
 
 
@@ -29,24 +38,28 @@ def tell_story(document: Mapping[str, Any], sources: Sources) -> dict[str, Any]:
     """Return all the page needs of a plan document but its scene."""
     kind = document["task"]["kind"]
     story = KIND_STORIES[kind](document)
+    played = _sources(document, sources, story)
     return {
         "id": document["id"],
         "title": document["task"]["external_id"] or document["id"][:8],
         "subtitle": story.subtitle(),
         "outcome": document["outcome"],
         "outcome_words": OUTCOMES[document["outcome"]],
+        "outcome_meaning": WITHOUT_PLAN.get(document["outcome"], ""),
         "summary": document["explanation"]["summary"],
-        "causes": [_cause(cause) for cause in document["explanation"]["causes"]],
+        "causes": [_cause(cause) for cause in document["explanation"].get("causes", ())],
         "tabs": story.tabs,
         "simulation_words": story.simulation_words,
         "force_scale": 1e3 * FORCE_SCALES[kind],
-        "sources": _sources(document, sources, story),
+        "sources": played,
         "simulation": None if document["simulation"] is None else story.tell_simulation(),
         "considered": tell_considered(document),
         "legend": {
-            "meanings": _legend({name: MEANINGS[name] for name in story.meanings}),
+            "meanings": _legend({name: MEANINGS[name] for name in _meanings(story, played)}),
             "segments": _legend(SEGMENT_KINDS),
         },
+        "colours": {name: colour for name, (colour, _) in (MEANINGS | SEGMENT_KINDS).items()},
+        "least_reserve": _least_reserve(document, played["plan"]["segments"]),
         "highlights": _highlights(document, sources.plan.duration, story),
         "figures": _figures(document["statistics"]),
         "rejections": sorted(document["statistics"]["rejections"].items(), key=lambda item: -item[1]),
@@ -80,6 +93,28 @@ def _source(
         "charts": [_chart(chart) for chart in charts],
         "pages": _spans(pages),
         "marked": _spans(marked),
+    }
+
+
+def _meanings(story: KindStory, played: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return the meanings for the legend: those of the kind of task, and the reserve where there is a curve of it."""
+    drawn = {line["colour"] for source in played.values() for chart in source["charts"] for line in chart["series"]}
+    return [*story.meanings, *({RESERVE} & drawn)]
+
+
+def _least_reserve(document: Mapping[str, Any], segments: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    """Return how much is kept back where least is, whether that is enough, what would give way, and where to see it."""
+    found = least_reserve(document)
+    if found is None:
+        return None
+    least, time = found
+    asked = document["task"].get("options", {}).get("reserve", 0.0)
+    return {
+        "value": f"{PERCENT * least.value:.1f} %",
+        "asked": f"less than the {PERCENT * asked:g} % asked for" if least.value < asked else "",
+        "of": f"{least.limited_by.replace('_', ' ')}: {least.body.replace('_', ' ')} would be lost",
+        "where": f"segment {least.segment + 1}: {segments[least.segment]['words']}",
+        "time": round(time, DIGITS),
     }
 
 
@@ -140,16 +175,16 @@ def _figures(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return groups of figures, each with a title and rows of label and value."""
     stages = [[stage["name"], f"{stage['seconds']:.2f} s"] for stage in statistics["stages"]]
     graph = {name: value for name, value in statistics["graph"].items() if name != BY_CONTACT}
-    by_contact = _by_contact(statistics["graph"].get(BY_CONTACT, {}))
+    by_contact = _by_contact(statistics["graph"].get(BY_CONTACT) or {})
     search = _rows(statistics["search"])
     groups = [("Graph", _rows(graph)), ("Nodes by contact", by_contact), ("Search", search), ("Time", stages)]
     return [{"title": title, "rows": rows} for title, rows in groups if rows]
 
 
-def _by_contact(figures: Mapping[str, Mapping[str, int]]) -> list[list[str]]:
+def _by_contact(figures: Mapping[str, Mapping[str, Any] | None]) -> list[list[str]]:
     """Return one row a contact state under a row of headings; nothing without contact states."""
     columns = ("nodes", "alive", "dead")
-    rows = [[contact, *(f"{counts[column]:,}" for column in columns)] for contact, counts in figures.items()]
+    rows = [[state, *(_figure((counts or {}).get(column)) for column in columns)] for state, counts in figures.items()]
     return [["", *columns], *rows] if rows else []
 
 
@@ -160,11 +195,26 @@ def _rows(figures: Mapping[str, Any]) -> list[list[str]]:
         words = name.replace("_", " ")
         if isinstance(value, Mapping):
             rows += [[f"{words}: {inner}", text] for inner, text in _rows(value)]
-        elif isinstance(value, list):
-            rows.append([words, ", ".join(map(str, value))])
         else:
-            rows.append([words, f"{value:,.2f}" if isinstance(value, float) else f"{value:,}"])
+            rows.append([words, _figure(value)])
     return rows
+
+
+def _figure(value: Any) -> str:
+    """Return any JSON value in words; a dash for a figure that there is none of, as where nothing was found."""
+    match value:
+        case None:
+            return NO_FIGURE
+        case bool():
+            return "yes" if value else "no"
+        case int():
+            return f"{value:,}"
+        case float():
+            return f"{value:,.2f}"
+        case list():
+            return ", ".join(map(_figure, value))
+        case _:
+            return str(value)
 
 
 def _cause(cause: Mapping[str, Any]) -> dict[str, Any]:

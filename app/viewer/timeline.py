@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -41,6 +42,23 @@ class Touch:
     def place(self) -> tuple[str, str, str, int | None]:
         """What it has in common with itself at another moment."""
         return self.by, self.body, self.kind, self.finger
+
+
+def by_hand(touches: Iterable[Touch]) -> list[Touch]:
+    """Put one force in place of those of a hand's fingers on a body, midway between them.
+
+    That is what the hand bears, without its squeeze.
+    """
+    result, fingers = list[Touch](), defaultdict[tuple[str, str], list[Touch]](list)
+    for touch in touches:
+        if touch.kind == "soft_finger":
+            fingers[touch.by, touch.body].append(touch)
+        else:
+            result.append(touch)
+    for pair in fingers.values():
+        point = np.mean([touch.point for touch in pair], axis=0)
+        result.append(replace(pair[0], finger=None, point=point, force=np.sum([touch.force for touch in pair], axis=0)))
+    return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,34 +7,49 @@ from typing import Any
 
 import numpy as np
 
-from app.viewer.curves import MILLIMETRES, PERCENT, Chart, Series, Span, level, simulated_curves, spans, speeds, times
+from app.viewer.curves import (
+    MILLIMETRES,
+    PERCENT,
+    Chart,
+    Series,
+    Span,
+    has_curves,
+    level,
+    reserves,
+    simulated_curves,
+    spans,
+    speeds,
+    times,
+)
 from app.viewer.timeline import ContactSet, Timeline
 from planners.geometry.pose import Array
 from planners.regrasp.suction_hold import suction_margin
 from planners.scene.suction_tool import TOOL_NAME, CupData
 
-CUP_TITLE, SQUEEZE_TITLE = "Suction cup, used of what it bears", "Finger squeeze needed"
+CUP_TITLE = "Suction cup, used of what it bears"
+FORCE_TITLE, SQUEEZE_TITLE = "Finger force", "Finger squeeze needed"
 
 
 def planned_charts(document: Mapping[str, Any], timeline: Timeline) -> list[Chart]:
-    """Return use of the cup, squeeze of both hands, and joint speeds; nothing for a plan without segments."""
+    """Return use of the cup, finger forces, reserve, and joint speeds; nothing without segments."""
     if not document["segments"]:
         return []
     sets = timeline.contact_sets
-    charts = [_cup(document), _squeeze(document, sets), speeds(document)] if sets else [speeds(document)]
+    forces = [_cup(document), _forces(document, sets)] if sets else []
+    charts = [*forces, reserves(document), speeds(document)]
     return [chart for chart in charts if chart is not None]
 
 
 def simulated_charts(document: Mapping[str, Any]) -> list[Chart]:
     """Return use of the cup, squeeze of both hands, and distances from the plan; nothing without a simulation."""
     simulation = document["simulation"]
-    if simulation is None or not simulation["force_curves"][0]["time"]:
+    if not has_curves(simulation):
         return []
     time, curves = simulated_curves(simulation)
     share = PERCENT * _while_held(curves["suction share"])
     cup = (Series("used", "suction", share), level("limit", PERCENT, time))
     squeezes = [Series(arm, arm, _while_held(curves[f"{arm} squeeze"])) for arm in document["cell"]["arms"]]
-    squeezes.append(level("limit", document["task"]["grip_force_limit"], time))
+    squeezes.append(level("commanded", _commanded(document), time))
     off = (
         Series("tool", "sum", MILLIMETRES * curves["tool off plan"]),
         Series("object", "suction", MILLIMETRES * curves["object off plan"]),
@@ -48,6 +63,8 @@ def simulated_charts(document: Mapping[str, Any]) -> list[Chart]:
 
 def overloads(document: Mapping[str, Any]) -> tuple[Span, ...]:
     """Return when in the simulation the cup was asked for more than it bears."""
+    if not has_curves(document["simulation"]):
+        return ()
     time, curves = simulated_curves(document["simulation"])
     return spans(time, curves["suction share"] > 1.0)
 
@@ -89,11 +106,29 @@ def _share(contact: Mapping[str, Any]) -> float:
     return 1.0 - float(suction_margin(wrench.reshape(6), cup))
 
 
-def _squeeze(document: Mapping[str, Any], sets: tuple[ContactSet, ...]) -> Chart:
+def _commanded(document: Mapping[str, Any]) -> float:
+    """Return the squeeze of the plan's grips; of a document of before it was stated, the limit of a finger [N]."""
+    grips = (segment["hold"]["grip"] for segment in document["segments"] if segment["hold"] is not None)
+    stated = (grip.get("squeeze") for grip in grips if grip is not None)
+    return next((squeeze for squeeze in stated if squeeze is not None), document["task"]["grip_force_limit"])
+
+
+def largest_squeeze(document: Mapping[str, Any]) -> tuple[float, str]:
+    """Return the most that a finger presses with [N], and which arm's it is."""
+    pressed = (
+        (float(np.dot(contact["wrench"][:3], contact["normal"])), contact["by"])
+        for segment in document["segments"]
+        for contact in segment["contacts"]
+        if contact["by"] in document["cell"]["arms"]
+    )
+    return max(pressed, default=(0.0, "no hand"))
+
+
+def _forces(document: Mapping[str, Any], sets: tuple[ContactSet, ...]) -> Chart:
     time = times(sets)
     series = [Series(arm, arm, _normals(sets, arm)) for arm in document["cell"]["arms"]]
     limit = level("limit", document["task"]["grip_force_limit"], time)
-    return Chart(SQUEEZE_TITLE, "N", time, (*series, limit))
+    return Chart(FORCE_TITLE, "N", time, (*series, limit))
 
 
 def _normals(sets: tuple[ContactSet, ...], arm: str) -> Array:

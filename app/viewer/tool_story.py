@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from app.summary import largest_hand_force
+from app.summary import failure_of
 from app.viewer.curves import Chart, Span
-from app.viewer.kind_story import KindStory, stretch
+from app.viewer.kind_story import KindStory, squeeze_words, stretch
 from app.viewer.timeline import Timeline
-from app.viewer.tool_curves import largest_share, overloads, planned_charts, simulated_charts
+from app.viewer.tool_curves import largest_share, largest_squeeze, overloads, planned_charts, simulated_charts
 from planners.scene.suction_tool import TOOL_NAME
 
 TOOL_OUTCOMES = {
@@ -56,15 +56,15 @@ class ToolStory(KindStory):
         ]
 
     def highlights(self) -> list[list[str]]:
-        """Return handovers, squeeze, and use of the cup."""
-        force, arm = largest_hand_force(self.document)
+        """Return handovers, finger force, and use of the cup."""
+        force, arm = largest_squeeze(self.document)
         share = largest_share(self.document)
         handovers = sum(segment["kind"] == "handover" for segment in self.document["segments"])
-        rows = [["handovers", str(handovers)], ["largest squeeze", f"{force:.0f} N ({arm})"]]
+        rows = [["handovers", str(handovers)], ["largest finger force", f"{force:.0f} N ({arm})"]]
         return rows if share is None else [*rows, ["cup used", f"{100.0 * share:.0f} %"]]
 
     def planned_charts(self, timeline: Timeline) -> list[Chart]:
-        """Return use of the cup, squeeze of both hands, and joint speeds."""
+        """Return use of the cup, finger forces, reserve, and joint speeds."""
         return planned_charts(self.document, timeline)
 
     def simulated_charts(self) -> list[Chart]:
@@ -131,7 +131,8 @@ def _deed(segments: Sequence[Mapping[str, Any]], index: int, subject: str | None
         return _carrying(segments, index, what)
     if not segment["movers"] and kind == "transit":
         return _fingers(segment)
-    arm = hold["grip"]["arm"] if hold and kind in ("grip", "release") else " and ".join(segment["movers"])
+    grip = None if hold is None or kind not in ("grip", "release") else hold["grip"]
+    arm = " and ".join(segment["movers"]) if grip is None else grip["arm"]
     hand = f"{arm} hand" if arm in ("left", "right") else "both hands" if arm else ""
     return {
         "transit": f"{hand} travels",
@@ -182,18 +183,20 @@ def _handed_over_next(segments: Sequence[Mapping[str, Any]], index: int) -> bool
 
 
 def _hold(segment: Mapping[str, Any]) -> str:
-    hold = segment["hold"]
-    if hold is None:
+    hold = segment["hold"] or {}
+    grips = [grip for grip in (hold.get("grip"), hold.get("second_grip")) if grip is not None]
+    if not grips:
         return "tool at rest"
-    arms = [one["arm"] for one in (hold["grip"], hold.get("second_grip")) if one is not None]
-    return "tool in both hands" if len(arms) > 1 else f"tool in the {arms[0]} hand"
+    where = "in both hands" if len(grips) > 1 else f"in the {grips[0]['arm']} hand"
+    return f"tool {where}{squeeze_words(grips)}"
 
 
 def _sentence(simulation: Mapping[str, Any]) -> str:
     if simulation["outcome"] == "done":
-        worst = max(simulation["goals"].values(), key=lambda error: error["distance"])
-        return f"All objects are within {1e3 * worst['distance']:.1f} mm of their goals."
-    return f"At {simulation['failed_at']:.2f} s: {simulation['cause'].rstrip('.')}."
+        worst = max((error["distance"] for error in simulation["goals"].values()), default=0.0)
+        return f"All objects are within {1e3 * worst:.1f} mm of their goals."
+    failed_at, cause = failure_of(simulation)
+    return f"At {failed_at:.2f} s: {cause}."
 
 
 def _figures(simulation: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import uuid
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar
 
 import anyio
 import structlog
@@ -11,17 +14,41 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from app.errors import CellNotDrawn, DocumentNotReady, PlanNotFound, SceneNotFound, TheatreFull
+from app.errors import (
+    CellNotDrawn,
+    DocumentNotReady,
+    KeyNeeded,
+    PlanNotFound,
+    SceneNotFound,
+    ScopeNeeded,
+    TheatreFull,
+    TooManyRequests,
+)
 from app.plan_desk import PlanDesk
 from app.scene_desk import SceneDesk
 from app.viewer import perceived_stage, stage
 from app.viewer.room import VIEWS, Room
 from app.viewer.sources import SourceName
 from app.viewer.theatre import Theatre
+from planners.errors import LiftwrightError
+from workers.database_loss import DATABASE_GONE, said_by
 
-TRY_AGAIN_LATER, POLICY_VIOLATION, BAD_DATA = 1013, 1008, 1007
-"""Close codes of RFC 6455."""
+TRY_AGAIN_LATER, INTERNAL_ERROR, POLICY_VIOLATION, BAD_DATA, UNSUPPORTED_DATA = 1013, 1011, 1008, 1007, 1003
+"""Close codes of RFC 6455, and of its registry."""
+LONGEST_REASON = 120
+"""Of closing [bytes]."""
+Result = TypeVar("Result")
 log = structlog.get_logger(__name__)
+
+
+class WatcherFault(LiftwrightError):
+    """The service met an error of its own while it did something for a watcher."""
+
+    def __init__(self, deed: str, error: Exception) -> None:
+        self.name = uuid.uuid4().hex[:8]
+        """Stands in the log with what the error says: that can hold paths and addresses."""
+        met = type(error).__name__
+        super().__init__(f"The service could not {deed}: an error of its own ({met}, fault {self.name} in its log)")
 
 
 class _Request(BaseModel):
@@ -66,25 +93,54 @@ class Look(_Request):
 
 
 Request = OpenPlan | OpenPerceived | ShowTime | SetLayer | Look
+WORDS = {
+    "open": "show this plan",
+    "open_perceived": "show this scene",
+    "time": "show that time",
+    "layer": "change what is shown",
+    "view": "move the camera",
+}
+"""What is asked for, by type of request."""
 REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="type")])
 
 
-async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk, scenes: SceneDesk) -> None:
-    """Give a watcher a room, and do there what the page asks for until it goes away; desks have what it may see."""
+@dataclass(frozen=True)
+class Desks:
+    """What a watcher may see."""
+
+    plans: PlanDesk
+    scenes: SceneDesk
+
+
+async def watch(socket: WebSocket, theatre: Theatre, desks_now: Callable[[], Awaitable[Desks]]) -> None:
+    """Give a watcher a room, and do there what the page asks for until it goes away.
+
+    Args:
+        socket: the watcher's.
+        theatre: where the room is.
+        desks_now: tells what the watcher may see, whenever it wants to see something else; raises what `admit` does.
+    """
     await socket.accept()
     try:
-        room = await theatre.enter()
+        room = await _or_fault("open a room", theatre.enter())
     except TheatreFull as error:
         await socket.close(TRY_AGAIN_LATER, str(error))
+        return
+    except WatcherFault as fault:
+        await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
         return
     try:
         await socket.send_json({"type": "room", "scene": f"scene/{room.key}/"})
         while True:
-            request = REQUESTS.validate_json(await socket.receive_text())
-            answer = await run_in_threadpool(_answer, theatre, room, desk, scenes, request)
-            await socket.send_json(answer)
+            text = await _receive_text(socket)
+            if text is None:
+                await socket.close(UNSUPPORTED_DATA, "requests of this viewer are text")
+                return
+            await socket.send_json(await _answered(theatre, room, desks_now, REQUESTS.validate_json(text)))
     except WebSocketDisconnect:
         log.debug("a watcher left")
+    except (KeyNeeded, ScopeNeeded):
+        await socket.close(POLICY_VIOLATION, "the key that opened this page opens nothing any more: log in again")
     except ValidationError:
         await socket.close(BAD_DATA, "not a request of this viewer")
     finally:
@@ -92,24 +148,73 @@ async def watch(socket: WebSocket, theatre: Theatre, desk: PlanDesk, scenes: Sce
             await theatre.leave(room)
 
 
-def _answer(theatre: Theatre, room: Room, desk: PlanDesk, scenes: SceneDesk, request: Request) -> dict[str, Any]:
+async def _receive_text(socket: WebSocket) -> str | None:
+    """Return the next message; None if it is a binary one."""
+    message = await socket.receive()
+    if message["type"] == "websocket.disconnect":
+        raise WebSocketDisconnect(message["code"])
+    return message.get("text")
+
+
+async def _answered(
+    theatre: Theatre, room: Room, desks_now: Callable[[], Awaitable[Desks]], request: Request
+) -> dict[str, Any]:
+    """Return the answer to a request, or what went wrong: with it, or in the service itself."""
+    try:
+        return await _or_fault(WORDS[request.type], _answer(theatre, room, desks_now, request))
+    except DATABASE_GONE as error:
+        log.error("database cannot be used", error=said_by(error))
+        return _refusal(request, "The database is away, or its disk is full; what was accepted is kept.")
+    except WatcherFault as fault:
+        return {"type": "fault", "request": request.type, "detail": str(fault)}
+
+
+async def _or_fault(deed: str, work: Awaitable[Result]) -> Result:
+    """Return the result of some work for a watcher.
+
+    Raises:
+        WatcherFault: It met an error that nobody thought of; the log has it.
+        Exception: What the work raises and its caller answers.
+    """
+    try:
+        return await work
+    except (TheatreFull, KeyNeeded, ScopeNeeded, *DATABASE_GONE):
+        raise
+    except Exception as error:
+        # What a request is answered with a 500, only here the connection would break: the page would take that for a
+        # service that went away, and ask for the same again and again.
+        fault = WatcherFault(deed, error)
+        log.exception("a watcher met a fault", deed=deed, fault=fault.name)
+        raise fault from error
+
+
+def _refusal(request: Request, detail: str) -> dict[str, Any]:
+    wanted = request.model_dump(include={"plan", "scene"})
+    return {"type": "refused", **wanted, "detail": detail}
+
+
+async def _answer(
+    theatre: Theatre, room: Room, desks_now: Callable[[], Awaitable[Desks]], request: Request
+) -> dict[str, Any]:
     match request:
         case OpenPlan():
             try:
-                return {"type": "story", "story": theatre.open(room, desk, request.plan)}
-            except (PlanNotFound, DocumentNotReady, CellNotDrawn) as error:
-                return {"type": "refused", "plan": request.plan, "detail": str(error)}
+                story = await run_in_threadpool(theatre.open, room, (await desks_now()).plans, request.plan)
+            except (PlanNotFound, DocumentNotReady, CellNotDrawn, TooManyRequests) as error:
+                return _refusal(request, str(error))
+            return {"type": "story", "story": story}
         case OpenPerceived():
             try:
-                return {"type": "perceived", "story": theatre.open_perceived(room, scenes, request.scene)}
-            except (SceneNotFound, CellNotDrawn) as error:
-                return {"type": "refused", "scene": request.scene, "detail": str(error)}
+                story = await run_in_threadpool(theatre.open_perceived, room, (await desks_now()).scenes, request.scene)
+            except (SceneNotFound, CellNotDrawn, TooManyRequests) as error:
+                return _refusal(request, str(error))
+            return {"type": "perceived", "story": story}
         case ShowTime():
-            room.show(request.source, request.time)
+            await run_in_threadpool(room.show, request.source, request.time)
         case SetLayer():
-            room.set_layer(request.layer, visible=request.visible)
+            await run_in_threadpool(room.set_layer, request.layer, visible=request.visible)
         case Look():
-            room.look(VIEWS[request.view])
+            await run_in_threadpool(room.look, VIEWS[request.view])
     return {"type": "done", "request": request.type}
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from planners.balance.contacts import GripContacts, PushContact
 from planners.geometry.pose import Array
 from planners.geometry.wrench import rotated
 
@@ -35,9 +36,23 @@ class ContactWrench:
 
 
 @dataclass(frozen=True, eq=False)
+class HeldPlate:
+    """How a plate is held: what is asked of program (5)."""
+
+    rotation_world_plate: Array
+    """(3, 3)"""
+    environment_points: Array
+    """(k, 3), where the plate stands on the table or support, plate frame [m]."""
+    grip: GripContacts | None
+    push: PushContact | None
+
+
+@dataclass(frozen=True, eq=False)
 class Balanced:
     """Least-effort wrenches (5). A cup's pull outward is a negative z force in its contact frame."""
 
+    held: HeldPlate
+    """What was asked."""
     contacts: tuple[str, ...]
     """The names of the contacts, in the order of the arrays below; see `ContactWrench.name`."""
     frames: Callable[[], tuple[Array, Array]]
@@ -46,12 +61,11 @@ class Balanced:
     """Gives `wrenches_contact`, likewise."""
     hand_wrenches: Array
     """(2, 6), total of the gripper's and of the stick's contacts, plate axes, about the centre of mass."""
-    rotation_world_plate: Array
-    """(3, 3), of the pose that was solved."""
     objective: float
     """(5a): k_gp f+_gp + k_s f+_s."""
     f_plus_gp: float
-    """Largest normal force of fingers and stick [N]; 0 without a hand."""
+    """Largest effort of a hand [N]: normal force of the stick, net force of a squeezing gripper, normal force of free
+    fingers; 0 without a hand."""
     f_plus_s: float
     """Bound on the cup's net pull [N]; equal to `suction_force`, as it is minimised."""
     suction_force: float
@@ -78,17 +92,12 @@ class Balanced:
         """(m, 6), in the contact frames."""
         return self.exerted()
 
-    @property
-    def largest_hand_normal(self) -> float:
-        """Largest normal force of fingers and stick [N]."""
-        return self.f_plus_gp
-
     @cached_property
     def wrenches_world(self) -> Array:
         """(m, 6), in world axes, each about its contact point."""
         forces = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, :3])
         torques = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, 3:])
-        return rotated(self.rotation_world_plate, np.concatenate([forces, torques], axis=1))
+        return rotated(self.held.rotation_world_plate, np.concatenate([forces, torques], axis=1))
 
     def wrench(self, name: str) -> ContactWrench:
         """Return the wrench of the contact of that name.
@@ -130,5 +139,3 @@ class Unbalanced:
     """Re-checked in closed form; none when the reason is not PROVEN."""
     power: float
     """The most power of contacts and weight together along the proof's twist [W]; negative; 0 without proof."""
-    shortage: float | None
-    """At least this much upward force at the centre of mass is missing [N]; none when lifting there cannot help."""

@@ -47,12 +47,14 @@ def lift_capacity(
 
 def largest_grip_force(friction: Friction, limits: HandForceLimit) -> float:
     """Return an upper bound of the norm of the net force of two fingers [N]."""
-    return min(limits.net, 2.0 * limits.normal * math.hypot(1.0, friction.grip))
+    if limits.squeeze is not None:
+        return min(limits.grip, limits.normal)
+    return min(limits.grip, 2.0 * limits.normal * math.hypot(1.0, friction.grip))
 
 
 def largest_push_force(friction: Friction, limits: HandForceLimit) -> float:
     """Return the largest norm of the force of one pushing contact [N]."""
-    return min(limits.net, limits.normal * math.hypot(1.0, friction.push))
+    return min(limits.push, limits.normal * math.hypot(1.0, friction.push))
 
 
 def largest_environment_normal(weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit) -> float:

@@ -71,7 +71,8 @@ class TwistTable:
 
     def _pose_power(self, twists: Array) -> Array:
         balance = self._balance
-        power = -balance.weight * np.sum(twists[:, :3] * self._ups, axis=1)
+        # A node must be held whichever plate within the tolerances it is, so the one that this motion rules out counts.
+        power = balance.uncertainty.least_power(balance.weight, twists, self._ups)
         velocities = point_velocity(twists, self._cup_lever)
         power += balance.lifter.largest_power(velocities, twists[:, 3:], self._ups)
         for members, levers in self._groups:

@@ -6,7 +6,7 @@ its z axis along the normal into the plate, so that a push is a positive z force
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -80,6 +80,11 @@ class Cup:
         axes = np.diag([1.0, -1.0, -1.0])
         return cls(transform(axes, position), radius, max_force, **parameters)
 
+    def keeping_back(self, reserve: float) -> Cup:
+        """Return the cup with that share of its limits kept back: force, friction and bending [1]."""
+        left = 1.0 - reserve
+        return replace(self, max_force=left * self.max_force, mu=left * self.mu, kappa=left * self.kappa)
+
 
 @dataclass(frozen=True)
 class Friction:
@@ -99,18 +104,49 @@ class Friction:
         if 0.0 in (self.grip, self.push, self.environment, self.eps):
             raise LiftwrightError("friction coefficients and eps must be positive")
 
+    def keeping_back(self, reserve: float) -> Friction:
+        """Return the coefficients with that share kept back; `eps` is a length and stays [1]."""
+        left = 1.0 - reserve
+        return Friction(left * self.grip, left * self.push, left * self.environment, self.eps)
+
 
 @dataclass(frozen=True)
 class HandForceLimit:
-    """What one hand may do."""
+    """What the hands may do, each by what its arm's payload leaves beside it.
+
+    A gripper commands a squeeze s: with nothing else to bear, each pad presses with s. A load along the closing axis
+    adds half of itself on one pad and takes it off the other, so that the fingers' normal forces add up to 2 s, and
+    what the arm feels is their net force alone (docs/grip-model.md). Paper B's fingers are free: two normal forces from
+    nothing to a cap, (5i); they are had without a squeeze.
+    """
 
     normal: float = 17.0
-    """Cap of f+_gp, the normal force at each contact [N]: UR3e payload less sensor and gripper is 17.6 N."""
-    net: float = 19.0
-    """Cap of the norm of the sum of one hand's contact forces [N]."""
+    """Cap of f+_gp [N]: the normal force of the stick, and the net force of the gripper; of free fingers, the normal
+    force of each."""
+    grip: float = 17.6
+    """Cap of the norm of the gripper's net force [N]."""
+    push: float = 19.0
+    """Cap of the norm of the stick's force [N]."""
+    squeeze: float | None = 60.0
+    """What each pad presses with when the gripper bears nothing [N]; None for the free fingers of paper B."""
 
     def __post_init__(self) -> None:
         _require_not_negative(self)
+
+    @property
+    def finger(self) -> float:
+        """Largest normal force that there can be at one finger [N]."""
+        return self.normal if self.squeeze is None else self.squeeze + 0.5 * min(self.normal, self.grip)
+
+    @property
+    def pushing(self) -> float:
+        """Largest normal force of the stick [N]."""
+        return min(self.normal, self.push)
+
+    def keeping_back(self, reserve: float) -> HandForceLimit:
+        """Return the limits with that share kept back; the squeeze is commanded and stays [1]."""
+        left = 1.0 - reserve
+        return HandForceLimit(left * self.normal, left * self.grip, left * self.push, self.squeeze)
 
 
 def contact_axes(normal: Array) -> Array:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from functools import partial
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from planners.balance.balanced import Balanced, Unbalanced, UnbalanceProof, UnbalanceReason
+from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
 from planners.balance.support import environment_power, grip_power, point_velocity, push_power
-from planners.balance.template import TORQUE_LENGTH, Columns, Structure, Template
+from planners.balance.template import TORQUE_LENGTH, Columns, CompiledSolvers, Fingers, Manner, Structure, Template
+from planners.balance.uncertainty import Uncertainty
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, transform
 from planners.geometry.wrench import grasp_map
@@ -43,7 +45,7 @@ class Balance:
         lifter_model: LifterModel = "paper",
         gravity: float = GRAVITY,
     ) -> None:
-        """State the plate.
+        """State the plate, known exactly, with nothing kept back.
 
         Args:
             plate_mass: [kg].
@@ -61,15 +63,57 @@ class Balance:
             raise LiftwrightError(f"the plate's mass must be positive, but is {plate_mass}")
         self.com = np.array(plate_com, dtype=float)
         self.weight = plate_mass * gravity
+        self._mass = plate_mass
         self.cup = cup
         self.friction = friction if friction is not None else Friction()
         self.limits = limits if limits is not None else HandForceLimit()
         self.lifter = lifter_of(lifter_model, cup)
         self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
+        self.uncertainty = Uncertainty()
+        self._gravity = gravity
+        self._lifter_model: LifterModel = lifter_model
+        self._fingers = Fingers.of(self.limits.squeeze)
         self._templates: dict[Structure, Template] = {}
-        self._hand_maps: dict[GripContacts | PushContact, Array] = {}
-        self._last_rest: tuple[tuple[bytes, bytes], Array] = ((b"", b""), np.empty((6, 0)))
+        # What does not depend on limits is shared by all programs that were made of one.
+        self._compiled = CompiledSolvers()
+        self._hand_maps: dict[GripContacts | PushContact, tuple[Array, Array]] = {}
+        self._rest_maps: dict[tuple[bytes, bytes], Array] = {}
         self._cup_map = grasp_map(transform(cup.T_plate_cup[:3, :3], cup.T_plate_cup[:3, 3] - self.com))
+
+    def keeping_back(self, reserve: float) -> Balance:
+        """Return the program with that share of every limit kept back: friction, hands and cup [1]."""
+        return self.with_limits(
+            self.cup.keeping_back(reserve), self.friction.keeping_back(reserve), self.limits.keeping_back(reserve)
+        )
+
+    def with_limits(
+        self, cup: Cup | None = None, friction: Friction | None = None, limits: HandForceLimit | None = None
+    ) -> Balance:
+        """Return the program of the same plate with other limits; those that are left out stay."""
+        program = Balance(
+            self._mass,
+            self.com,
+            cup or self.cup,
+            friction or self.friction,
+            limits or self.limits,
+            self._lifter_model,
+            self._gravity,
+        )
+        program._compiled = self._compiled
+        if program.limits.squeeze == self.limits.squeeze and program.friction.eps == self.friction.eps:
+            program._hand_maps = self._hand_maps
+        if np.array_equal(program.cup.T_plate_cup, self.cup.T_plate_cup) and program.cup.radius == self.cup.radius:
+            program._rest_maps = self._rest_maps
+        return program.for_all(self.uncertainty)
+
+    def for_all(self, uncertainty: Uncertainty) -> Balance:
+        """Return the program whose proofs and `refusal` are about all plates within the tolerances."""
+        program = copy(self)
+        program.uncertainty = uncertainty
+        program.environment_bound = largest_environment_normal(
+            (1.0 + uncertainty.mass) * self.weight, self.lifter, self.friction, self.limits
+        )
+        return program
 
     def solve(
         self,
@@ -86,46 +130,84 @@ class Balance:
             grip: The gripper's contacts, if it holds the plate.
             push: The stick's contact, if it touches the plate.
         """
-        contacts = _Contacts.of(rotation_world_plate, environment_points, grip, push)
-        contact_map = self._contact_map(contacts)
-        answer = self._attempt(contacts, contact_map, careful=False)
+        contacts = self._contacts(rotation_world_plate, environment_points, grip, push)
+        return self._answer(contacts, *self._contact_map(contacts))
+
+    def refusal(
+        self,
+        rotation_world_plate: Array,
+        environment_points: Array,
+        grip: GripContacts | None = None,
+        push: PushContact | None = None,
+    ) -> Unbalanced | None:
+        """Say why not every plate within the tolerances can be held, or None if all can; see `Uncertainty`.
+
+        The arguments are those of `solve`.
+        """
+        if self.uncertainty.is_none:
+            answer = self.solve(rotation_world_plate, environment_points, grip, push)
+            return answer if isinstance(answer, Unbalanced) else None
+        stated = self._contacts(rotation_world_plate, environment_points, grip, push)
+        contact_map, squeezed = self._contact_map(stated)
+        heaviest = (1.0 + self.uncertainty.mass) * stated.gravity
+        middle = self._middle(stated._replace(gravity=heaviest), contact_map, squeezed)
+        for corner in self.uncertainty.corners(stated.up):
+            x, y, z = corner
+            fx, fy, fz = heaviest[:3]
+            gravity = np.array([fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx])
+            contacts = stated._replace(gravity=gravity)
+            if middle is not None and self._holds(contacts, contact_map, squeezed, middle):
+                continue
+            answer = self._answer(contacts, contact_map, squeezed)
+            if isinstance(answer, Unbalanced):
+                return answer
+        return None
+
+    def _middle(self, contacts: _Contacts, contact_map: Array, squeezed: Array) -> tuple[Array, Array] | None:
+        """Return forces far from all limits and how far each may move, None if there are none."""
+        template = self._template(contacts.structure)
+        infeasible, x, _ = template.solve(contact_map, contacts.gravity, squeezed, Manner.CENTRAL)
+        return None if infeasible or not np.all(np.isfinite(x)) else (x, template.room(x)[: contact_map.shape[1]])
+
+    def _holds(self, contacts: _Contacts, contact_map: Array, squeezed: Array, near: tuple[Array, Array]) -> bool:
+        """Whether forces that hold a similar plate are within their limits once they are moved to hold this one."""
+        x, room = near[0].copy(), near[1]
+        _move_to_balance(x, contact_map, contacts.gravity + squeezed, room)
+        residual, slack = _closed(self._template(contacts.structure), contacts, contact_map, squeezed, x)
+        return slack >= 0.0 and float(np.abs(residual).max()) <= MAX_RESIDUAL * self.weight
+
+    def _answer(self, contacts: _Contacts, contact_map: Array, squeezed: Array) -> Balanced | Unbalanced:
+        answer = self._attempt(contacts, contact_map, squeezed, Manner.QUICK)
         if isinstance(answer, Unbalanced) and answer.proof is None:
-            answer = self._attempt(contacts, contact_map, careful=True)
+            answer = self._attempt(contacts, contact_map, squeezed, Manner.CAREFUL)
         return answer
 
-    def _attempt(self, contacts: _Contacts, contact_map: Array, *, careful: bool) -> Balanced | Unbalanced:
+    def _contacts(
+        self, rotation: Array, points: Array, grip: GripContacts | None, push: PushContact | None
+    ) -> _Contacts:
+        """Take the arguments of `solve`."""
+        rotation = np.asarray(rotation, dtype=float)
+        up = np.ascontiguousarray(rotation[2])
+        gravity = np.concatenate([-self.weight * up, np.zeros(3)])
+        return _Contacts(rotation, np.asarray(points, dtype=float).reshape(-1, 3), grip, push, up, gravity)
+
+    def _attempt(
+        self, contacts: _Contacts, contact_map: Array, squeezed: Array, manner: Manner
+    ) -> Balanced | Unbalanced:
         """Solve once. The solver's verdict only says what to check first; the checks decide."""
-        template = self._template(Structure(len(contacts.points), contacts.grip is not None, contacts.push is not None))
-        gravity = np.zeros(6)
-        gravity[:3] = -self.weight * contacts.up
-        infeasible, x, z = template.solve(contact_map, gravity, careful=careful)
+        template = self._template(contacts.structure)
+        infeasible, x, z = template.solve(contact_map, contacts.gravity, squeezed, manner)
         proofs = []
         if not infeasible:
-            residual = _close_balance(x, contact_map, gravity)
-            hands = template.columns.hand_normals
-            if hands:
-                x[template.columns.hand_effort] = max(x[normal] for normal in hands)
-            slack = template.least_slack(x)
+            residual, slack = _closed(template, contacts, contact_map, squeezed, x)
             if slack >= 0.0 and np.abs(residual).max() <= MAX_RESIDUAL * self.weight:
                 return self._balanced(template, contacts, contact_map, x, residual, slack)
             # What no forces at all can close is square to them: a proof where the solver breaks down.
             proofs.append(_proof_from_dual(residual, np.zeros(3)))
         proofs.append(_proof_from_dual(z[:6], template.net_multiplier(z)))
+        if not len(contacts.points):
+            proofs.append(UnbalanceProof(np.concatenate([contacts.up, np.zeros(3)]), contacts.up))
         return self._unbalanced(contacts, proofs)
-
-    def power_bound(
-        self,
-        proof: UnbalanceProof,
-        rotation_world_plate: Array,
-        environment_points: Array,
-        grip: GripContacts | None = None,
-        push: PushContact | None = None,
-    ) -> float:
-        """Return the most power of all contacts and the weight along the proof's twist [W].
-
-        Negative proves that this plate, at this pose and held so, cannot be balanced.
-        """
-        return self._power(proof, _Contacts.of(rotation_world_plate, environment_points, grip, push))
 
     def capacity(self, max_tilt: float) -> LiftCapacity:
         """Compare the weight with all that can carry the plate off the table, tilted by at most `max_tilt` [rad]."""
@@ -134,42 +216,50 @@ class Balance:
     def _template(self, structure: Structure) -> Template:
         template = self._templates.get(structure)
         if template is None:
-            template = Template(structure, self.lifter, self.friction, self.limits)
+            template = Template(structure, self.lifter, self.friction, self.limits, self._compiled)
             self._templates[structure] = template
         return template
 
-    def _contact_map(self, contacts: _Contacts) -> Array:
-        """Assemble G of (5b), from the template's variables to wrenches in plate axes about the centre of mass."""
-        blocks = []
-        if contacts.grip is not None:
-            blocks.append(self._hand_map(contacts.grip))
-        if contacts.push is not None:
-            blocks.append(self._hand_map(contacts.push))
+    def _contact_map(self, contacts: _Contacts) -> tuple[Array, Array]:
+        """Assemble G of (5b), from the template's variables to wrenches in plate axes about the centre of mass.
+
+        Returns:
+            G, and the wrench (6,) of the squeeze: zero where the fingers are exactly opposite.
+        """
+        blocks, squeezed = [], np.zeros(6)
+        for hand in (contacts.grip, contacts.push):
+            if hand is not None:
+                block, rest = self._hand_map(hand)
+                blocks.append(block)
+                squeezed += rest
         blocks.append(self._rest_map(contacts))
-        return np.concatenate(blocks, axis=1)
+        return np.concatenate(blocks, axis=1), squeezed
 
     def _rest_map(self, contacts: _Contacts) -> Array:
-        """Return the part of G that does not depend on the hands; the last pose's is kept, as holds are many."""
+        """Return the part of G that does not depend on the hands, the same for many holds."""
         key = (contacts.up.tobytes(), contacts.points.tobytes())
-        if self._last_rest[0] != key:
+        known = self._rest_maps.get(key)
+        if known is None:
             blocks = [self._cup_map @ self.lifter.contact_map(contacts.up)]
             if len(contacts.points):
                 blocks.insert(0, _force_maps(contact_axes(contacts.up), contacts.points - self.com))
-            self._last_rest = (key, np.concatenate(blocks, axis=1))
-        return self._last_rest[1]
+            known = self._rest_maps[key] = np.concatenate(blocks, axis=1)
+        return known
 
-    def _hand_map(self, hand: GripContacts | PushContact) -> Array:
+    def _hand_map(self, hand: GripContacts | PushContact) -> tuple[Array, Array]:
+        """Return what a hand's variables exert, (6, k), and what it exerts whatever they are, (6,)."""
         known = self._hand_maps.get(hand)
         if known is not None:
             return known
         if isinstance(hand, PushContact):
-            block = grasp_map(transform(hand.rotation, hand.point - self.com))[:, :3]
+            result = grasp_map(transform(hand.rotation, hand.point - self.com))[:, :3], np.zeros(6)
         else:
             fingers = zip(hand.rotations, hand.points - self.com, strict=True)
             scale = np.array([1.0, 1.0, 1.0, self.friction.eps])
             block = np.concatenate([grasp_map(transform(R, p))[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1)
-        self._hand_maps[hand] = block
-        return block
+            result = block @ self._fingers.basis, block @ self._fingers.rest
+        self._hand_maps[hand] = result
+        return result
 
     def _balanced(
         self, template: Template, contacts: _Contacts, contact_map: Array, x: Array, residual: Array, least_slack: float
@@ -177,11 +267,11 @@ class Balance:
         columns = template.columns
         pull = float(x[columns.pull])
         return Balanced(
+            held=HeldPlate(contacts.rotation_world_plate, contacts.points, contacts.grip, contacts.push),
             contacts=columns.names,
             frames=partial(contacts.frames, self.cup),
             exerted=partial(self._wrenches, columns, contacts, x),
-            hand_wrenches=_hand_wrenches(columns, contact_map, x),
-            rotation_world_plate=contacts.rotation_world_plate,
+            hand_wrenches=self._hand_wrenches(columns, contacts, contact_map, x),
             objective=float(template.cost @ x),
             f_plus_gp=0.0 if columns.hand_effort is None else float(x[columns.hand_effort]),
             f_plus_s=pull,
@@ -191,13 +281,22 @@ class Balance:
             least_slack=least_slack,
         )
 
+    def _hand_wrenches(self, columns: Columns, contacts: _Contacts, contact_map: Array, x: Array) -> Array:
+        """Sum up what each hand exerts, (2, 6), plate axes, about the centre of mass."""
+        totals = np.zeros((2, 6))
+        for hand, where, total in ((contacts.grip, columns.grip, totals[0]), (contacts.push, columns.push, totals[1])):
+            if hand is not None and where is not None:
+                total += contact_map[:, where] @ x[where] + self._hand_map(hand)[1]
+        return totals
+
     def _wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
         """Return the wrench of each contact in its own frame, (m, 6)."""
         wrenches = np.zeros((len(columns.names), 6))
+        fingers = 0 if columns.grip is None else 2
+        if fingers:
+            wrenches[:2, [0, 1, 2, 5]] = columns.of_fingers(x) * [1.0, 1.0, 1.0, self.friction.eps]
         points = [*([columns.push] if columns.push else []), *columns.environment]
-        for row, finger in enumerate(columns.fingers):
-            wrenches[row, [0, 1, 2, 5]] = x[finger] * [1.0, 1.0, 1.0, self.friction.eps]
-        for row, point in enumerate(points, start=len(columns.fingers)):
+        for row, point in enumerate(points, start=fingers):
             wrenches[row, :3] = x[point]
         wrenches[-1] = self.lifter.contact_map(contacts.up) @ x[columns.lifter]
         return wrenches
@@ -205,17 +304,14 @@ class Balance:
     def _unbalanced(self, contacts: _Contacts, proofs: list[UnbalanceProof]) -> Unbalanced:
         proof, power = min(((proof, self._power(proof, contacts)) for proof in proofs), key=lambda pair: pair[1])
         if power >= -PROOF_MARGIN * self.weight:
-            return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0, shortage=None)
-        # An upward force F at the centre of mass adds F times this speed.
-        rising = float(proof.twist[:3] @ contacts.up)
-        shortage = -power / rising if rising > 1e-6 else None
-        return Unbalanced(UnbalanceReason.PROVEN, proof=proof, power=power, shortage=shortage)
+            return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0)
+        return Unbalanced(UnbalanceReason.PROVEN, proof=proof, power=power)
 
     def _power(self, proof: UnbalanceProof, contacts: _Contacts) -> float:
         twist, up = proof.twist, contacts.up
         levers = contacts.points - self.com
         cup = point_velocity(twist, self.cup.T_plate_cup[:3, 3] - self.com)
-        power = -self.weight * float(twist[:3] @ up)
+        power = float(twist @ contacts.gravity)
         power += float(environment_power(twist, levers, up, self.friction, self.environment_bound))
         power += float(self.lifter.largest_power(cup, twist[3:], up))
         if contacts.grip is not None:
@@ -237,13 +333,13 @@ class _Contacts(NamedTuple):
 
     up: Array
     """World +z in plate axes: the normal of every environment contact."""
+    gravity: Array
+    """(6,) Omega_g of (5b), plate axes, about the stated centre of mass."""
 
-    @classmethod
-    def of(cls, rotation: Array, points: Array, grip: GripContacts | None, push: PushContact | None) -> Self:
-        """Take the arguments of `Balance.solve`."""
-        rotation = np.asarray(rotation, dtype=float)
-        points = np.asarray(points, dtype=float).reshape(-1, 3)
-        return cls(rotation, points, grip, push, np.ascontiguousarray(rotation[2]))
+    @property
+    def structure(self) -> Structure:
+        """Which contacts there are."""
+        return Structure(len(self.points), self.grip is not None, self.push is not None)
 
     def frames(self, cup: Cup) -> tuple[Array, Array]:
         """Return the origins (m, 3) and axes (m, 3, 3) of the contact frames, in the order of `Columns.names`."""
@@ -260,15 +356,17 @@ class _Contacts(NamedTuple):
         return np.concatenate(points), np.concatenate(rotations)
 
 
-def _hand_wrenches(columns: Columns, contact_map: Array, x: Array) -> Array:
-    """Sum up what each hand exerts, (2, 6), plate axes, about the centre of mass."""
-    totals = np.zeros((2, 6))
-    if columns.fingers:
-        fingers = slice(columns.fingers[0].start, columns.fingers[-1].stop)
-        totals[0] = contact_map[:, fingers] @ x[fingers]
-    if columns.push is not None:
-        totals[1] = contact_map[:, columns.push] @ x[columns.push]
-    return totals
+def _closed(
+    template: Template, contacts: _Contacts, contact_map: Array, squeezed: Array, x: Array
+) -> tuple[Array, float]:
+    """Close the balance of forces x, in place; return what is left of it, and the least slack of the limits [N].
+
+    The template must have solved a problem with the same hands and contacts last.
+    """
+    residual = _close_balance(x, contact_map, contacts.gravity + squeezed)
+    if template.columns.hand_effort is not None:
+        x[template.columns.hand_effort] = template.effort(x)
+    return residual, template.least_slack(x)
 
 
 def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:
@@ -299,6 +397,20 @@ def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
         x[:count] -= correction
         residual -= scaled_map @ correction
     return residual
+
+
+@njit(cache=True, nogil=True)
+def _move_to_balance(x: Array, contact_map: Array, gravity: Array, room: Array) -> None:
+    """Move x to meet (5b), in place, by the least in measures of the room that each variable has."""
+    count = contact_map.shape[1]
+    scaled_map, residual = contact_map.copy(), gravity.copy()
+    scaled_map[3:] /= TORQUE_LENGTH
+    residual[3:] /= TORQUE_LENGTH
+    residual += scaled_map @ x[:count]
+    scaled_map *= room
+    normal = scaled_map @ scaled_map.T
+    solve = np.linalg.inv(normal + _DAMPING * np.trace(normal) * np.eye(6))
+    x[:count] -= room * (scaled_map.T @ (solve @ residual))
 
 
 def _force_maps(axes: Array, levers: Array) -> Array:

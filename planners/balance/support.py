@@ -33,8 +33,9 @@ def grip_power(
 ) -> Array:
     """Return an upper bound (...) of what a gripper can do, with `levers` and `normals` (..., 2, 3).
 
-    The fingers' own limits give a sum over the fingers. The limit on their net force relaxes it: for any
-    velocity m, net |m| + (the sum with m taken off both fingers' velocities) is a bound too. A few m along the
+    The fingers' own limits give a bound over the fingers: free ones each do their best, those of a squeeze share
+    normal forces of 2 s, so that the better one may have them all. The limit on their net force relaxes it: for any
+    velocity m, net |m| + (the bound with m taken off both fingers' velocities) is a bound too. A few m along the
     mean velocity are tried, and `net_multiplier` (..., 3), with which the bound is exact if m is the optimal one.
     """
     velocities = point_velocity(twists[..., None, :], levers)
@@ -45,22 +46,26 @@ def grip_power(
         given = np.broadcast_to(net_multiplier, mean.shape)[..., None, :]
         multipliers = np.concatenate([multipliers, given], axis=-2)
     relieved = velocities[..., None, :, :] - multipliers[..., None, :]
-    fingers = _cone_power(relieved, normals[..., None, :, :], friction.grip, spins[..., None, :]).sum(axis=-1)
-    return (limits.normal * fingers + limits.net * np.sqrt(_dot(multipliers, multipliers))).min(axis=-1)
+    powers = _cone_power(relieved, normals[..., None, :, :], friction.grip, spins[..., None, :])
+    if limits.squeeze is None:
+        net, fingers = limits.grip, limits.normal * np.maximum(0.0, powers).sum(axis=-1)
+    else:
+        net, fingers = min(limits.grip, limits.normal), 2.0 * limits.squeeze * powers.max(axis=-1)
+    return (fingers + net * np.sqrt(_dot(multipliers, multipliers))).min(axis=-1)
 
 
 def push_power(twists: Array, levers: Array, normals: Array, friction: Friction, limits: HandForceLimit) -> Array:
     """Return the most a pushing hand can do (...), with `levers` and `normals` (..., 3)."""
     velocities = point_velocity(twists, levers)
     outward, along = _split(velocities, normals)
-    reach = min(limits.normal, limits.net)
-    # The force lies in a plane figure: the cone up to `normal`, cut by a circle of radius `net`.
-    edge = min(limits.normal, limits.net / np.hypot(1.0, friction.push))
-    corner = min(friction.push * reach, np.sqrt(limits.net**2 - reach**2))
+    reach = min(limits.normal, limits.push)
+    # The force lies in a plane figure: the cone up to `normal`, cut by a circle of radius `push`.
+    edge = min(limits.normal, limits.push / np.hypot(1.0, friction.push))
+    corner = min(friction.push * reach, np.sqrt(limits.push**2 - reach**2))
     corners = np.maximum(edge * (outward + friction.push * along), reach * outward + corner * along)
     speed = np.hypot(outward, along)
-    on_arc = (outward * limits.net <= reach * speed) & (along <= friction.push * outward)
-    return np.maximum(0.0, np.where(on_arc, limits.net * speed, corners))
+    on_arc = (outward * limits.push <= reach * speed) & (along <= friction.push * outward)
+    return np.maximum(0.0, np.where(on_arc, limits.push * speed, corners))
 
 
 def environment_power(twists: Array, levers: Array, ups: Array, friction: Friction, total_normal: float) -> Array:
@@ -72,13 +77,13 @@ def environment_power(twists: Array, levers: Array, ups: Array, friction: Fricti
         return np.zeros(np.broadcast_shapes(twists.shape[:-1], ups.shape[:-1]))
     velocities = point_velocity(twists[..., None, :], levers)
     powers = _cone_power(velocities, ups[..., None, :], friction.environment, 0.0)
-    return total_normal * powers.max(axis=-1)
+    return total_normal * np.maximum(0.0, powers.max(axis=-1))
 
 
 def _cone_power(velocities: Array, normals: Array, mu: float, spins: Array | float) -> Array:
-    """Return the most power per newton of normal force in a friction cone; zero when none helps."""
+    """Return the most power per newton of normal force in a friction cone; negative when none helps."""
     outward, along = _split(velocities, normals)
-    return np.maximum(0.0, outward + mu * np.sqrt(along**2 + np.square(spins)))
+    return outward + mu * np.sqrt(along**2 + np.square(spins))
 
 
 def _split(velocities: Array, normals: Array) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from planners.certify.certificate import Check, Finding
 from planners.certify.document_view import PlanView
 from planners.certify.inertia import InertialLoad
 from planners.certify.motion import SegmentMotion
+from planners.certify.payload import PayloadCheck
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_course import CourseStep
 from planners.certify.tool_task import TOOL
@@ -27,6 +28,7 @@ def carrying_check(
     motions: Sequence[SegmentMotion],
     steps: Sequence[CourseStep],
     limits: Mapping[str, float],
+    payload: PayloadCheck,
     settings: CertifySettings,
 ) -> Check:
     """Check what each hand carries alone against what it may. Two hands are asked for no more than their contacts show.
@@ -36,6 +38,7 @@ def carrying_check(
         motions: of each segment.
         steps: the course of each segment.
         limits: by arm, the net force that its hand may exert [N].
+        payload: is told what the hands carry.
         settings: tolerances.
     """
     finding = Finding("carried_force", "N")
@@ -45,8 +48,13 @@ def carrying_check(
         (arm,) = step.bearers
         carried = (TOOL, *(() if motion.segment.kind in _RESTING else step.on_cup))
         force = sum((_needed_force(plan, motion, name) for name in carried), np.zeros(3))
-        margins = limits[arm] + settings.cone_slack - np.linalg.norm(force, axis=1)
-        finding.note_all(margins, lambda i, m=motion, a=arm: f"{m.segment.place(i)} by {a}")
+        nets = np.linalg.norm(force, axis=1)
+
+        def where(i: int, m: SegmentMotion = motion, by: str = arm) -> str:
+            return f"{m.segment.place(i)} by {by}"
+
+        finding.note_all(limits[arm] + settings.cone_slack - nets, where)
+        payload.note(arm, nets, where)
     return finding.check()
 
 

@@ -23,11 +23,12 @@ def certify(
     surfaces: RobotSurfaces,
     reference: CellReference | None = None,
     settings: CertifySettings | None = None,
-) -> Certificate:
+) -> Certificate | None:
     """Check a finished plan document against its own words, whatever is in it.
 
     Args:
-        document: A PlanDocument of schema 1.0; its members `certificate`, `simulation` and `statistics` are not read.
+        document: A PlanDocument of schema 1.0; its members `certificate` and `simulation` are not read, of
+            `statistics` only `reserve`.
         surfaces: The robots' meshes, see `load_surfaces`.
         reference: What the cell is known to be; without it the document's own cell is believed.
         settings: Tolerances.
@@ -35,7 +36,8 @@ def certify(
     Returns:
         Every check with its smallest margin and where that is. A member that is missing or of the wrong type fails the
         check `structure`, and nothing else is looked at. Of documents without a solution those that call themselves
-        infeasible have their scene and their proof checked; those that found nothing claim nothing.
+        infeasible have their scene and their proof checked; those that found nothing claim nothing, so that there is
+        nothing to certify: None.
     """
     settings = settings or CertifySettings()
     try:
@@ -45,9 +47,9 @@ def certify(
         _refuse_nonsense(plan)
     except MalformedDocument as problem:
         return Certificate((Check("structure", False, -1.0, "1", str(problem)),))
-    structure = Check("structure", True, 0.0, "1", "the whole document")
     if plan.outcome == "not_found":
-        return Certificate((structure,))
+        return None
+    structure = Check("structure", True, 0.0, "1", "the whole document")
     # Numbers that make no sense overflow to inf or nan, which fail the check that meets them.
     with np.errstate(all="ignore"):
         if plan.outcome == "infeasible":

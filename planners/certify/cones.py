@@ -41,13 +41,22 @@ class ContactLimits:
     eps: float
     """Torsional friction of a finger [m]."""
     normal: float
-    """Largest normal force of a hand's contact [N]."""
+    """Largest normal force of a hand's contact [N]: of a finger that squeezes see `finger`."""
     hands: Mapping[str, float]
     """Largest net force of each arm's hand [N]."""
     cup: StatedCup | None
     """None: believed as each contact states it."""
     model: str
     """"paper", "cable" or "dexnet"."""
+    pads: float = math.inf
+    """What no finger may press more than, however hard it squeezes [N]."""
+
+    def finger(self, arm: str, squeeze: float | None) -> float:
+        """Return the largest normal force of a finger [N].
+
+        A load along the closing axis adds half of itself to one finger and takes it from the other.
+        """
+        return self.normal if squeeze is None else min(self.pads, squeeze + 0.5 * self.hands[arm])
 
 
 class ConeChecks:
@@ -106,7 +115,9 @@ class ConeChecks:
             sliding = math.hypot(sliding, turning / max(values["eps"], 1e-12))
         else:
             other = math.hypot(other, turning)
-        if contact.kind != "environment":
+        if contact.kind == "soft_finger":
+            self._same(values["limit"], self._limits.finger(contact.by, values["squeeze"]), f"{where}: limit")
+        elif contact.kind == "point":
             self._same(values["limit"], self._limits.normal, f"{where}: limit")
         self._torque.note(self._slack - other, where)
         self._friction.note(values["mu"] * pressed - sliding + self._slack, where)

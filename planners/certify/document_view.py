@@ -51,6 +51,10 @@ class ArmView:
     acceleration_max: Array
     payload: float
     """Largest mass at the flange, the hand included [kg]."""
+    torque_max: Array | None
+    """(6,) [Nm]; None, as `links`, in documents of 0.1.0."""
+    links: Array | None
+    """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +64,16 @@ class HandView:
     kind: str
     mass: float
     """Of all that is mounted on the flange [kg]."""
+    com: Array | None
+    """(3,) its centre of mass in the flange frame [m]; None in documents of 0.1.0."""
     tcp_table: Array | None
     """(n, 2): width, height of the TCP above the flange [m]; grippers only."""
     T_flange_tip: Transform | None
     """Centre of the tip's hemisphere; sticks only."""
     tip_radius: float
     """[m]; sticks only."""
+    force_range: tuple[float, float] | None = None
+    """Least and largest squeeze [N]; grippers only, None where it is not stated."""
 
     def T_flange_tcp(self, widths: Array) -> Array:
         """Return the TCP in the flange frame at each opening: (n,) [m] → (n, 4, 4)."""
@@ -127,6 +135,8 @@ class GripView:
     body: str
     T_body_tcp: Transform
     width: float
+    squeeze: float | None = None
+    """As commanded [N]; None where none is stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +172,7 @@ class ContactView:
     force: Array
     torque: Array
     parameters: Mapping[str, Any]
-    """Numbers of the kind: mu, eps, limit (None for none), radius, kappa, suction_force."""
+    """Numbers of the kind: mu, eps, limit and squeeze (None for none), radius, kappa, suction_force."""
     x_axis: Array
     """Of a suction pad, else zero."""
 
@@ -187,6 +197,8 @@ class SegmentView:
     body_poses: dict[str, Array]
     """(n, 4, 4) of every body that moves here."""
     contacts: tuple[ContactView, ...]
+    reserve: Array | None = None
+    """(n,) as stated, nan where nothing is held [1]; None where none is stated."""
 
     @property
     def grips(self) -> tuple[GripView, ...]:
@@ -217,6 +229,15 @@ class ExplanationView:
     causes: tuple[CauseView, ...]
 
 
+@dataclass(frozen=True)
+class ReserveView:
+    """The smallest reserve along the plan, as stated."""
+
+    value: float
+    segment: int
+    sample: int
+
+
 @dataclass(frozen=True, eq=False)
 class PlanView:
     """The whole document."""
@@ -230,6 +251,7 @@ class PlanView:
     hands: dict[str, HandView]
     bodies: dict[str, BodyView]
     segments: tuple[SegmentView, ...]
+    least_reserve: ReserveView | None = None
 
     @cached_property
     def support(self) -> str:
@@ -427,7 +449,7 @@ def read_document(document: Any) -> PlanView:
     hands = read_object(read_member(cell, "hands", "/cell"), "/cell/hands")
     bodies = read_object(read_member(root, "bodies", ""), "/bodies")
     body_views = {name: _read_body(name, body, child("/bodies", name)) for name, body in bodies.items()}
-    hand_views = {arm: _read_hand(read_member(hands, arm, "/cell/hands"), child("/cell/hands", arm)) for arm in ARMS}
+    hand_views = {arm: read_hand(read_member(hands, arm, "/cell/hands"), child("/cell/hands", arm)) for arm in ARMS}
     segments = read_list(read_member(root, "segments", ""), "/segments")
     reader = _SegmentReader(frozenset(body_views), hand_views)
     return PlanView(
@@ -436,11 +458,27 @@ def read_document(document: Any) -> PlanView:
         cell=cell,
         explanation=None if explanation is None else _read_explanation(explanation),
         gravity=read_vector(read_member(cell, "gravity", "/cell"), "/cell/gravity", 3),
-        arms={arm: _read_arm(arm, read_member(arms, arm, "/cell/arms"), child("/cell/arms", arm)) for arm in ARMS},
+        arms={arm: read_arm(arm, read_member(arms, arm, "/cell/arms"), child("/cell/arms", arm)) for arm in ARMS},
         hands=hand_views,
         bodies=body_views,
         segments=tuple(reader.read(i, segment, child("/segments", i)) for i, segment in enumerate(segments)),
+        least_reserve=_read_reserve(root.get("statistics")),
     )
+
+
+def _read_reserve(statistics: Any) -> ReserveView | None:
+    """Read the only member of the statistics that is a claim about the plan."""
+    stated = None if statistics is None else read_object(statistics, "/statistics").get("reserve")
+    if stated is None:
+        return None
+    at = "/statistics/reserve"
+    reserve = read_object(stated, at)
+    numbers = [read_number(read_member(reserve, key, at), child(at, key)) for key in ("value", "segment", "sample")]
+    return ReserveView(numbers[0], int(numbers[1]), int(numbers[2]))
+
+
+def _optional_number(parent: Mapping[str, Any], key: str, pointer: str) -> float | None:
+    return None if parent.get(key) is None else read_number(parent[key], child(pointer, key))
 
 
 def _read_explanation(value: Any) -> ExplanationView:
@@ -470,7 +508,12 @@ def _read_cause(value: Any, pointer: str) -> CauseView:
     )
 
 
-def _read_arm(name: str, value: Any, pointer: str) -> ArmView:
+def read_arm(name: str, value: Any, pointer: str) -> ArmView:
+    """Return an entry of `cell.arms`.
+
+    Raises:
+        MalformedDocument: A member is missing or of the wrong type.
+    """
     arm = read_object(value, pointer)
 
     def six(key: str) -> Array:
@@ -485,22 +528,46 @@ def _read_arm(name: str, value: Any, pointer: str) -> ArmView:
         velocity_max=six("velocity_max"),
         acceleration_max=six("acceleration_max"),
         payload=read_positive(read_member(arm, "payload", pointer), child(pointer, "payload")),
+        torque_max=None if arm.get("torque_max") is None else six("torque_max"),
+        links=None if arm.get("links") is None else _read_links(arm["links"], child(pointer, "links")),
     )
 
 
-def _read_hand(value: Any, pointer: str) -> HandView:
+def _read_links(value: Any, pointer: str) -> Array:
+    entries = read_list(value, pointer)
+    if len(entries) != len(JOINTS):
+        raise MalformedDocument(pointer, f"has {len(entries)} links, not {len(JOINTS)}")
+    rows = []
+    for i, entry in enumerate(entries):
+        at = child(pointer, i)
+        link = read_object(entry, at)
+        mass = read_positive(read_member(link, "mass", at), child(at, "mass"))
+        rows.append([mass, *read_vector(read_member(link, "com", at), child(at, "com"), 3)])
+    return np.array(rows)
+
+
+def read_hand(value: Any, pointer: str) -> HandView:
+    """Return an entry of `cell.hands`.
+
+    Raises:
+        MalformedDocument: A member is missing or of the wrong type.
+    """
     hand = read_object(value, pointer)
     kind = read_text(read_member(hand, "kind", pointer), child(pointer, "kind"), ("gripper", "stick"))
     mass = read_positive(read_member(hand, "mass", pointer), child(pointer, "mass"))
+    com = None if hand.get("com") is None else read_vector(hand["com"], child(pointer, "com"), 3)
     where = child(pointer, "tcp")
     tcp = read_member(hand, "tcp", pointer)
     if kind == "stick":
         radius = read_positive(read_member(hand, "tip_radius", pointer), child(pointer, "tip_radius"))
-        return HandView(kind, mass, None, read_pose(tcp, where), radius)
+        return HandView(kind, mass, com, None, read_pose(tcp, where), radius)
     table = read_matrix(tcp, where, (None, 2))
     if len(table) < 2 or np.any(np.diff(table[:, 0]) <= 0):
         raise MalformedDocument(where, "needs two rows or more with rising widths")
-    return HandView(kind, mass, table, None, 0.0)
+    force_range = hand.get("force_range")
+    if force_range is not None:
+        force_range = tuple(read_vector(force_range, child(pointer, "force_range"), 2).tolist())
+    return HandView(kind, mass, com, table, None, 0.0, force_range)
 
 
 def _read_body(name: str, value: Any, pointer: str) -> BodyView:
@@ -566,7 +633,17 @@ class _SegmentReader:
                 self._contact(contact, child(child(pointer, "contacts"), i), n)
                 for i, contact in enumerate(read_list(*member("contacts")))
             ),
+            reserve=self._reserve(segment.get("reserve"), child(pointer, "reserve"), n),
         )
+
+    @staticmethod
+    def _reserve(value: Any, pointer: str, n: int) -> Array | None:
+        if value is None:
+            return None
+        rows = read_list(value, pointer)
+        if len(rows) != n:
+            raise MalformedDocument(pointer, f"has {len(rows)} entries, not {n}")
+        return np.array([math.nan if v is None else read_number(v, child(pointer, i)) for i, v in enumerate(rows)])
 
     def _body(self, value: Any, pointer: str) -> str:
         name = read_text(value, pointer)
@@ -622,6 +699,7 @@ class _SegmentReader:
             body=self._body(read_member(member, "body", pointer), child(pointer, "body")),
             T_body_tcp=read_pose(read_member(member, "pose", pointer), child(pointer, "pose")),
             width=read_number(read_member(member, "width", pointer), child(pointer, "width")),
+            squeeze=_optional_number(member, "squeeze", pointer),
         )
 
     def _push(self, value: Any, pointer: str) -> PushView | None:
@@ -698,4 +776,6 @@ class _SegmentReader:
             value = read_member(contact, key, pointer)
             may_be_null = key == "limit" and kind in ("point", "environment")
             values[key] = None if value is None and may_be_null else read_number(value, child(pointer, key))
+        if kind == "soft_finger":
+            values["squeeze"] = _optional_number(contact, "squeeze", pointer)
         return values

@@ -39,6 +39,11 @@ class Evidence:
         """Check the cell and its hands."""
         return scene_checks(self.plan, self.document, self.reference, self.settings)
 
+    @property
+    def known_cell(self) -> Mapping[str, Any] | None:
+        """What documents of this cell carry as `cell`; None where that is not known."""
+        return None if self.reference is None else self.reference.cell
+
     def start_positions(self, stated: Array | None) -> Array | None:
         """Return where the joints (12,) have to start: as stated, or at home; None where neither is known [rad]."""
         home = None if self.reference is None else self.reference.home

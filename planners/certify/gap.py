@@ -1,4 +1,4 @@
-"""How far apart two convex solids are along the best direction that can be found from a first one."""
+"""How far apart two convex solids are: along the best direction that can be found, or all along along one direction."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ _STEPS = 60
 @njit(cache=True, nogil=True)
 def largest_gap(
     way: Array, points_a: Array, T_world_a: Transform, points_b: Array, T_world_b: Transform, radii: float
-) -> float:
-    """Return the gap between the hulls of two sets of points along a way, or along better ones [m].
+) -> tuple[float, Array]:
+    """Return the gap between the hulls of two sets of points along a way, or along a better one [m], and that way.
+
+    The way is a unit vector of the world; zero where none was found, which the gap then tells as minus infinity.
 
     Gilbert, Johnson and Keerthi's distance, 1988, in the simplest form, Gilbert's: of all differences between points
     of both, the nearest to the origin so far is moved towards the one that is farthest along the direction to it. The
@@ -32,7 +34,7 @@ def largest_gap(
         T_world_b: (4, 4).
         radii: by which both hulls together are grown [m].
     """
-    direction, nearest, between = np.empty(3), np.empty(3), np.empty(3)
+    direction, nearest, between, along = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
     best, grown = -math.inf, 0.0
     for step in range(_STEPS):
         length = math.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
@@ -47,7 +49,8 @@ def largest_gap(
             for j in range(3):
                 between[i] += T_world_b[i, j] * points_b[b, j] - T_world_a[i, j] * points_a[a, j]
             gap += between[i] * direction[i]
-        best = max(best, gap)
+        if gap > best:
+            best, along[:] = gap, direction
         # At first what is told of how far they are apart, then the nearest difference found.
         if best >= _CLOSE_ENOUGH * (length - grown) - _FINE:
             break
@@ -56,7 +59,40 @@ def largest_gap(
         else:
             _move_towards(nearest, between)
         way, grown = nearest, radii
-    return best
+    return best, along
+
+
+@njit(cache=True, nogil=True)
+def gaps_along(direction: Array, points_a: Array, poses_a: Array, points_b: Array, poses_b: Array) -> Array:
+    """Return the gaps between the hulls of two sets of points along one direction, at every pose of them: (n,) [m].
+
+    Args:
+        direction: (3,) unit, from a to b, in the frame that the poses are in.
+        points_a: (k, 3) in a's frame [m].
+        poses_a: (n, 4, 4), or (1, 4, 4) of what does not move.
+        points_b: (m, 3) in b's frame [m].
+        poses_b: as of a.
+    """
+    count = max(len(poses_a), len(poses_b))
+    gaps = np.empty(count)
+    end_a, end_b = 0.0, 0.0
+    for n in range(count):
+        if n < len(poses_a):
+            end_a = _end(points_a, poses_a[n], direction, 1.0)
+        if n < len(poses_b):
+            end_b = _end(points_b, poses_b[n], direction, -1.0)
+        gaps[n] = -end_b - end_a
+    return gaps
+
+
+@njit(cache=True, nogil=True)
+def _end(points: Array, T: Transform, direction: Array, sign: float) -> float:
+    """Return how far points reach along a direction, or against it [m]."""
+    farthest = points[_farthest(points, T, direction, sign)]
+    reach = 0.0
+    for i in range(3):
+        reach += direction[i] * (T[i, 0] * farthest[0] + T[i, 1] * farthest[1] + T[i, 2] * farthest[2] + T[i, 3])
+    return sign * reach
 
 
 @njit(cache=True, nogil=True)

@@ -1,22 +1,26 @@
 """What proves that no plan exists, derived again from the task.
 
-There are two proofs. A lifted plate touches nothing but hands and cup, so a weight above the sum of what these can
+There are three proofs. A lifted plate touches nothing but hands and cup, so a weight above the sum of what these can
 bear cannot be lifted. And a plan ends with the plate gripped between two parallel faces, so a plate whose every pair of
-parallel faces is farther apart than a gripper opens cannot be gripped.
+parallel faces is farther apart than a gripper opens cannot be gripped. And nothing moves the plate before a hand
+touches it where it lies. The first is asked of another solver as well.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from planners.certify.arm_span import body_radius, reach_bound
 from planners.certify.body_shape import BodyShape
+from planners.certify.bound import Bound
 from planners.certify.certificate import Check, Finding
 from planners.certify.cones import StatedCup
 from planners.certify.document_view import CauseView, PlanView
+from planners.certify.lift_program import stated_lift
 from planners.certify.lift_task import LiftTask
 from planners.certify.settings import CertifySettings
 
@@ -24,27 +28,15 @@ _WEIGHTLESS = 1e-12
 """Stands for no weight at all, so that shares of it are numbers [N]."""
 
 
-@dataclass(frozen=True)
-class Bound:
-    """What the plate needs against the most that there can be."""
-
-    needed: float
-    needed_as_stated: tuple[float, ...]
-    """What a document may name as needed: every one of them would have to be met."""
-    available: float
-
-    @property
-    def missing(self) -> float:
-        """Part of the need that cannot be met; the claim is proven where it is positive."""
-        return 1.0 - self.available / self.needed
-
-
 def infeasibility_check(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
     """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers.
 
     A cause may overstate what is available, as long as it is still less than what is needed; never understate it.
     """
-    return proof_check(plan, {"N": (weight_bound(plan, task),), "m": (opening_bound(plan, task),)}, settings)
+    plate = plan.bodies["plate"]
+    reach = reach_bound(plan, plate.T_world_start[:3, 3], body_radius(plate))
+    bounds = {"N": (weight_bound(plan, task),), "m": (opening_bound(plan, task), reach)}
+    return proof_check(plan, bounds, settings)
 
 
 def proof_check(plan: PlanView, bounds: Mapping[str, Sequence[Bound]], settings: CertifySettings) -> Check:
@@ -56,6 +48,10 @@ def proof_check(plan: PlanView, bounds: Mapping[str, Sequence[Bound]], settings:
         best.missing - settings.join,
         f"/explanation: {best.needed:.6g} {unit} needed, {best.available:.6g} {unit} available",
     )
+    if best.second_opinion is not None and finding.margin >= 0.0:
+        found = best.second_opinion()
+        where = f"/explanation: {best.needed:.6g} {unit} needed, {found:.6g} {unit} available as the program finds"
+        finding.note(1.0 - found / best.needed + settings.stated_bound, where)
     causes = () if plan.explanation is None else plan.explanation.causes
     stated = [_cause(cause, index, bounds, finding, settings) for index, cause in enumerate(causes)]
     if not any(stated):
@@ -100,8 +96,10 @@ def _claims(cause: CauseView, bound: Bound, settings: CertifySettings) -> dict[s
 def weight_bound(plan: PlanView, task: LiftTask) -> Bound:
     """Return the plate's weight and a bound of all vertical force on a plate in the air [N]."""
     weight = max(_WEIGHTLESS, (task.plate.mass or 0.0) * float(np.linalg.norm(plan.gravity)))
-    hands = sum(_hand_force(hand.kind, task) for hand in plan.hands.values())
-    return Bound(weight, (weight,), largest_lift(task.cup, task.lifter_model) + hands)
+    most = task.hand_limits(plan)
+    hands = [_hand_force(hand.kind, most[arm], task) for arm, hand in plan.hands.items()]
+    second = partial(stated_lift, task.cup, task.lifter_model, hands)
+    return Bound(weight, (weight,), largest_lift(task.cup, task.lifter_model) + sum(hands), second)
 
 
 def largest_lift(cup: StatedCup, model: str) -> float:
@@ -119,10 +117,10 @@ def largest_lift(cup: StatedCup, model: str) -> float:
     return cup.max_force * math.hypot(1.0, shear)
 
 
-def _hand_force(kind: str, task: LiftTask) -> float:
+def _hand_force(kind: str, most: float, task: LiftTask) -> float:
     """Return the largest norm of one hand's net force: its limit, or what its normals and their friction allow [N]."""
     contacts, friction = (2, task.friction["grip"]) if kind == "gripper" else (1, task.friction["push"])
-    return min(task.net_limit, contacts * task.normal_limit * math.hypot(1.0, friction))
+    return min(most, contacts * task.normal_limit * math.hypot(1.0, friction))
 
 
 def opening_bound(plan: PlanView, task: LiftTask) -> Bound:

@@ -1,4 +1,4 @@
-"""Forward kinematics by pinocchio, and the curve that the arms follow between samples."""
+"""Forward kinematics and torques by pinocchio, and the curve that the arms follow between samples."""
 
 # pinocchio has no type stubs for what its compiled part exports.
 # pyright: reportAttributeAccessIssue=false
@@ -17,16 +17,9 @@ class ArmKinematics:
     """One arm as a pinocchio model, `T_world_i = base · Π Rz(q + theta0) Tz(d) Tx(a) Rx(alpha)`."""
 
     def __init__(self, dh: Array, T_world_base: Transform) -> None:
-        self._model = pin.Model()
         self._T_world_base = T_world_base
-        # Pinocchio's joint frame stops after the turn about z; the rest of the row is a constant.
-        self._T_joint_link = np.array([transform(rotation_x(alpha), [a, 0.0, d]) for a, alpha, d, _ in dh.tolist()])
-        T_link_joint = T_world_base
-        parent = 0
-        for joint, row in enumerate(dh):
-            placement = T_link_joint @ transform(rotation_z(float(row[3])))
-            parent = self._model.addJoint(parent, pin.JointModelRZ(), pin.SE3(placement), f"joint_{joint + 1}")
-            T_link_joint = self._T_joint_link[joint]
+        self._T_joint_link = _joint_links(dh)
+        self._model = _model(dh, T_world_base)
         self._data = self._model.createData()
 
     def frames(self, positions: Array) -> Array:
@@ -41,6 +34,49 @@ class ArmKinematics:
         frames[:, 0] = self._T_world_base
         frames[:, 1:] = joints @ self._T_joint_link
         return frames
+
+
+class ArmDynamics:
+    """One arm as a pinocchio model with masses: the torques that move it and hold it against gravity."""
+
+    def __init__(self, dh: Array, T_world_base: Transform, masses: Array, gravity: Array) -> None:
+        """Put the arm together.
+
+        Args:
+            dh: (6, 4) rows a, alpha, d, theta0 [m, rad].
+            T_world_base: (4, 4).
+            masses: (7, 4) mass [kg] and centre of mass [m] of the links, each in the frame after its joint, then of the
+                hand in the flange's; points without extent.
+            gravity: (3,) in the world [m/s^2].
+        """
+        self._model = _model(dh, T_world_base)
+        self._model.gravity.linear = gravity
+        placements = _joint_links(dh)
+        for number, (mass, *com) in enumerate(masses.tolist()):
+            joint = min(number, 5)
+            inertia = pin.Inertia(mass, np.array(com), np.zeros((3, 3)))
+            self._model.appendBodyToJoint(joint + 1, inertia, pin.SE3(placements[joint]))
+        self._data = self._model.createData()
+
+    def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
+        """Return what the motors exert at n samples of (n, 6) each [rad, rad/s, rad/s^2]: (n, 6) [Nm]."""
+        rows = zip(*(np.ascontiguousarray(one) for one in (positions, velocities, accelerations)), strict=True)
+        return np.array([pin.rnea(self._model, self._data, q, v, a) for q, v, a in rows])
+
+
+def _joint_links(dh: Array) -> Array:
+    """Return what a row does after its turn: (6, 4, 4). Pinocchio's joint frame stops after the turn about z."""
+    return np.array([transform(rotation_x(alpha), [a, 0.0, d]) for a, alpha, d, _ in dh.tolist()])
+
+
+def _model(dh: Array, T_world_base: Transform) -> pin.Model:
+    """Return the joints of an arm, without masses."""
+    model, parent, T_link_joint = pin.Model(), 0, T_world_base
+    for joint, (row, T_joint_link) in enumerate(zip(dh, _joint_links(dh), strict=True)):
+        placement = T_link_joint @ transform(rotation_z(float(row[3])))
+        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(placement), f"joint_{joint + 1}")
+        T_link_joint = T_joint_link
+    return model
 
 
 class HermiteCurve:
@@ -71,18 +107,26 @@ class HermiteCurve:
     @cached_property
     def velocity_peak(self) -> Array:
         """The largest speed of each interval: (n - 1, k)."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = np.nan_to_num(-self._c2 / (3 * self._c3), nan=0.0, posinf=0.0, neginf=0.0)
-        u = np.clip(u, 0.0, 1.0)
-        between = self._v0 + (2 * self._c2 * u + 3 * self._c3 * u * u) / self._step
-        return np.max(np.abs([self._v0, between, self._v1]), axis=0)
+        return self.rise_peak / self._step
 
     @cached_property
     def acceleration_peak(self) -> Array:
         """The largest acceleration of each interval, at one of its ends: (n - 1, k)."""
-        start = 2 * self._c2 / self._step**2
-        end = (2 * self._c2 + 6 * self._c3) / self._step**2
-        return np.maximum(np.abs(start), np.abs(end))
+        return self.bend_peak / self._step**2
+
+    @cached_property
+    def rise_peak(self) -> Array:
+        """The largest |dq/du| of each interval, for the fraction u of it: (n - 1, k); its step may be none."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.nan_to_num(-self._c2 / (3 * self._c3), nan=0.0, posinf=0.0, neginf=0.0)
+        u = np.clip(u, 0.0, 1.0)
+        start, end = self._step * self._v0, self._step * self._v1
+        return np.max(np.abs([start, start + 2 * self._c2 * u + 3 * self._c3 * u * u, end]), axis=0)
+
+    @cached_property
+    def bend_peak(self) -> Array:
+        """The largest |d²q/du²| of each interval, at one of its ends: (n - 1, k)."""
+        return np.maximum(np.abs(2 * self._c2), np.abs(2 * self._c2 + 6 * self._c3))
 
     def _turning_points(self) -> tuple[Array, Array]:
         a, b, c = 3 * self._c3, 2 * self._c2, self._step * self._v0

@@ -14,6 +14,7 @@ from planners.certify.holds import hold_checks
 from planners.certify.inertia import inertia_checks
 from planners.certify.infeasibility import infeasibility_check
 from planners.certify.joins import join_checks
+from planners.certify.joint_torque import torque_check
 from planners.certify.kinds import PLATE_LIFT, kind_check
 from planners.certify.lift_attachments import lift_attachment_checks
 from planners.certify.lift_bodies import lift_bodies_check
@@ -22,8 +23,12 @@ from planners.certify.lift_pairs import LiftTouchRule
 from planners.certify.lift_task import read_lift_task
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
+from planners.certify.payload import PayloadCheck
+from planners.certify.reserve import reserve_check
 from planners.certify.set_spacing import spacing_check
 from planners.certify.solids import solids_of
+from planners.certify.squeeze import squeeze_check
+from planners.certify.uncertainty import uncertainty_check
 
 
 class LiftExamination:
@@ -55,6 +60,9 @@ class LiftExamination:
         sets = [contact_sets(motion) for motion in motions]
         start = self._evidence.start_positions(task.start_positions)
         solids = solids_of(plan, self._evidence.surfaces)
+        every_set = [one for group in sets for one in group]
+        payload = PayloadCheck(plan, settings)
+        payload.note_contacts(every_set)
         return [
             *joint_checks(plan, settings),
             kind_check(motions, PLATE_LIFT, settings),
@@ -65,7 +73,12 @@ class LiftExamination:
             *balance_checks(plan, sets, settings),
             *inertia_checks(plan, motions, sets, settings),
             spacing_check(plan, motions, sets, lambda m, b: needs_sets(plan, m, b, settings), settings),
-            *ConeChecks(task.limits, settings).run([one for group in sets for one in group]),
+            *ConeChecks(task.limits(plan), settings).run(every_set),
+            squeeze_check(plan, every_set, settings, required=task.contact_model == "squeeze"),
+            payload.check(),
+            reserve_check(plan, every_set, task.hand_limits(plan), task.lifter_model, settings),
+            uncertainty_check(plan, every_set, task.tolerances, task.bounds(plan), settings),
+            torque_check(plan, motions, sets, self._evidence.known_cell, settings),
             *LiftContactPlaces(plan, task, settings).run(motions, sets),
             *CollisionCheck(plan, solids, partial(LiftTouchRule, plan), settings).run(motions),
         ]

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from planners.certify.cones import ContactLimits, StatedCup
-from planners.certify.document_view import ARMS, read_member, read_number, read_shape, read_text, read_vector
+from planners.certify.document_view import PlanView, read_member, read_number, read_shape, read_text, read_vector
+from planners.certify.load_program import ContactBounds
+from planners.certify.payload import payload_limits
 from planners.certify.stated import (
     StatedBody,
     object_member,
@@ -17,9 +19,11 @@ from planners.certify.stated import (
     stated_pose,
     stated_start,
 )
+from planners.certify.uncertainty import Tolerances
 from planners.geometry.pose import Array
 
 LIFTER_MODELS = ("paper", "cable", "dexnet")
+CONTACT_MODELS = ("squeeze", "paper")
 
 
 @dataclass(frozen=True)
@@ -42,17 +46,35 @@ class LiftTask:
     """Of kinds grip, push, environment; `eps` [m]."""
     normal_limit: float
     net_limit: float
+    contact_model: str
+    """"squeeze" or "paper"."""
+    tolerances: Tolerances
     start_positions: Array | None
     goal_height: float
 
-    @property
-    def limits(self) -> ContactLimits:
-        """What its contacts can bear."""
+    def hand_limits(self, plan: PlanView) -> dict[str, float]:
+        """Return the net force that each hand may exert on the plate [N].
+
+        A gripper that squeezes bears its load as a whole: the limit of a normal force is one of its net force.
+        """
+        most = {name: min(force, self.net_limit) for name, force in payload_limits(plan).items()}
+        squeezing = [a for a, hand in plan.hands.items() if hand.kind == "gripper" and self.contact_model == "squeeze"]
+        return most | {arm: min(most[arm], self.normal_limit) for arm in squeezing}
+
+    def limits(self, plan: PlanView) -> ContactLimits:
+        """Return what its contacts can bear."""
         stated = {"soft_finger": "grip", "point": "push", "environment": "environment"}
         friction = {kind: self.friction[name] for kind, name in stated.items()}
         eps = self.friction["eps"]
-        hands = {arm: self.net_limit for arm in ARMS}
-        return ContactLimits(friction, eps, self.normal_limit, hands, self.cup, self.lifter_model)
+        hands = self.hand_limits(plan)
+        normal = min([self.normal_limit, *(hands[arm] for arm, hand in plan.hands.items() if hand.kind == "stick")])
+        if self.contact_model == "paper":
+            normal = self.normal_limit
+        return ContactLimits(friction, eps, normal, hands, self.cup, self.lifter_model)
+
+    def bounds(self, plan: PlanView) -> ContactBounds:
+        """Return what a program over its contacts has to keep besides what these state."""
+        return ContactBounds(self.hand_limits(plan), self.lifter_model)
 
     @property
     def plate(self) -> StatedBody:
@@ -80,9 +102,19 @@ def read_lift_task(task: Mapping[str, Any]) -> LiftTask:
         },
         normal_limit=positive_member(limits, "normal", "/task/hand_force_limit"),
         net_limit=positive_member(limits, "net", "/task/hand_force_limit"),
+        contact_model=read_text(task.get("contact_model", "paper"), "/task/contact_model", CONTACT_MODELS),
+        tolerances=_tolerances(object_member(task, "plate", at)),
         start_positions=stated_start(task),
         goal_height=positive_member(object_member(task, "options", at), "goal_height", "/task/options"),
     )
+
+
+def _tolerances(plate: Mapping[str, Any]) -> Tolerances:
+    """Read the plate's tolerances; tasks of 0.1.0 have none."""
+    read = {
+        name: read_number(plate.get(name, 0.0), f"/task/plate/{name}") for name in ("mass_tolerance", "com_tolerance")
+    }
+    return Tolerances(read["mass_tolerance"], read["com_tolerance"])
 
 
 def _cup(task: Mapping[str, Any]) -> LifterCup:

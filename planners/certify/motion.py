@@ -96,12 +96,8 @@ class SegmentMotion:
         width = self.segment.widths[arm][interval : interval + 2] @ [1.0 - u, u]
         return T_world_link @ finger_poses(frame.part, frame.finger, np.array([width]))[0]
 
-    def ways(self, solid: Solid) -> Array:
-        """Return how far any point of the solid gets from sample to sample, in a straight line: (n - 1,) [m]."""
-        return chord_lengths(self.poses(solid.frame), solid.centre, solid.bound) + self.finger_travel(solid.frame)
-
     def way(self, solid: Solid, interval: int, start: float, end: float) -> float:
-        """Return the same for a part of an interval, from fraction `start` to fraction `end` [m]."""
+        """Return how far any point of the solid gets in a part of an interval, in a straight line [m]."""
         ends = np.stack([self.pose(solid.frame, interval, u) for u in (start, end)])
         straight = float(chord_lengths(ends, solid.centre, solid.bound)[0])
         return straight + self.finger_travel_between(solid.frame, interval, start, end)
@@ -109,15 +105,14 @@ class SegmentMotion:
     def stray(self, frame: Frame, far: float, first_joint: int = 0) -> Array:
         """Return how far a point of the frame strays from the straight way between two samples: (n - 1,) [m].
 
-        A point p with |p''| <= A strays from the chord of a step h by no more than A h²/8; a part u of the step strays
-        by u² of that.
+        A point p(u), where u goes from 0 to 1 in a step and |p''| <= A, strays from the step's chord by no more than
+        A / 8; a part of the step strays by the square of its share of that.
 
         Args:
             frame: What the point moves with.
             far: The point's distance from the frame's origin, or more [m].
             first_joint: Joints up to this one are taken as fixed: motion relative to the frame after them.
         """
-        steps = np.diff(self.segment.time)
         if frame.kind == "body" and frame.owner not in self.riders:
             return far * turns_between(self.poses(frame)) ** 2 / 8
         arm, link = self._link_of(frame)
@@ -127,11 +122,19 @@ class SegmentMotion:
             far += float(np.linalg.norm(self.riders[frame.owner].T_flange_body[:3, 3]))
         reach = self.reaches[arm][link, first_joint:link] + far
         curve, columns = self.curves[arm], slice(first_joint, link)
-        speed, push = (curve.velocity_peak[:, columns], curve.acceleration_peak[:, columns])
+        rise, bend = curve.rise_peak[:, columns], curve.bend_peak[:, columns]
         # |p''| <= sum_j |q''_j| r_j + sum_jk |q'_j| |q'_k| r_max(j, k): the outer joint's lever counts.
         lever = np.minimum.outer(reach, reach)
-        bends = (push @ reach + np.sum((speed @ lever) * speed, axis=1)) * steps**2 / 8
+        bends = (bend @ reach + np.sum((rise @ lever) * rise, axis=1)) / 8
         return bends + self.finger_travel(frame)
+
+    def turn(self, frame: Frame) -> Array:
+        """Return the largest angle between the frame's orientations at any two moments of a step: (n - 1,) [rad]."""
+        if frame.kind == "body" and frame.owner not in self.riders:
+            return turns_between(self.poses(frame))
+        arm, link = self._link_of(frame)
+        turns = self.curves[arm].rise_peak[:, :link].sum(axis=1)
+        return turns + self.finger_travel(frame) / _FINGER_REACH
 
     def finger_travel(self, frame: Frame) -> Array | float:
         """Return how far a finger moves in the flange's frame from sample to sample: (n - 1,); else 0 [m]."""

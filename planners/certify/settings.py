@@ -51,6 +51,10 @@ class CertifySettings:
     """|sum of moments| about the centre of mass [Nm]; contract."""
     cone_slack: float = 1e-5
     """Excess of a cone or limit that is accepted [N, Nm]; ten times the accuracy asked of the balance solver."""
+    torque_reserve: float = 0.05
+    """Part of each joint's largest torque that is kept: for what is not published, as what turning the motors' rotors
+    and the joints' friction take, and for what is not counted, turning links and hand about themselves; an engineering
+    choice."""
     set_angle: float = math.radians(2.0)
     """Rotation between two contact sets [rad]; contract."""
     set_distance: float = 0.010
@@ -59,6 +63,10 @@ class CertifySettings:
     """Time between two contact sets while a body is held still [s]; contract."""
     inertia_fraction: float = 0.05
     """Part of a body's weight that its acceleration may need without being counted; an engineering choice."""
+    stated_reserve: float = 1e-6
+    """By how much a stated reserve may be more than what contacts leave [1]; rounding of what a document states."""
+    second_opinion: float = 1e-4
+    """Relative difference of what two solvers find; ten times the tolerance of either."""
     stated_bound: float = 1e-6
     """Relative difference of a stated bound from the one derived again; rounding of what a document states."""
     pad_slant: float = math.radians(15.0)
@@ -84,5 +92,7 @@ class CertifySettings:
     """Penetration of pairs that may touch [m]; contract."""
     smallest_motion: float = 2e-5
     """Motion below which two clear moments are taken as clear in between [m]; a fiftieth of `touch_depth`."""
-    distance_budget: int = 20_000
-    """Distances computed before the rest is reported as not proven; a plan of a minute needs some hundreds."""
+    distances_per_step: int = 256
+    """Distances that one pair of solids may take, for each step of a segment, before it is reported as not proven: what
+    the check may cost grows with the motion. Plans need two in a hundred steps; two solids that pass a micrometre apart
+    need some fifty a step."""

@@ -142,7 +142,14 @@ def _stick(arm: str, hand: HandView) -> list[Solid]:
 
 
 def signed_distance(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
-    """Return the distance between two solids [m], or minus how deep they are in one another; never more than it is.
+    """Return the distance between two solids [m], or minus how deep they are in one another; never more than it is."""
+    return separation(a, T_world_a, b, T_world_b)[0]
+
+
+def separation(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> tuple[float, Array]:
+    """Return the signed distance between two solids, never more than it is [m], and the direction along which it is.
+
+    The direction is a unit vector of the world, from a to b.
 
     Fcl's distances can be a third too large. So fcl is only asked for a direction, and the answer is the gap between
     the solids along it, which no error of fcl's can make larger than the distance. Where the gap is much smaller than
@@ -151,9 +158,10 @@ def signed_distance(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transfo
     way = _way(a.place(T_world_a), b.place(T_world_b))
     if way is None and (a.part is None or b.part is None):
         way = _way(a.place(T_world_a, core=True), b.place(T_world_b, core=True))
-    radii = a.radius + b.radius
-    gap = -math.inf if way is None else largest_gap(way, a.points, T_world_a, b.points, T_world_b, radii)
-    return gap if gap > 0.0 else max(gap, _best_gap(a, T_world_a, b, T_world_b))
+    found = (-math.inf, np.zeros(3))
+    if way is not None:
+        found = largest_gap(way, a.points, T_world_a, b.points, T_world_b, a.radius + b.radius)
+    return found if found[0] > 0.0 else max(found, _best_gap(a, T_world_a, b, T_world_b), key=lambda pair: pair[0])
 
 
 def _way(a: fcl.CollisionObject, b: fcl.CollisionObject) -> Array | None:
@@ -166,8 +174,8 @@ def _way(a: fcl.CollisionObject, b: fcl.CollisionObject) -> Array | None:
     return way if float(way @ way) > 0.0 else None
 
 
-def _best_gap(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> float:
-    """Return the largest gap along all separating axes of the hulls of both solids' points [m].
+def _best_gap(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) -> tuple[float, Array]:
+    """Return the largest gap along all separating axes of the hulls of both solids' points [m], and the axis.
 
     If they overlap it is minus the shortest way out of one another; with too many edges to try all, minus more.
     """
@@ -181,11 +189,14 @@ def _best_gap(a: Solid, T_world_a: Transform, b: Solid, T_world_b: Transform) ->
         axes.append(crosses[lengths > 1e-6] / lengths[lengths > 1e-6, None])
     directions = np.vstack(axes)
     if not len(directions):
-        return -a.radius - b.radius
+        return -a.radius - b.radius, np.array([0.0, 0.0, 1.0])
     along_a, along_b = directions @ (a.points @ R.T + p).T, directions @ b.points.T
     forward = along_b.min(axis=1) - along_a.max(axis=1)
     backward = along_a.min(axis=1) - along_b.max(axis=1)
-    return float(np.maximum(forward, backward).max()) - a.radius - b.radius
+    gaps = np.maximum(forward, backward)
+    best = int(np.argmax(gaps))
+    axis = T_world_b[:3, :3] @ directions[best]
+    return float(gaps[best]) - a.radius - b.radius, axis if forward[best] >= backward[best] else -axis
 
 
 def _normals(solid: Solid) -> Array:

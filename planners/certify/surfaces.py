@@ -178,6 +178,11 @@ def pad_height(widths: Array) -> Array:
     return finger_poses("pad", 1, widths)[:, 2, 3]
 
 
+def pad_face() -> tuple[float, float]:
+    """Return the width and the length of a pad's inner face [m]."""
+    return float(_PAD_SIZE[0]), float(_PAD_SIZE[2])
+
+
 def sensor_length() -> float:
     """Return where the stick begins: the height of the sensor's face above the flange [m]."""
     return _SENSOR_LENGTH

@@ -13,11 +13,15 @@ from planners.certify.goals import goal_checks
 from planners.certify.holds import hold_checks
 from planners.certify.inertia import inertia_checks
 from planners.certify.joins import join_checks
+from planners.certify.joint_torque import torque_check
 from planners.certify.kinds import SUCTION_TOOL, kind_check
 from planners.certify.limits import joint_checks
 from planners.certify.motion import motions_of
+from planners.certify.payload import PayloadCheck
+from planners.certify.reserve import reserve_check
 from planners.certify.set_spacing import spacing_check
 from planners.certify.solids import solids_of
+from planners.certify.squeeze import squeeze_check
 from planners.certify.standing import standing_check
 from planners.certify.tool_attachments import tool_attachment_checks
 from planners.certify.tool_bodies import tool_bodies_check
@@ -58,7 +62,9 @@ class ToolExamination:
         solids = solids_of(plan, self._evidence.surfaces)
         course = ToolCourse(plan, settings)
         followed = course.follow(motions, sets, solids)
-        steps = course.steps
+        steps, every_set = course.steps, [one for group in sets for one in group]
+        payload = PayloadCheck(plan, settings)
+        payload.note_contacts(every_set)
         start = self._evidence.start_positions(task.start_positions)
         return [
             *joint_checks(plan, settings),
@@ -72,8 +78,12 @@ class ToolExamination:
             *inertia_checks(plan, motions, sets, settings),
             spacing_check(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
             *CupHold(plan, task, settings).run(motions, course),
-            *ConeChecks(task.limits(plan), settings).run([one for group in sets for one in group]),
-            carrying_check(plan, motions, steps, task.carry_limits(plan), settings),
+            *ConeChecks(task.limits(plan), settings).run(every_set),
+            squeeze_check(plan, every_set, settings),
+            carrying_check(plan, motions, steps, task.carry_limits(plan), payload, settings),
+            payload.check(),
+            reserve_check(plan, every_set, task.carry_limits(plan), "dexnet", settings),
+            torque_check(plan, motions, sets, self._evidence.known_cell, settings),
             *ToolContactPlaces(plan, settings).run(motions, sets),
             *CollisionCheck(plan, solids, lambda s: ToolTouchRule(plan, course, s.index), settings).run(motions),
             *goal_checks(plan, motions, task, settings),

@@ -2,23 +2,28 @@
 
 An object that is moved hangs on the cup, whose wrench bears its weight at least where it is lifted; and with it the
 tool hangs in one hand: where two hold it, nothing moves. A tool whose every convex part is wider than a gripper opens
-cannot be gripped.
+cannot be gripped. And a hand has to reach the tool where it is, and with the tool every object that is not at its goal,
+at the start and at the goal: a point of the tool is between its pads, and the cup's lip, its origin, on the object.
 """
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
+from planners.certify.arm_span import body_radius, reach_bound
 from planners.certify.body_shape import ConvexPart
+from planners.certify.bound import Bound
 from planners.certify.certificate import Check
 from planners.certify.cones import StatedCup
 from planners.certify.document_view import PlanView
 from planners.certify.goals import goal_margin, nearest_turn
-from planners.certify.infeasibility import Bound, largest_lift, proof_check
+from planners.certify.infeasibility import largest_lift, proof_check
+from planners.certify.lift_program import stated_lift
 from planners.certify.settings import CertifySettings
-from planners.certify.tool_task import TOOL, ToolTask
+from planners.certify.tool_task import TOOL, StatedObject, ToolTask
 from planners.geometry.pose import inverse
 
 _WEIGHTLESS = 1e-12
@@ -30,24 +35,47 @@ def tool_infeasibility_check(plan: PlanView, task: ToolTask, settings: CertifySe
     forces = [finger_bound(plan, task, settings), carry_bound(plan, task, settings)]
     if task.tool is not None:
         forces.append(cup_bound(plan, task, task.tool.cup, settings))
-    return proof_check(plan, {"N": forces, "m": (opening_bound(plan),)}, settings)
+    lengths = [opening_bound(plan), *reach_bounds(plan, task, settings)]
+    return proof_check(plan, {"N": forces, "m": lengths}, settings)
 
 
-def _heaviest(plan: PlanView, task: ToolTask, settings: CertifySettings) -> float:
-    """Return the mass of the heaviest object that is not at its goal at the start [kg]."""
-    masses = [_WEIGHTLESS]
+def _to_move(plan: PlanView, task: ToolTask, settings: CertifySettings) -> list[StatedObject]:
+    """Return the objects that are not at their goals at the start."""
+    found = []
     for stated in task.objects:
         T = inverse(stated.T_world_goal) @ stated.body.T_world_body
         shape = plan.bodies[stated.body.name].shape
         if goal_margin(T, nearest_turn(T, stated, shape.vertices), settings) < 0.0:
-            masses.append(stated.body.mass or 0.0)
-    return max(masses)
+            found.append(stated)
+    return found
+
+
+def _heaviest(plan: PlanView, task: ToolTask, settings: CertifySettings) -> float:
+    """Return the mass of the heaviest object that is not at its goal at the start [kg]."""
+    return max([_WEIGHTLESS, *(stated.body.mass or 0.0 for stated in _to_move(plan, task, settings))])
+
+
+def reach_bounds(plan: PlanView, task: ToolTask, settings: CertifySettings) -> list[Bound]:
+    """Return how far tool, objects and goals are from a shoulder, and how far its arm reaches with the tool [m].
+
+    Whatever symmetric turn an object ends in, it is within its radius about the goal: a turn about its axis keeps the
+    distance from the origin, and one that takes the shape to itself the room that it takes.
+    """
+    to_move = _to_move(plan, task, settings)
+    tool = plan.bodies[TOOL]
+    length = body_radius(tool)
+    bounds = [reach_bound(plan, tool.T_world_start[:3, 3], length)] if to_move else []
+    for stated in to_move:
+        body = plan.bodies[stated.body.name]
+        places = body.T_world_start[:3, 3], stated.T_world_goal[:3, 3]
+        bounds += [reach_bound(plan, place, length + body_radius(body)) for place in places]
+    return bounds
 
 
 def cup_bound(plan: PlanView, task: ToolTask, cup: StatedCup, settings: CertifySettings) -> Bound:
     """Return the weight of the heaviest object that has to move, and the most that the cup bears [N]."""
     weight = float(np.linalg.norm(plan.gravity)) * _heaviest(plan, task, settings)
-    return Bound(weight, (weight,), largest_lift(cup, "dexnet"))
+    return Bound(weight, (weight,), largest_lift(cup, "dexnet"), partial(stated_lift, cup, "dexnet", ()))
 
 
 def finger_bound(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Bound:

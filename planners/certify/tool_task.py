@@ -23,6 +23,7 @@ from planners.certify.document_view import (
     read_text,
     read_vector,
 )
+from planners.certify.payload import payload_limits
 from planners.certify.scene_facts import CellReference
 from planners.certify.stated import (
     StatedBody,
@@ -84,17 +85,13 @@ class ToolTask:
         """Return what contacts can bear in a plan's cell."""
         friction = {"soft_finger": self.grip_friction, "environment": self.environment_friction}
         cup = None if self.tool is None else self.tool.cup
-        return ContactLimits(friction, _EPS, self.grip_force_limit, self.carry_limits(plan), cup, "dexnet")
+        most = self.grip_force_limit
+        return ContactLimits(friction, _EPS, most, self.carry_limits(plan), cup, "dexnet", pads=most)
 
     def carry_limits(self, plan: PlanView) -> dict[str, float]:
-        """Return the net force that each hand may exert on the tool [N].
-
-        An arm bears its payload at the flange; the hand is part of it.
-        """
-        gravity = float(np.linalg.norm(plan.gravity))
-        left = {name: (arm.payload - plan.hands[name].mass) * gravity for name, arm in plan.arms.items()}
+        """Return the net force that each hand may exert on the tool [N]."""
         stated = math.inf if self.carry_force_limit is None else self.carry_force_limit
-        return {name: min(force, stated) for name, force in left.items()}
+        return {name: min(force, stated) for name, force in payload_limits(plan).items()}
 
 
 def read_tool_task(task: Mapping[str, Any], reference: CellReference | None) -> ToolTask:

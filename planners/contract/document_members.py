@@ -15,6 +15,7 @@ from planners.geometry.pose import Array, Transform, to_pose7s
 from planners.graph.rejections import Rejection, Rejections
 from planners.motion.trajectory import Trajectory
 from planners.scene.scene import PlateLiftScene
+from planners.scene.task_centres import with_centres
 from planners.scene.tool_scene import SuctionToolScene
 from planners.segment import SegmentKind
 
@@ -103,7 +104,7 @@ def document_of(
     return {
         "schema_version": SCHEMA_VERSION,
         "id": "",
-        "task": write_task(task),
+        "task": write_task(with_centres(task, scene)),
         "seed": task.seed,
         "software": {"name": "liftwright", "version": "", "commit": None},
         "outcome": plan.outcome.value,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,13 @@ from planners.balance.balanced import Balanced
 from planners.contract.document_members import document_of, motion_members, pose_rows, rounded
 from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, to_pose7
+from planners.manipulation.groundwork import hand_force_limit
 from planners.manipulation.lift_plan import LiftPlan
 from planners.scene.scene import PlateLiftScene
 from planners.segment import ContactSet, Segment, SegmentKind
+
+_RESERVE_DIGITS = 9
+"""Decimals of reserves: they are found in steps of a half percent."""
 
 
 def lift_document(
@@ -27,14 +32,19 @@ def lift_document(
         plan: what came out.
         stages: seconds by stage, in order.
     """
-    return document_of(task, scene, plan, _segments(plan, scene), stages)
+    document = document_of(task, scene, plan, _segments(plan, scene), stages)
+    if plan.reserve is not None:
+        document["statistics"]["reserve"] = asdict(plan.reserve)
+    return document
 
 
 def _segments(plan: LiftPlan, scene: PlateLiftScene) -> Iterator[dict[str, Any]]:
     begun = 0.0
-    for segment in plan.segments:
+    for segment, reserve in zip(plan.segments, () if plan.reserves is None else plan.reserves.samples, strict=True):
         document = _segment(segment, scene, begun)
         begun = document["time"][-1]
+        held = segment.grip is not None or segment.push is not None
+        document["reserve"] = rounded(reserve, _RESERVE_DIGITS) if held else None
         yield document
 
 
@@ -47,7 +57,7 @@ def _segment(segment: Segment, scene: PlateLiftScene, begun: float) -> dict[str,
             "with": None if segment.contact.plate is None else scene.support_name,
             "vertices": segment.contact_points.tolist(),
         },
-        "hold": _hold(segment),
+        "hold": _hold(segment, scene.squeeze),
         "attached": _attached(segment, scene),
         "body_poses": _body_poses(segment, scene),
         "contacts": [
@@ -56,14 +66,20 @@ def _segment(segment: Segment, scene: PlateLiftScene, begun: float) -> dict[str,
     }
 
 
-def _hold(segment: Segment) -> dict[str, Any] | None:
+def _hold(segment: Segment, squeeze: float | None) -> dict[str, Any] | None:
     grip, push = segment.grip, segment.push
     if grip is None and push is None:
         return None
     return {
         "grip": None
         if grip is None
-        else {"arm": grip.arm, "body": "plate", "pose": to_pose7(grip.T_body_tcp), "width": grip.width},
+        else {
+            "arm": grip.arm,
+            "body": "plate",
+            "pose": to_pose7(grip.T_body_tcp),
+            "width": grip.width,
+            "squeeze": squeeze,
+        },
         "push": None
         if push is None
         else {"arm": push.arm, "body": "plate", "point": push.point.tolist(), "normal": push.normal.tolist()},
@@ -108,18 +124,18 @@ def _contacts(contact_set: ContactSet, segment: Segment, scene: PlateLiftScene) 
 
 def _parameters(name: str, balance: Balanced, segment: Segment, scene: PlateLiftScene, R: Array) -> dict[str, Any]:
     """Say who exerts a contact, of what kind it is and what limits it."""
-    friction, limit = scene.friction, scene.hand_force_limit.normal
+    friction, limits = scene.friction, hand_force_limit(scene)
     kind, _, number = name.partition("_")
     if kind == "grip":
         assert segment.grip is not None
         finger = 1 - int(number) if segment.grip.flipped else int(number)
         return {
             "by": segment.grip.arm, "finger": finger, "kind": "soft_finger", "mu": friction.grip,
-            "eps": friction.eps, "limit": limit,
+            "eps": friction.eps, "limit": limits.finger, "squeeze": limits.squeeze,
         }  # fmt: skip
     if kind == "push":
         assert segment.push is not None
-        return {"by": segment.push.arm, "kind": "point", "mu": friction.push, "limit": limit}
+        return {"by": segment.push.arm, "kind": "point", "mu": friction.push, "limit": limits.pushing}
     if kind == "environment":
         return {"by": scene.support_name, "kind": "environment", "mu": friction.environment, "limit": None}
     cup = scene.cup

@@ -27,6 +27,7 @@ from planners.contract.document_numbers import (
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import TaskSpec
+from planners.graph.rejections import is_shortage
 
 SCHEMA_VERSION = "1.0"
 JOINTS = (
@@ -60,12 +61,33 @@ class Cause(StrictModel):
     unit: str | None
     where: JsonValue = None
 
+    @model_validator(mode="after")
+    def _says_what_is_short(self) -> Self:
+        needed, available, unit = self.needed, self.available, self.unit
+        if needed is None and available is None and unit is None:
+            return self
+        if needed is None or available is None or unit is None or not is_shortage(needed, available, unit):
+            raise PydanticCustomError(
+                "no_shortage",
+                "a cause has needed, available and a unit, with more needed than available, or none of them",
+            )
+        return self
+
 
 class Explanation(StrictModel):
     """What came out, for a person."""
 
     summary: str
     causes: list[Cause] = Field(default_factory=list)
+
+
+class LinkDocument(StrictModel):
+    """A link that moves, in the frame after its joint."""
+
+    mass: Real
+    """[kg]"""
+    com: Vector
+    """Centre of mass [m]."""
 
 
 class ArmDocument(StrictModel):
@@ -80,6 +102,10 @@ class ArmDocument(StrictModel):
     acceleration_max: SixJoints
     payload: Real
     """Largest mass at the flange, the hand included [kg]."""
+    torque_max: SixJoints | None = None
+    """Largest torque of each joint [Nm]; documents of 0.1.0 have none of this, nor of masses and centres of mass."""
+    links: Annotated[list[LinkDocument], Field(min_length=6, max_length=6)] | None = None
+    """Of the six joints, from shoulder to wrist 3."""
 
 
 class GripperDocument(StrictModel):
@@ -88,8 +114,12 @@ class GripperDocument(StrictModel):
     kind: Literal["gripper"]
     mass: Real
     """Of all that is mounted on the flange [kg]."""
+    com: Vector | None = None
+    """Its centre of mass, in the flange frame [m]."""
     tcp: list[tuple[Real, Real]]
     """Rows [width, z from the flange]."""
+    force_range: tuple[Real, Real] | None = None
+    """Least and largest force with which it squeezes [N]."""
 
 
 class StickDocument(StrictModel):
@@ -98,6 +128,8 @@ class StickDocument(StrictModel):
     kind: Literal["stick"]
     mass: Real
     """Of all that is mounted on the flange [kg]."""
+    com: Vector | None = None
+    """Its centre of mass, in the flange frame [m]."""
     tcp: PoseArray
     tip_radius: Real
 
@@ -141,6 +173,8 @@ class GripDocument(StrictModel):
     pose: PoseArray
     """`T_body_tcp`"""
     width: Real
+    squeeze: Real | None = None
+    """The commanded force of the fingers, from grip to release: what each pad presses with while nothing pulls [N]."""
 
 
 class PushDocument(StrictModel):
@@ -190,6 +224,9 @@ class SoftFingerContact(_Contact):
     mu: Real
     eps: Real
     limit: Real | None
+    """Largest normal force there can be: the squeeze, and half of what the hand may bear in all [N]."""
+    squeeze: Real | None = None
+    """As of the grip: the normal forces of both fingers add up to twice as much [N]."""
 
 
 class PointContact(_Contact):
@@ -253,6 +290,9 @@ class Segment(StrictModel):
     attached: dict[str, list[Attachment]]
     body_poses: dict[str, Rows]
     contacts: list[Contact]
+    reserve: list[Real | None] | None = None
+    """By sample: the largest share of every limit that could be missing with the forces still borne [1]; null where
+    nothing is held."""
 
     @model_validator(mode="after")
     def _arrays_fit_the_samples(self) -> Self:
@@ -272,6 +312,8 @@ class Segment(StrictModel):
         yield "positions", self.positions, 12
         yield "velocities", self.velocities, 12
         yield "accelerations", self.accelerations, 12
+        if self.reserve is not None:
+            yield "reserve", self.reserve, None
         for arm, widths in self.gripper_width.items():
             yield f"gripper_width/{arm}", widths, None
         for body, poses in self.body_poses.items():
@@ -462,6 +504,19 @@ class StageTime(StrictModel):
     seconds: Real
 
 
+class LeastReserve(StrictModel):
+    """Where along a plan least of the limits is left."""
+
+    value: Real
+    """The least of the segments' `reserve` [1]."""
+    limited_by: str
+    """What would give way first, in words."""
+    body: str
+    """What would be lost."""
+    segment: int
+    sample: int
+
+
 class Statistics(StrictModel):
     """What the work cost and what fell by the way."""
 
@@ -470,6 +525,8 @@ class Statistics(StrictModel):
     graph: dict[str, JsonValue]
     search: dict[str, JsonValue]
     rejections: dict[str, int]
+    reserve: LeastReserve | None = None
+    """None: nothing is held, or a document of before there was any."""
     considered: Considered | None = None
     """What a suction-tool planner looked at."""
 

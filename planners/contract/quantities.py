@@ -33,6 +33,12 @@ PeelStiffness = Annotated[float, Strict(), Field(ge=1e-6, le=1e4, allow_inf_nan=
 """The suction model's kappa: it multiplies a length, so it is a force [N]."""
 Factor = Annotated[float, Strict(), Field(ge=0.25, le=4.0, allow_inf_nan=False)]
 """A density relative to the default [1]."""
+Reserve = Annotated[float, Strict(), Field(ge=0.0, lt=1.0, allow_inf_nan=False)]
+"""The share of every force limit that is kept back [1]."""
+MassTolerance = Annotated[float, Strict(), Field(ge=0.0, le=0.5, allow_inf_nan=False)]
+"""The share by which a mass may be more or less than stated [1]."""
+Tolerance = Annotated[float, Strict(), Field(ge=0.0, le=0.1, allow_inf_nan=False)]
+"""The distance by which a place may be off what is stated [m]."""
 Scale = Annotated[float, Strict(), Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
 """What a mesh's coordinates are multiplied by to be metres [1]."""
 Angle = Annotated[float, Strict(), Field(ge=-100.0, le=100.0, allow_inf_nan=False)]

@@ -18,18 +18,20 @@ from planners.contract.quantities import (
     JointPositions,
     Length,
     Mass,
+    MassTolerance,
     Name,
     PeelStiffness,
     Point2,
     Point3,
     Pose,
+    Reserve,
     SceneId,
     Seed,
+    Tolerance,
 )
 from planners.contract.shapes import PlateShape, Shape
 from planners.contract.strict_model import StrictModel
 
-ORIGIN = (0.0, 0.0, 0.0)
 HINGE_KAPPA = 0.005
 """kappa of a plate lift's cup [N]: Dex-Net 3.0's published re-implementation; the cup is then nearly a hinge."""
 
@@ -51,8 +53,12 @@ class Plate(StrictModel):
 
     shape: PlateShape
     mass: Mass
-    com: Point3 = ORIGIN
-    """Centre of mass in the body frame [m]."""
+    com: Point3 | None = None
+    """Centre of mass in the body frame [m]. None: the centroid of the evenly filled shape. Accepted tasks state it."""
+    mass_tolerance: MassTolerance = 0.02
+    """Share of the mass by which it may be more or less [1]. The plan holds every plate within the tolerances."""
+    com_tolerance: Tolerance = 0.005
+    """Distance along each of the plate's axes by which the centre of mass may be off, either way [m]."""
 
 
 class Support(StrictModel):
@@ -86,12 +92,15 @@ class PlateLiftFriction(StrictModel):
 
 
 class HandForceLimit(StrictModel):
-    """What one hand may bear."""
+    """What a task asks of the hands at most. What an arm's payload leaves beside its hand always holds as well."""
 
     normal: Force = 17.0
-    """Largest normal force of one contact [N]."""
+    """Largest normal force of the stick, and largest net force of the gripper [N]; of a finger, its normal force with
+    the paper's contact model."""
     net: Force = 19.0
     """Largest magnitude of the sum of one hand's contact forces [N]."""
+    squeeze: Force | None = None
+    """What each pad of the gripper presses with when it bears nothing [N]. None: what the hand's file says."""
 
 
 class GripSpec(StrictModel):
@@ -114,13 +123,22 @@ class PushSpec(StrictModel):
     """Where the stick points, in the plate's frame."""
 
 
-class PlateLiftOptions(StrictModel):
+class PlanningOptions(StrictModel):
+    """How a task of either kind is planned."""
+
+    reserve: Reserve = 0.1
+    """Share of every force limit (friction, what hands may bear, cup) that is kept back all along [1]. Where there is
+    a plan only with less, it is planned with as much as a few searches find, and the document says so."""
+
+
+class PlateLiftOptions(PlanningOptions):
     """How a plate lift is planned."""
 
     goal_height: Annotated[float, Field(strict=True, ge=0.001, le=0.5, allow_inf_nan=False)] = 0.03
     """Height of the plate's lowest corner above its support at the end [m]."""
-    minimise: Literal["cost", "force"] = "cost"
-    """The paper's path cost, or the largest contact normal along the path."""
+    minimise: Literal["cost", "force", "risk"] = "cost"
+    """The paper's path cost; the largest effort of a hand along the path; or the risk: of all plans the one that keeps
+    the largest reserve, however much more than `reserve` that is."""
     search: Literal["lazy", "full"] = "lazy"
     """Solve balances only where the search goes, or build the whole graph first. The plan is the same."""
     simulate: Annotated[bool, Field(strict=True)] = True
@@ -147,6 +165,9 @@ class PlateLiftTask(StrictModel):
     """None: the table."""
     cup: LifterCup
     lifter_model: Literal["paper", "cable", "dexnet"] = "paper"
+    contact_model: Literal["squeeze", "paper"] = "squeeze"
+    """How the gripper holds: with a commanded squeeze that what it bears comes on top of, or as in the paper, with two
+    fingers whose normal forces are free up to a cap."""
     friction: PlateLiftFriction = PlateLiftFriction()
     hand_force_limit: HandForceLimit = HandForceLimit()
     obstacles: Obstacles = ()
@@ -187,8 +208,8 @@ class CustomTool(StrictModel):
 
     shapes: Annotated[tuple[ToolPart, ...], Counted(1, 64)]
     mass: Mass
-    com: Point3 = ORIGIN
-    """In the tool frame [m]."""
+    com: Point3 | None = None
+    """In the tool frame [m]. None: the centroid of all shapes, evenly filled. Accepted tasks state it."""
     cup: ToolCup
 
 
@@ -214,8 +235,8 @@ class ObjectToMove(StrictModel):
     name: Name
     shape: Shape
     mass: Mass
-    com: Point3 = ORIGIN
-    """In the body frame [m]."""
+    com: Point3 | None = None
+    """In the body frame [m]. None: the centroid of the evenly filled shape. Accepted tasks state it."""
     pose: Pose
     goal_pose: Pose
     goal_symmetry: Literal["none", "axis", "shape"] = Field(default_factory=_default_symmetry)
@@ -229,7 +250,7 @@ class SuctionToolFriction(StrictModel):
     environment: FrictionCoefficient = 0.4
 
 
-class SuctionToolOptions(StrictModel):
+class SuctionToolOptions(PlanningOptions):
     """How a suction-tool task is planned."""
 
     simulate: bool = True
@@ -281,7 +302,7 @@ _ADAPTER: TypeAdapter[PlateLiftTask | SuctionToolTask] = TypeAdapter(TaskSpec)
 
 
 def read_task(body: object) -> PlateLiftTask | SuctionToolTask:
-    """Validate a parsed JSON body; defaults are filled in.
+    """Validate a parsed JSON body; defaults are filled in, but for those that take the scene: see `with_centres`.
 
     Raises:
         pydantic.ValidationError: `planners.contract.problems.problems_of` turns it into what the caller is told.

@@ -31,6 +31,7 @@ def tool_document(
         stages: seconds by stage, in order.
     """
     document = document_of(task, scene, plan, tool_segments(plan.segments, scene), stages)
+    document["statistics"]["reserve"] = _least_reserve(plan.segments)
     document["statistics"]["considered"] = considered_members(plan)
     return document
 
@@ -43,25 +44,48 @@ def tool_segments(segments: Sequence[ToolSegment], scene: SuctionToolScene) -> I
         document = {
             **motion_members(segment, begun),
             "contact_state": None,
-            "hold": _hold(segment),
+            "hold": _hold(segment, scene),
             "attached": _attached(segment),
             "body_poses": {name: pose_rows(poses) for name, poses in segment.body_poses.items()},
             "contacts": list(_contacts(segment, places, scene)),
+            "reserve": _reserve(segment),
         }
         begun = document["time"][-1]
         places |= {name: poses[-1] for name, poses in segment.body_poses.items()}
         yield document
 
 
-def _hold(segment: ToolSegment) -> dict[str, Any] | None:
+def _hold(segment: ToolSegment, scene: SuctionToolScene) -> dict[str, Any] | None:
     if not segment.holds:
         return None
-    first, second = segment.holds[0], segment.holds[1] if len(segment.holds) > 1 else None
-    return {"grip": _grip(first), "push": None, "second_grip": None if second is None else _grip(second)}
+    grips = [_grip(hold, scene.squeeze) for hold in segment.holds]
+    return {"grip": grips[0], "push": None, "second_grip": grips[1] if len(grips) > 1 else None}
 
 
-def _grip(hold: ToolHold) -> dict[str, Any]:
-    return {"arm": hold.arm, "body": TOOL_NAME, "pose": to_pose7(hold.T_tool_tcp), "width": hold.width}
+def _grip(hold: ToolHold, squeeze: float) -> dict[str, Any]:
+    pose = to_pose7(hold.T_tool_tcp)
+    return {"arm": hold.arm, "body": TOOL_NAME, "pose": pose, "width": hold.width, "squeeze": squeeze}
+
+
+def _reserve(segment: ToolSegment) -> list[float | None]:
+    if segment.reserve is None:
+        return [None] * len(segment.trajectory.time)
+    return significant(segment.reserve.values)
+
+
+def _least_reserve(segments: Sequence[ToolSegment]) -> dict[str, Any] | None:
+    """Return where least of the limits is left along a plan; None where nothing is held."""
+    held = [(index, each.reserve) for index, each in enumerate(segments) if each.reserve is not None]
+    if not held:
+        return None
+    index, least = min(held, key=lambda each: each[1].least)
+    return {
+        "value": significant(np.array([least.least]))[0],
+        "limited_by": least.limited_by,
+        "body": least.body,
+        "segment": index,
+        "sample": least.sample,
+    }
 
 
 def _attached(segment: ToolSegment) -> dict[str, Any]:
@@ -95,15 +119,16 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
             "point": point,
             "normal": None if inertia else normal,
             "wrench": wrench,
-            **(next(of_cup) if force.kind == "suction" else _parameters(force.kind, scene)),
+            **(next(of_cup) if force.kind == "suction" else _parameters(force, scene)),
         }
 
 
-def _parameters(kind: str, scene: SuctionToolScene) -> dict[str, Any]:
+def _parameters(force: ContactForce, scene: SuctionToolScene) -> dict[str, Any]:
     """Return what limits a contact that is not the cup's."""
-    if kind == "soft_finger":
-        return {"mu": scene.friction.grip, "eps": EPS, "limit": scene.grip_force_limit}
-    if kind == "environment":
+    if force.kind == "soft_finger":
+        limit = scene.finger_limit(force.by)
+        return {"mu": scene.friction.grip, "eps": EPS, "limit": limit, "squeeze": scene.squeeze}
+    if force.kind == "environment":
         return {"mu": scene.friction.environment, "limit": None}
     return {}
 

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from planners.geometry.pose import Array
-from planners.geometry.surface import Faces
+from planners.geometry.surface import Faces, centroid
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +29,11 @@ class SolidMesh:
     def size(self) -> Array:
         """(3,) full lengths of the box around it."""
         return np.ptp(self.vertices, axis=0)
+
+    @property
+    def centroid(self) -> Array:
+        """(3,) centre of mass, were it evenly filled."""
+        return centroid(self.vertices, self.faces)
 
     def scaled(self, factor: float) -> SolidMesh:
         """Return the mesh with everything `factor` times as large."""

@@ -35,6 +35,17 @@ def volume(vertices: Array, faces: Faces) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
+def centroid(vertices: Array, faces: Faces) -> Array:
+    """Return the centroid (3,) of the solid inside, evenly filled [m]; parts that overlap count several times.
+
+    That of the tetrahedra between the mean of the vertices and each triangle, signed.
+    """
+    middle = vertices.mean(axis=0)
+    a, b, c = (vertices[faces[:, k]] - middle for k in range(3))
+    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+    return middle + volumes @ (a + b + c) / (4.0 * volumes.sum())
+
+
 def winding_numbers(vertices: Array, faces: Faces, points: Array) -> Array:
     """Return how often the surface goes round each of the (k, 3) points: 1 inside, 0 outside.
 

@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
+
+from planners.errors import LiftwrightError
+
+_ROUNDING = 1e-9
+"""Share of what is needed below which a shortage is none [1]."""
+
+
+class NoShortage(LiftwrightError):
+    """The figures of a reason do not say what is short: somebody would act on them in vain."""
+
+    def __init__(self, reason: str, needed: float | None, available: float | None, unit: str | None) -> None:
+        super().__init__(
+            f"a cause has needed, available and a unit, with more needed than available, or none of them; {reason!r} "
+            f"has {needed}, {available} and {unit}"
+        )
+
+
+def is_shortage(needed: float, available: float, unit: str) -> bool:
+    """Tell whether figures say what is short: in a unit that can be measured, more is needed than there is.
+
+    What is needed is never less than nothing; of what is available only a length can be: a finger below the table.
+    """
+    measurable = bool(unit) and unit != "1" and math.isfinite(needed) and math.isfinite(available)
+    return measurable and needed >= 0.0 and available < needed and (available >= 0.0 or unit == "m")
 
 
 @dataclass(frozen=True)
 class Rejection:
-    """One reason for a "no", with its numbers where it has any."""
+    """One reason for a "no", with its figures where it has any: all three of them, and more needed than available.
+
+    Raises:
+        NoShortage: The figures are others.
+    """
 
     stage: str
     """"reach", "clearance", "balance", "transfer", "transit" or "capacity"."""
@@ -19,12 +48,26 @@ class Rejection:
     available: float | None = None
     unit: str | None = None
 
+    def __post_init__(self) -> None:
+        needed, available, unit = self.needed, self.available, self.unit
+        if needed is None and available is None and unit is None:
+            return
+        if needed is None or available is None or unit is None or not is_shortage(needed, available, unit):
+            raise NoShortage(self.reason, needed, available, unit)
+
+    @classmethod
+    def measured(cls, stage: str, reason: str, where: str, needed: float, available: float, unit: str) -> Rejection:
+        """Return a rejection with figures that were computed; without them where rounding leaves nothing short."""
+        if is_shortage(needed, available, unit) and needed - available > _ROUNDING * needed:
+            return cls(stage, reason, where, needed, available, unit)
+        return cls(stage, reason, where)
+
     @property
     def missing(self) -> float:
-        """How far the nearest miss was off; infinite where it cannot be measured."""
+        """Part of the need that the nearest miss could not meet [1]; infinite where it cannot be measured."""
         if self.needed is None or self.available is None:
-            return float("inf")
-        return self.needed - self.available
+            return math.inf
+        return 1.0 - self.available / self.needed
 
 
 class Rejections:

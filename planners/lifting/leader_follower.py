@@ -1,54 +1,40 @@
-"""The velocity-based leader-follower law, paper B, eq. (11): the lifter leads, both hands follow one force."""
+"""The velocity-based leader-follower law, paper B, eq. (11): the lifter leads, both hands follow what they bear."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from scipy.linalg import expm
 
 from planners.errors import LiftwrightError
 
-_DAMPING_PER_CUP_FORCE = 1.4
-"""B_d over the cup's largest force [s/m]."""
-
 
 @dataclass(frozen=True)
 class FollowerGains:
-    """Gains of eq. (11). The paper publishes none; these follow from plate, cup and sensor.
+    """Gains of eq. (11). The paper publishes none: `planners.lifting.lift_loop.design_gains` finds those of a hold.
 
-    The sensor also feels the plate's inertia, two readings late: when the hands speed up, so does the plate, and the
-    force rises. With M_d below the mass that the hand accelerates the loop swings at the sensor's rate, so M_d is the
-    whole plate's mass (a hand accelerates about half of it).
-
-    B_d trades how far the force drops while following, B_d times the lifter's speed, against damping. Both sides grow
-    with the cup: a stronger one is stiffer, and bears more before it is over its limit. So B_d is proportional to the
-    cup's largest force. `planners.lifting.loop_margin` has the margins.
+    The sensors also feel the plate's inertia, two readings late, and it rings on pads and tip. What is known of that
+    inertia is taken off the readings, so that M_d may be less than what the hands accelerate.
     """
 
-    inertia: float = 4.0
+    inertia: float = 2.0
     """M_d [kg]."""
-    damping: float = 28.0
-    """B_d [Ns/m]: hands that follow a lifter at 50 mm/s push with 1.4 N less than their goal."""
-    stiffness: float = 0.0
-    """K_d [N/m]. It would hold the arms back by K_d times the height."""
+    damping: float = 22.0
+    """B_d [Ns/m]."""
+    carried: float = 0.0
+    """Mass whose inertia is taken off the readings [kg]."""
+    memory: float = 1.0
+    """Time in which V_d, the estimate of the lifter's speed, takes on the speed of the hands [s]."""
+    readings: int = 5
+    """The force is the mean of so many: less noise, and less of what rings [1]."""
     period: float = 0.01
-    """Of the force sensor, and so of the law [s]: FT300, 100 Hz."""
+    """Of the force sensors, and so of the law [s]: FT300, 100 Hz."""
 
     def __post_init__(self) -> None:
-        if not (self.inertia > 0.0 and self.damping > 0.0 and self.stiffness >= 0.0 and self.period > 0.0):
-            raise LiftwrightError("inertia, damping and period must be positive, the stiffness not negative")
-
-    @classmethod
-    def for_lift(cls, mass: float, cup_force: float) -> Self:
-        """Return the gains for a plate's mass [kg] and a cup's largest force [N].
-
-        Following at 50 mm/s takes 7 % of the cup's force off the pushing hand, and about as much or twice that off the
-        gripping hand: together what `lift_goal` would keep back for it.
-        """
-        return cls(inertia=mass, damping=_DAMPING_PER_CUP_FORCE * cup_force)
+        if not (min(self.inertia, self.damping, self.memory, self.period) > 0.0 and self.readings >= 1):
+            raise LiftwrightError("inertia, damping, memory, period and the number of readings must be positive")
 
 
 @dataclass(frozen=True)
@@ -57,16 +43,23 @@ class FollowerMotion:
 
     velocity: float = 0.0
     """V, upward, common to both hands; never negative [m/s]."""
-    lead: float = 0.0
-    """Integral of V - V_d [m]."""
+    lifter_velocity: float = 0.0
+    """V_d: the lifter's speed as it is estimated [m/s]."""
+    errors: tuple[float, ...] = ()
+    """E of the last readings, the newest last [N]."""
+    accelerations: tuple[float, float] = (0.0, 0.0)
+    """Change of V in the last two periods over their length, the newest last [m/s^2]."""
 
 
 class LeaderFollower:
-    """M_d (V' - V_d') + B_d (V - V_d) + K_d int (V - V_d) = E with E = F_goal - F and V >= 0.
+    """M_d V' + B_d (V - V_d) = E with V >= 0, where V_d follows V: memory V_d' = V - V_d.
 
-    F is the vertical force of the *pushing* hand on the plate, upward positive: when the lifter rises, it takes load
-    off the hand, F drops, E is positive and the hands speed up. V_d is constant between two readings (the paper
-    writes V' - V_d; with its V_d = 0 the two are the same).
+    E = F_goal - F, with F the vertical force of both hands on the plate, upward positive: when the lifter rises, it
+    takes load off the hands, F drops, E is positive and the hands speed up. As long as they bear F_goal they rise like
+    the lifter, so what they have lately done is an estimate of its speed that needs nothing but their own. At any
+    steady speed V_d = V, and so E = 0: the hands bear F_goal, where a fixed V_d would leave B_d (V - V_d) to the cup.
+    V_d acts as an integral of E that ends where the hands' own limits end it, and holds nothing against height: the
+    paper's K_d, which would, is left out. V_d changes slowly, and M_d V_d' is left out as well.
 
     Discretised exactly for an E that is held over one period: the matrix exponential of the law, not a difference
     quotient, so that the law behaves the same at any sampling rate. Where V would become negative the hands stop, and
@@ -74,42 +67,37 @@ class LeaderFollower:
     have, not the one they were refused: nothing winds up while a limit acts.
     """
 
-    def __init__(
-        self,
-        gains: FollowerGains | None = None,
-        target_velocity: float = 0.0,
-        largest_velocity: float = math.inf,
-    ) -> None:
-        """Prepare the law.
-
-        Args:
-            gains: see there.
-            target_velocity: V_d [m/s]: the lifter's speed at which the hands bear F_goal.
-            largest_velocity: that the arms can make [m/s].
-        """
-        self.largest_velocity = largest_velocity
+    def __init__(self, gains: FollowerGains | None = None) -> None:
+        """Prepare the law."""
         self.gains = gains or FollowerGains()
-        self.target_velocity = target_velocity
         g = self.gains
-        # d/dt [lead, V - V_d, E] = A [lead, V - V_d, E]
+        # d/dt [V, V_d, E] = A [V, V_d, E]
         A = np.zeros((3, 3))
-        A[0, 1] = 1.0
-        A[1] = np.array([-g.stiffness, -g.damping, 1.0]) / g.inertia
+        A[0] = np.array([-g.damping, g.damping, 1.0]) / g.inertia
+        A[1, :2] = np.array([1.0, -1.0]) / g.memory
         self.discrete = expm(A * g.period)[:2]
-        """(2, 3): takes [lead, V - V_d, E] to [lead, V - V_d] one period later."""
+        """(2, 3): takes [V, V_d, E] to [V, V_d] one period later."""
+        self._kept = math.exp(-g.period / g.memory)
 
-    def follow(self, motion: FollowerMotion, goal_force: float, force: float) -> FollowerMotion:
+    def follow(
+        self, motion: FollowerMotion, goal_force: float, force: float, largest_velocity: float = math.inf
+    ) -> FollowerMotion:
         """Return the motion one period later.
 
         Args:
             motion: now.
-            goal_force: F_goal [N].
-            force: F, the latest reading of the pushing hand, upward [N].
+            goal_force: F_goal of both hands together, upward [N].
+            force: F, the latest reading of both hands together, upward [N].
+            largest_velocity: that the arms can make where they are [m/s].
         """
-        error = goal_force - force
-        lead, relative = self.discrete @ np.array([motion.lead, motion.velocity - self.target_velocity, error])
-        free = self.target_velocity + float(relative)
-        velocity = min(max(free, 0.0), self.largest_velocity)
+        gains = self.gains
+        # The reading is of a period ago: of the end of the period before that, in which V changed linearly.
+        inertia = gains.carried * motion.accelerations[0]
+        errors = (*motion.errors, goal_force - (force - inertia))[-gains.readings :]
+        error = sum(errors) / len(errors)
+        free, lifter = self.discrete @ np.array([motion.velocity, motion.lifter_velocity, error])
+        velocity = min(max(float(free), 0.0), largest_velocity)
         if velocity != free:
-            lead = motion.lead + (velocity - self.target_velocity) * self.gains.period
-        return FollowerMotion(velocity, float(lead))
+            lifter = velocity + self._kept * (motion.lifter_velocity - velocity)
+        gained = (velocity - motion.velocity) / gains.period
+        return FollowerMotion(velocity, float(lifter), errors, (motion.accelerations[1], gained))

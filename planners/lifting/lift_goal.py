@@ -13,8 +13,8 @@ from planners.geometry.pose import Array
 from planners.manipulation.groundwork import balance_program
 from planners.scene.scene import PlateLiftScene
 
-CUP_RESERVES = (0.2, 0.15, 0.1, 0.05, 0.0)
-"""Parts of the cup's largest force that are kept back for the lifter's jerks; the first that is possible is taken."""
+RESERVES = tuple(percent / 100.0 for percent in range(20, -1, -1))
+"""Parts of limits that are kept back for the lifter's jerks; the first that is possible is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,11 @@ class LiftGoal:
     """The forces to hold while lifting."""
 
     balance: Balanced
-    """Least-effort wrenches (5) with the cup's limit lowered by the reserve."""
+    """Least-effort wrenches (5) with all limits lowered by the reserve, and the cup's by its own."""
+    reserve: float
+    """Share of every limit, friction among them, that (5) was not allowed to use; no more than the cup's [1]."""
     cup_reserve: float
-    """Part of the cup's largest force that (5) was not allowed to use [1]."""
+    """Part of the cup's largest force likewise [1]."""
 
 
 def lift_goal(
@@ -32,9 +34,12 @@ def lift_goal(
     rotation_world_plate: Array,
     grip: GripContacts,
     push: PushContact,
-    reserves: Sequence[float] = CUP_RESERVES,
+    reserves: Sequence[float] = RESERVES,
 ) -> LiftGoal | None:
-    """Solve (5) for the plate in the air with as large a reserve on the cup as there can be.
+    """Solve (5) for the plate in the air with as large a reserve as there can be: on the cup, then on all limits.
+
+    The cup is the first that a fast lifter takes to its limit. What friction keeps back keeps the hands from sliding
+    when the lifter stops.
 
     Args:
         scene: plate, cup, friction and limits.
@@ -46,8 +51,14 @@ def lift_goal(
     Returns:
         The goal, or None if the hands and the cup do not bear the plate even without reserve.
     """
-    for reserve in reserves:
-        answer = balance_program(scene, reserve).solve(rotation_world_plate, np.empty((0, 3)), grip, push)
-        if isinstance(answer, Balanced):
-            return LiftGoal(answer, reserve)
-    return None
+
+    def bears(reserve: float, cup_reserve: float) -> LiftGoal | None:
+        program = balance_program(scene, cup_reserve, reserve)
+        answer = program.solve(rotation_world_plate, np.empty((0, 3)), grip, push)
+        return LiftGoal(answer, reserve, cup_reserve) if isinstance(answer, Balanced) else None
+
+    found = next((goal for cup_reserve in reserves if (goal := bears(0.0, cup_reserve))), None)
+    if found is None:
+        return None
+    both = (reserve for reserve in reserves if 0.0 < reserve <= found.cup_reserve)
+    return next((goal for reserve in both if (goal := bears(reserve, found.cup_reserve))), found)

@@ -20,6 +20,7 @@ from planners.manipulation.dense_contacts import PlateMotion
 from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
 from planners.manipulation.failures import Hand
 from planners.manipulation.hold_balance import HandPair, HoldBalance
+from planners.manipulation.lift_torques import LiftTorques
 from planners.manipulation.track import EngagementTrack
 from planners.manipulation.workcell import LiftWorkcell
 from planners.motion.arm_checker import ArmEdgeChecker
@@ -111,6 +112,7 @@ class Choreographer:
         self.limits = JointLimits(
             np.concatenate([arm.velocity_max for arm in arms]), np.concatenate([arm.acceleration_max for arm in arms])
         )
+        self.torques = LiftTorques(workcell)
         self.motion_queries = 0
 
     def realise(self, itinerary: Itinerary, assignment: Assignment) -> tuple[Segment, ...] | Stuck:
@@ -315,6 +317,7 @@ class _Run:
         end = motion.end if forth else motion.start
         self.stage.pose = self.itinerary.poses[place + 1]
         sets = self._sets_in_motion(motion, T_world_plate, (self.itinerary.poses[place], self.stage.pose), errand)
+        self._refuse_torques(trajectory, T_world_plate, sets, errand)
         grip, push = self._holds()
         self.stage.segments.append(
             Segment(
@@ -342,10 +345,21 @@ class _Run:
         last = len(T_world_plate) - 1
         com_world, pace = self.follower.poses.plate.com_world(T_world_plate), self.plan.pace
         for sample in spaced(spent_on_the_way(T_world_plate, com_world, pace.set_rotation, pace.set_travel)):
-            answer = self.plan.balance.solve(T_world_plate[sample], motion.contact_points, hands)
+            where = T_world_plate[sample], motion.contact_points, hands
+            refusal = self.plan.balance.refusal(*where)
+            answer = self.plan.balance.solve(*where) if refusal is None else refusal
             chosen.append(ContactSet(sample, self._balanced(answer, errand)))
         chosen.append(ContactSet(last, self._balanced(self.balance_at(ends[1], hands), errand)))
         return tuple(chosen)
+
+    def _refuse_torques(
+        self, trajectory: Trajectory, T_world_plate: Array, sets: tuple[ContactSet, ...], errand: _Errand
+    ) -> None:
+        """Get stuck where a joint would need too much torque."""
+        for each in sets:
+            rejection = self.plan.torques.refusal(trajectory, each.sample, T_world_plate[each.sample], each.balance)
+            if rejection is not None:
+                raise _GotStuck(Stuck(rejection, errand.step, errand.hand, errand.place))
 
     def balance_at(self, pose: int, hands: HandPair) -> Balanced | Unbalanced:
         """Return the remembered balance at a pose of the graph."""
@@ -365,6 +379,9 @@ class _Run:
         grip, push = self._holds()
         resting = _Errand("rest", None, self.stage.edge)
         answer = self._balanced(self.balance_at(self.stage.pose, self._hands()), resting)
+        plates = np.repeat(self.stage.T_world_plate[None], count, axis=0)
+        sets = tuple(ContactSet(k, answer) for k in _at_rest(trajectory.time, self.plan.pace.set_pause))
+        self._refuse_torques(trajectory, plates, sets, resting)
         self.stage.segments.append(
             Segment(
                 kind=kind,
@@ -375,8 +392,8 @@ class _Run:
                 push=push,
                 trajectory=trajectory,
                 widths={self.workcell.gripper: self._width_over(kind, trajectory)},
-                T_world_body=np.repeat(self.stage.T_world_plate[None], count, axis=0),
-                contact_sets=tuple(ContactSet(k, answer) for k in _at_rest(trajectory.time, self.plan.pace.set_pause)),
+                T_world_body=plates,
+                contact_sets=sets,
             )
         )
         self.stage.q = trajectory.positions[-1].copy()

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
+from planners.geometry.pose import Array, Transform
 from planners.geometry.wrench import rotated
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, whole
 from planners.manipulation.graph import HandHold, ManipulationStateGraph
 from planners.manipulation.hold_balance import HandPair, HoldBalance, describe
-from planners.manipulation.reach import PairReach
+from planners.manipulation.lift_torques import TORQUE_RESERVE
+from planners.manipulation.reach import HandReach, PairReach
 from planners.manipulation.rising import RisingReach
 
 Objective = Literal["cost", "force"]
+STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 _LOAD_STEP = 1e-6
 """Loads are rounded to this [Nm or N]: the solver's last digits must not decide between paths."""
 
@@ -39,14 +42,16 @@ class NodeExaminer:
         rejections: Rejections,
         minimise: Objective,
         rising: RisingReach | None = None,
+        gravity: Array | None = None,
     ) -> None:
         self.graph, self.balance, self.pair = graph, balance, pair
         self.grip_postures, self.push_postures = grip_postures, push_postures
         self.rejections, self.minimise, self.rising = rejections, minimise, rising
+        self.gravity = STANDARD_GRAVITY if gravity is None else gravity
         self.examined = 0
         self._grip_row = _rows(graph.grips)[graph.node_grip]
         self._push_row = _rows(graph.pushes)[graph.node_push]
-        self._forget_ruled_out()
+        self.forget_ruled_out()
 
     def __call__(self, node: int) -> None:
         """Examine one node."""
@@ -61,10 +66,10 @@ class NodeExaminer:
         answer = self.balance.at(pose, hands_of(grip, push))
         if isinstance(answer, Unbalanced):
             self.rejections.add(describe(answer))
-            self._forget_ruled_out()
+            self.forget_ruled_out()
             knowledge.status[node] = DEAD
             return
-        load = answer.largest_hand_normal if self.minimise == "force" else self._torque(pose, grip, push, answer)
+        load = answer.f_plus_gp if self.minimise == "force" else self._torque(pose, grip, push, answer)
         knowledge.load[node] = whole(round(load / _LOAD_STEP) * _LOAD_STEP)
         knowledge.status[node] = ALIVE
         if self.rising is not None and self.graph.goal[node] and grip is not None and push is not None:
@@ -73,7 +78,7 @@ class NodeExaminer:
     def largest_force(self, node: int) -> float:
         """Return the largest contact normal of the hands at an examined node [N]."""
         answer = self.balance.at(int(self.graph.node_pose[node]), hands_of(*self.graph.hold_of(node)))
-        return answer.largest_hand_normal if isinstance(answer, Balanced) else float("inf")
+        return answer.f_plus_gp if isinstance(answer, Balanced) else float("inf")
 
     def examine_all(self, done: Callable[[int, int], None]) -> None:
         """Examine every node that is still unknown; `done` is told how many of how many."""
@@ -97,22 +102,40 @@ class NodeExaminer:
         where = self.graph.poses.poses[pose].T_world_plate[None]
         return self.pair.compatible(where, (grip.index, push.index), allowed) is not None
 
+    def bears_torques(self, node: int) -> bool:
+        """Whether each hand at an examined node has a posture whose joints bear arm, hand and contact wrenches."""
+        pose, hands = int(self.graph.node_pose[node]), self.graph.hold_of(node)
+        answer = self.balance.at(pose, hands_of(*hands))
+        assert isinstance(answer, Balanced)
+        return all(
+            reach.within_torque(
+                T_world_plate[None], hold.index, self.postures(pose, hold, sets), wrench[None], com[None],
+                self.gravity, TORQUE_RESERVE,
+            )
+            for T_world_plate, com, hold, reach, sets, wrench in self._exerting(pose, *hands, answer)
+        )  # fmt: skip
+
     def _torque(self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced) -> float:
         """Least joint torque that the hands' contact wrenches ask for, tau = J^T F, over the postures [Nm]."""
+        total = 0.0
+        for T_world_plate, com, hold, reach, sets, wrench in self._exerting(pose, grip, push, answer):
+            loads = reach.loads(T_world_plate, hold.index, self.postures(pose, hold, sets), wrench, com)
+            total += float(np.fmin.reduce(loads))
+        return total
+
+    def _exerting(
+        self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced
+    ) -> Iterator[tuple[Transform, Array, HandHold, HandReach, NDArray[np.uint64], Array]]:
+        """Yield of each hand: plate, centre of mass, hold, reach, postures, and the wrench about that centre."""
         T_world_plate = self.graph.poses.poses[pose].T_world_plate
         com = T_world_plate[:3, :3] @ self.balance.balance.com + T_world_plate[:3, 3]
         wrenches = rotated(T_world_plate[:3, :3], answer.hand_wrenches)
-        total = 0.0
-        for hold, reach, sets, wrench in (
-            (grip, self.pair.first, self.grip_postures, wrenches[0]),
-            (push, self.pair.second, self.push_postures, wrenches[1]),
-        ):
-            if hold is not None:
-                loads = reach.loads(T_world_plate, hold.index, self.postures(pose, hold, sets), wrench, com)
-                total += float(np.fmin.reduce(loads))
-        return total
+        if grip is not None:
+            yield T_world_plate, com, grip, self.pair.first, self.grip_postures, wrenches[0]
+        if push is not None:
+            yield T_world_plate, com, push, self.pair.second, self.push_postures, wrenches[1]
 
-    def _forget_ruled_out(self) -> None:
+    def forget_ruled_out(self) -> None:
         """Mark the nodes that proofs of imbalance have ruled out since."""
         knowledge = self.graph.knowledge
         ruled_out = self.balance.ruled_out[self.graph.node_pose, self._grip_row, self._push_row]

@@ -180,6 +180,14 @@ class Failures:
         self._failures: list[Failure] = []
         self._unbalanced_motions: set[int] = set()
 
+    def of_reach(self, balance: HoldBalance) -> Failures:
+        """Return what is known with another reserve: what does not depend on forces, and what its balance knows."""
+        kept = Failures(balance)
+        # With another reserve other edges are given up.
+        kept._failures = [failure for failure in self._failures if not isinstance(failure, EdgeFailure)]
+        kept._unbalanced_motions = balance.unbalanced_motions()
+        return kept
+
     def add(self, failure: Failure, graph: ManipulationStateGraph) -> int:
         """Remember a failure and apply it; return how many edges or nodes it killed."""
         self._failures.append(failure)

@@ -7,7 +7,7 @@ of two holds, at one plate pose, where one hold is a subset of the other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -68,6 +68,10 @@ class ManipulationStateGraph:
     def kind(self, edge: int) -> EdgeKind:
         """Return what happens on an edge."""
         return EdgeKind.TRANSIT if self.edge_kind[edge] else EdgeKind.TRANSFER
+
+    def unexamined(self) -> ManipulationStateGraph:
+        """Return a copy to be examined; call it while nothing is known of this one."""
+        return replace(self, goal=self.goal.copy(), knowledge=Knowledge.none(self.graph), lost_starts=set())
 
     def reachable(self) -> NDArray[np.int64]:
         """Return the nodes that are left and can be come to from a start, over edges that are left."""

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planners.balance.balanced import Balanced, Unbalanced
+from planners.balance.balanced import Balanced
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
 from planners.manipulation.contacts import PrincipalContact
 from planners.manipulation.grips import lack_of_grips
 from planners.manipulation.groundwork import cup_footprint, jaw_of
-from planners.manipulation.hold_balance import HandPair, describe
+from planners.manipulation.hold_balance import HandPair
 from planners.manipulation.reach import HandReach
 
 if TYPE_CHECKING:
@@ -154,25 +154,12 @@ class _Search:
         meeting = self._meeting(pose)
         if meeting is not None:
             return Rejection("clearance", meeting, where)
-        nearest: Unbalanced | None = None
         where_plate = self._poses[pose]
         for hands in itertools.islice(self._unproven(pose), _BALANCES):
             answer = self._lift.balance.solve(where_plate.T_world_plate, where_plate.contact_points, hands)
             if isinstance(answer, Balanced):
                 return self._missing(pose, hands, where)
-            if nearest is None or (answer.shortage or math.inf) < (nearest.shortage or math.inf):
-                nearest = answer
-        if nearest is None:
-            return Rejection("balance", "no hold bears the plate, wherever the arms reach", where=where)
-        miss = describe(nearest)
-        return Rejection(
-            miss.stage,
-            "no hold bears the plate, wherever the arms reach",
-            where,
-            miss.needed,
-            miss.available,
-            miss.unit,
-        )
+        return Rejection("balance", "no hold bears the plate, wherever the arms reach", where)
 
     def _unproven(self, pose: int) -> Iterator[HandPair]:
         """Yield holds that are not yet proven not to bear the plate, reach aside: single hands first."""

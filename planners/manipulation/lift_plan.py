@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from planners.graph.rejections import Rejection, Rejections
+from planners.manipulation.reserves import LeastReserve, ReservedSegments
 from planners.segment import Segment
 
 
@@ -43,3 +44,10 @@ class LiftPlan:
     rejections: Rejections
     graph: Mapping[str, int | Mapping[str, Mapping[str, int]]]
     search: dict[str, int | float | None]
+    reserves: ReservedSegments | None = None
+    """How much of every limit it leaves; None where there is no plan."""
+
+    @property
+    def reserve(self) -> LeastReserve | None:
+        """Where along the plan least of the limits is left."""
+        return None if self.reserves is None else self.reserves.least

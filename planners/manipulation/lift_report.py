@@ -17,7 +17,10 @@ from planners.manipulation.examiner import hands_of
 from planners.manipulation.groundwork import jaw_of
 from planners.manipulation.impasse import contact_name, find_impasse
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan, SequenceStep
-from planners.segment import Segment
+from planners.manipulation.lift_torques import LiftTorques
+from planners.manipulation.reserves import ReservedSegments, keeping_most
+from planners.scene.arm_span import OutOfReach
+from planners.segment import ContactSet, Segment
 
 if TYPE_CHECKING:
     from planners.manipulation.planner import PlateLiftPlanner
@@ -35,13 +38,24 @@ class LiftReport:
         changes = sum(a.contact != b.contact for a, b in pairwise(steps))
         # What happens between the nodes counts too: their contacts and forces are not all there is.
         contacts = [word for word, _ in groupby(contact_name(segment.contact) for segment in segments)]
-        sets = (each.balance for segment in segments for each in segment.contact_sets)
-        force = max(balance.largest_hand_normal for balance in sets)
-        summary = f"The plate is lifted over {' - '.join(contacts)}; the hands bear at most {force:.1f} N on a contact."
+        reserved = self._reserved(segments)
+        sets = (each.balance for segment in reserved.segments for each in segment.contact_sets)
+        force = max(balance.f_plus_gp for balance in sets)
+        summary = f"The plate is lifted over {' - '.join(contacts)}; no hand bears more than {force:.1f} N."
         return LiftPlan(
-            LiftOutcome.SOLVED, segments, steps, (), summary, self._lift.rejections, self.graph_figures(),
-            self.search_figures(path, changes),
+            LiftOutcome.SOLVED, reserved.segments, steps, (), summary, self._lift.rejections, self.graph_figures(),
+            self.search_figures(path, changes), reserved,
         )  # fmt: skip
+
+    def _reserved(self, segments: tuple[Segment, ...]) -> ReservedSegments:
+        """Take forces that are as far from their limits as can be, unless the least effort is what was asked for."""
+        lift, torques = self._lift, LiftTorques(self._lift.workcell)
+
+        def bearable(segment: Segment, each: ContactSet) -> bool:
+            where = segment.trajectory, each.sample, segment.T_world_body[each.sample]
+            return lift.settings.minimise != "force" and torques.refusal(*where, each.balance) is None
+
+        return keeping_most(segments, lift.stated, lift.reserve, bearable)
 
     def _step(self, node: int) -> SequenceStep:
         pose = self._lift.poses.poses[int(self._lift.graph.node_pose[node])]
@@ -86,10 +100,24 @@ class LiftReport:
             LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
         )
 
+    def out_of_reach(self, beyond: OutOfReach) -> LiftPlan:
+        """Report that neither hand reaches the plate where it lies: a proof, as only hands can move it first."""
+        reason = "Neither hand reaches the plate where it lies"
+        cause = Rejection("reach", reason, "plate", beyond.needed, beyond.available, "m")
+        self._lift.rejections.add(cause)
+        summary = (
+            f"The plate's origin is {beyond.needed:.2f} m from the nearer shoulder; arm and hand, stretched out, reach "
+            f"its nearest point up to {beyond.available:.2f} m."
+        )
+        return LiftPlan(
+            LiftOutcome.INFEASIBLE, (), (), (cause,), summary, self._lift.rejections, self._sampling_figures(), {}
+        )
+
     def too_large(self, edges: int) -> LiftPlan:
         """Report that the graph would not fit into memory: nothing was searched."""
         limit = self._lift.settings.largest_graph
-        cause = Rejection("sampling", "The graph of all poses and holds is too large", needed=edges, available=limit)
+        reason = "The graph of all poses and holds is too large"
+        cause = Rejection("sampling", reason, needed=edges, available=limit, unit="edges")
         self._lift.rejections.add(cause)
         summary = (
             f"The graph would have {edges} edges, and {limit} fit into memory: lower contact_density or hold_density, "

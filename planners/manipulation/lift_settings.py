@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from planners.manipulation.costs import TransitionCost
 from planners.manipulation.dense_contacts import ContactSampling
@@ -16,16 +16,29 @@ class LiftSettings:
     """Budgets and choices of a plate lift's planning. Budgets count tries, never seconds."""
 
     minimise: Objective = "cost"
-    """Eqs. (6), (9), (10), or the largest contact normal."""
+    """Eqs. (6), (9), (10), or the largest effort of a hand."""
+    reserve: float = 0.1
+    """Share of every limit that is kept back [1]."""
+    most_reserve: bool = False
+    """Look for the plan that keeps most back, whatever is asked for."""
+    denser: tuple[tuple[float, float], ...] = ((1.0, 2.0), (2.0, 2.0))
+    """What is tried where nothing is found: factors of the numbers of plate poses in contact, and of holds [1]."""
+    reserve_searches: int = 2
+    """Searches for how much can be kept back."""
+    reserve_step: float = 0.01
+    """How finely that is looked for [1]."""
+    largest_reserve: float = 0.6
+    """No plan is looked for that keeps back more [1]."""
     full: bool = False
     """Examine the whole graph before the search, as the paper does; the sequence found is the same."""
     sampling: ContactSampling = field(default_factory=ContactSampling)
     grips: GripSampling = field(default_factory=GripSampling)
     pushes: PushSampling = field(default_factory=PushSampling)
     costs: TransitionCost = field(default_factory=TransitionCost)
-    rise_heights: tuple[float, ...] = (0.09, 0.18)
-    """Over its end both hands must be able to carry the plate straight up, if that is possible at all; looked at
-    there [m]. The cooperative lift goes on where the plan ends."""
+    rises: tuple[tuple[float, ...], ...] = ((0.09, 0.18), (0.05,))
+    """Over its end both hands must be able to carry the plate straight up: how high, as heights at which that is
+    looked at [m], what is best first. Where no plan ends so, the next is asked for, and at last none. The cooperative
+    lift goes on where the plan ends."""
     cup_reserve: float = 0.15
     """Part of the cup's largest force that the end of a plan does without, likewise [1]: while the plate is lifted,
     the lifter jerks."""
@@ -37,3 +50,12 @@ class LiftSettings:
     """Edges of the graph that fit into 1 GiB of memory: denser samplings are not searched."""
     largest_split: int = 400_000
     """Nodes above which no hold is split by its postures: then an edge of the sequence is given up instead."""
+
+    def scaled(self, contacts: float, holds: float) -> LiftSettings:
+        """Return settings with so many times as many plate poses in contact, and grips and pushes."""
+        return replace(
+            self,
+            sampling=self.sampling.scaled(contacts),
+            grips=replace(self.grips, count=max(1, round(self.grips.count * holds))),
+            pushes=replace(self.pushes, count=max(1, round(self.pushes.count * holds))),
+        )

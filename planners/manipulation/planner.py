@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from planners.balance.capacity import LiftCapacity
 from planners.balance.contacts import GripContacts, PushContact
+from planners.errors import PlanningFaultError
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array
+from planners.graph.passage import passable_path
 from planners.graph.rejections import Rejection, Rejections
-from planners.graph.search import DEAD, GraphPath, cheapest_path
+from planners.graph.search import DEAD, UNKNOWN, GraphPath, cheapest_path
 from planners.manipulation.assignment import HoldSplit, NoAssignment, PostureAssigner
 from planners.manipulation.choreography import Choreographer, Stuck
 from planners.manipulation.dense_contacts import DenseContactStateGraph
@@ -33,20 +35,36 @@ from planners.manipulation.failures import (
     PairFailure,
     TransitFailure,
 )
-from planners.manipulation.graph import HandHold, build_graph, edge_count
+from planners.manipulation.graph import HandHold, ManipulationStateGraph, build_graph, edge_count
 from planners.manipulation.grips import least_opening
-from planners.manipulation.groundwork import balance_program, grips_of, jaw_of, pair_reach, posture_queries, pushes_of
-from planners.manipulation.hold_balance import HoldBalance
+from planners.manipulation.groundwork import (
+    balance_program,
+    grips_of,
+    jaw_of,
+    keeping_back,
+    pair_reach,
+    posture_queries,
+    pushes_of,
+    tolerant_program,
+)
+from planners.manipulation.hold_balance import BalancePrograms, HoldBalance
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_report import LiftReport
 from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.lift_torques import OVERTAXED
 from planners.manipulation.rising import RisingReach
 from planners.manipulation.workcell import LiftWorkcell
 from planners.progress import Progress
+from planners.scene.arm_span import ArmSpan, OutOfReach, out_of_reach
 from planners.scene.scene import PlateLiftScene
 from planners.segment import Segment
 
 ALL_POSTURES = (1 << 64) - 1
+UNSTEADY = "A plate within the tolerances of mass and centre of mass is not held where the stated one is."
+"""Why a node falls that balances the stated plate."""
+
+NO_WAY = "No sequence of holds leads from the support into the air."
+"""What is said where nobody asks for the causes."""
 
 
 class PlateLiftPlanner:
@@ -56,48 +74,135 @@ class PlateLiftPlanner:
         """Sample poses and holds; nothing is solved yet."""
         self.scene, self.settings, self.progress = scene, settings, progress
         self.rejections = Rejections()
+        self.reserve = settings.reserve
+        """Share of every limit that is kept back in the search [1]."""
         self.workcell = LiftWorkcell(scene, scene.cell.gripper_arms[0], scene.cell.pusher_arms[0])
         self.prism = Prism.from_outline(scene.plate.outline, scene.plate.height)
         self.poses = DenseContactStateGraph.build(self.prism, scene.plate.com, scene.T_world_plate, settings.sampling)
         self.grips = grips_of(self.workcell, self.prism, settings)
         self.pushes = pushes_of(self.workcell, self.prism, settings)
-        self.balance_program = balance_program(scene)
-        self.balance = HoldBalance(
-            self.balance_program,
-            self.poses,
-            [GripContacts(grip.points[0], grip.normals[0]) for grip in self.grips],
-            [PushContact(push.point, push.normal) for push in self.pushes],
-        )
+        self.stated = balance_program(scene)
+        """Program (5) for the plate as stated, with nothing kept back."""
+        self.balance = self._hold_balance(settings.reserve)
         self.counts: Counter[str] = Counter()
+        self.fits = True
+        """Whether the graph fits into memory."""
+        self._whole: ManipulationStateGraph | None = None
+        self._risings: dict[tuple[float, ...], RisingReach] = {}
+        self._way: GraphPath | None = None
 
     # Stage by stage.
 
-    def plan(self) -> LiftPlan:
-        """Plan the lift."""
+    def plan(self, *, explained: bool = True) -> LiftPlan:
+        """Plan the lift with this sampling, and the reserve of the settings; for `explained` see `search`."""
         capacity = self.capacity()
         report = LiftReport(self)
         if not capacity.suffices:
             return report.too_heavy(capacity)
         if jaw_of(self.workcell).width_max < least_opening(self.prism, self.scene.friction.grip):
             return report.too_thick()
+        beyond = self._out_of_reach()
+        if beyond is not None:
+            return report.out_of_reach(beyond)
         self.find_reach()
         edges = edge_count(self.poses, self._all_holds(), (self.grip_postures, self.push_postures))
-        if edges > self.settings.largest_graph:
+        self.fits = edges <= self.settings.largest_graph
+        if not self.fits:
             return report.too_large(edges)
         self._merge(*self._all_holds())
-        return self.search()
+        return self.search(explained=explained)
 
     def capacity(self) -> LiftCapacity:
-        """Bound what robot and lifter can carry together off the support, at whatever tilt."""
-        return self.balance_program.capacity(0.5 * math.pi)
+        """Bound what robot and lifter can carry together off the support, at whatever tilt, with nothing kept back."""
+        return self.stated.capacity(0.5 * math.pi)
+
+    def plan_keeping(self, reserve: float, *, low: bool = True, explained: bool = True) -> LiftPlan:
+        """Search again with another share of every limit kept back; what does not depend on it stays known.
+
+        Args:
+            reserve: [1].
+            low: whether a plan may end where the lift cannot go on, if there is no other.
+            explained: see `search`.
+        """
+        self._keep_back(reserve)
+        self._weigh()
+        self._merge(*self._all_holds())
+        if not low and not explained and self._way_left() is None:
+            return LiftReport(self).not_found(NO_WAY)
+        return self.search(low=low, explained=explained)
+
+    def may_keep(self, reserve: float, *, low: bool) -> bool:
+        """Ask whether a plan could keep a share of every limit back: False proves that `plan_keeping` finds none.
+
+        Poses, holds and transfers of the plate have to leave a way; the motion of the arms is not asked for.
+
+        Args:
+            reserve: [1].
+            low: as for `plan_keeping`.
+        """
+        self._keep_back(reserve)
+        self._weigh(() if low else self.settings.rises[:1])
+        self._merge(*self._all_holds(), full=False)
+        # What was a way with another reserve often is one with this.
+        known = self._way
+        if known is not None and self._is_open(known) and not self._falls(Itinerary.of(self.graph, known)):
+            return True
+        found = self._way_left()
+        self._way = found or known
+        return found is not None
+
+    def _way_left(self) -> GraphPath | None:
+        """Return any way to a goal along which the plate is held; what fails on the way is forbidden to the search."""
+        graph = self.graph
+        while True:
+            starts = [node for node in graph.starts if node not in graph.lost_starts]
+            path = passable_path(graph.graph, graph.knowledge, starts, graph.goal, self.examiner)
+            known = self._known_to_fail()
+            if path is None or not self._falls(Itinerary.of(graph, path)):
+                return path
+            self._require_more_than(known)
+
+    def _is_open(self, path: GraphPath) -> bool:
+        """Examine a way to a goal of the graph of all holds: whether it is one of now."""
+        graph, knowledge = self.graph, self.graph.knowledge
+        if path.nodes[0] in graph.lost_starts or knowledge.edge_dead[list(path.edges)].any():
+            return False
+        for node in path.nodes:
+            if knowledge.status[node] == UNKNOWN:
+                self.examiner(node)
+            if knowledge.status[node] == DEAD:
+                return False
+        return bool(graph.goal[path.nodes[-1]])
+
+    def _keep_back(self, reserve: float) -> None:
+        self.reserve = reserve
+        self.balance = self.balance.keeping(keeping_back(self.stated, reserve=reserve), reserve)
+
+    def _out_of_reach(self) -> OutOfReach | None:
+        """Prove that neither hand reaches the plate where it lies, if it is so: nothing else could move it first."""
+        plate = self.scene.plate
+        spans = [ArmSpan.of(arm) for arm in self.scene.cell.arms.values()]
+        radius = float(np.linalg.norm(plate.solid.surface()[0], axis=1).max())
+        return out_of_reach(spans, plate.T_world_body[:3, 3], radius)
 
     def build(self) -> None:
         """Find the hands' reach and merge the graph, whatever its size."""
         self.find_reach()
         self._merge(*self._all_holds())
 
+    def plan_as_stated(self) -> LiftPlan:
+        """Search for a plan that holds the plate as stated, whatever its tolerances, with nothing kept back."""
+        self.reserve = 0.0
+        self.balance = HoldBalance(
+            BalancePrograms(self.stated, self.stated, 0.0), self.poses, self.balance.grips, self.balance.pushes
+        )
+        self._weigh()
+        self._merge(*self._all_holds())
+        return self.search()
+
     def find_reach(self) -> None:
         """Find out which hand reaches which pose in which postures, and what follows from it."""
+        self._whole, self._risings, self._way = None, {}, None
         self.pair = pair_reach(self.workcell, self.grips, self.pushes, self.settings.pushes.rolls)
         plates = np.array([pose.T_world_plate for pose in self.poses.poses])
         self.grip_postures, self.push_postures = self.pair.postures(
@@ -108,32 +213,67 @@ class PlateLiftPlanner:
         reach: dict[Hand, NDArray[np.uint64]] = {"grip": self.grip_postures, "push": self.push_postures}
         queries = posture_queries(self.workcell, self.lifted)
         self.follower = PostureFollower(self.poses, self.pair, queries, (self.grips, self.pushes), reach)
-        self.follower.rising = RisingReach(
-            self.balance, self.pair, self.lifted, self.settings.rise_heights,
-            balance_program(self.scene, self.settings.cup_reserve),
-        )  # fmt: skip
         self.failures = Failures(self.balance)
+        self._weigh()
+
+    def _weigh(self, rises: tuple[tuple[float, ...], ...] | None = None) -> None:
+        """Let everything that asks for forces ask the balance program of now; `rises` other than the settings'."""
+        first, *self._rises = [*(self.settings.rises if rises is None else rises), ()]
+        self.follower.rising = self._rise(first)
+        self.failures = self.failures.of_reach(self.balance)
         self.choreographer = Choreographer(
             self.workcell, self.follower, self.balance, np.random.default_rng(self.scene.seed)
         )
 
-    def search(self) -> LiftPlan:
-        """Search the graph until a sequence can be moved along, or nothing is left."""
+    def _rise(self, heights: tuple[float, ...]) -> RisingReach | None:
+        """Return what goals have to do; none where no height is asked for."""
+        if not heights:
+            return None
+        kept = keeping_back(self.stated, self.settings.cup_reserve, self.reserve)
+        known = self._risings.get(heights)
+        if known is None:
+            known = self._risings[heights] = RisingReach(self.balance, self.pair, self.lifted, heights, kept)
+        return known.keeping(self.balance, kept)
+
+    def _hold_balance(self, reserve: float) -> HoldBalance:
+        return HoldBalance(
+            BalancePrograms(
+                keeping_back(self.stated, reserve=reserve), tolerant_program(self.scene, self.stated), reserve
+            ),
+            self.poses,
+            [GripContacts(grip.points[0], grip.normals[0]) for grip in self.grips],
+            [PushContact(push.point, push.normal) for push in self.pushes],
+        )
+
+    def search(self, *, low: bool = True, explained: bool = True) -> LiftPlan:
+        """Search the graph until a sequence can be moved along, or nothing is left.
+
+        Args:
+            low: see `plan_keeping`.
+            explained: whether to look for the causes where nothing is found; that takes balances of its own.
+        """
         report = LiftReport(self)
         for _ in range(self.settings.sequences):
             path = self._best_path()
-            if path is None and self.follower.rising is not None:
+            if path is None and low and self._rises:
                 # Better a plan that ends low than none.
-                self.follower.rising = None
+                self.follower.rising = self._rise(self._rises.pop(0))
                 self._merge(*self._all_holds())
                 continue
             if path is None:
-                return report.no_path()
+                return report.no_path() if explained else report.not_found(NO_WAY)
             itinerary = Itinerary.of(self.graph, path)
+            known = self._known_to_fail()
             segments = self._realise(itinerary)
             if segments is not None:
                 return report.solved(path, segments)
+            self._require_more_than(known)
         return report.not_found(f"No sequence could be moved along in {self.settings.sequences} tries.")
+
+    @property
+    def rises(self) -> bool:
+        """Whether the plan that was found ends where the lift can go on."""
+        return self.follower.rising is not None
 
     # Building.
 
@@ -152,17 +292,32 @@ class PlateLiftPlanner:
         self.grip_postures[blocked] = 0
         self.push_postures[blocked] = 0
 
-    def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> None:
-        """Build the graph of these holds, and apply all that is known to fail."""
+    def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...], *, full: bool | None = None) -> None:
+        """Build the graph of these holds, and apply all that is known to fail.
+
+        Args:
+            grips: of the graph.
+            pushes: likewise.
+            full: whether to examine all nodes; as the settings say if left out.
+        """
         self.progress("merge", 0, 1)
-        self.graph = build_graph(self.poses, grips, pushes, self.grip_postures, self.push_postures, self.settings.costs)
+        # The graph of all holds is asked for again and again.
+        known = self._whole
+        if known is None or (known.grips, known.pushes) != (grips, pushes):
+            # Two of the largest would not fit into memory.
+            self._whole = None
+            postures = self.grip_postures, self.push_postures
+            known = build_graph(self.poses, grips, pushes, *postures, self.settings.costs)
+            if (grips, pushes) == self._all_holds():
+                self._whole = known
+        self.graph = known.unexamined()
         self.failures.apply(self.graph)
         self.examiner = NodeExaminer(
             self.graph, self.balance, self.pair, self.grip_postures, self.push_postures, self.rejections,
-            self.settings.minimise, self.follower.rising,
+            self.settings.minimise, self.follower.rising, self.scene.cell.gravity,
         )  # fmt: skip
         self.counts["merges"] += 1
-        if self.settings.full:
+        if self.settings.full if full is None else full:
             self.examiner.examine_all(lambda n, total: self.progress("examine", n, total))
         self.paths: dict[int, GraphPath | None] = {}
         self.progress("merge", 1, 1)
@@ -210,7 +365,7 @@ class PlateLiftPlanner:
     def _realise(self, itinerary: Itinerary) -> tuple[Segment, ...] | None:
         """Check a sequence all along and plan its motion; on failure forbid what failed."""
         self.counts["sequences"] += 1
-        if self._blocked_on_the_way(itinerary) or self._unbalanced_on_the_way(itinerary):
+        if self._falls(itinerary):
             return None
         assigner = PostureAssigner(self.follower, itinerary, self.scene.start_positions)
         problem = assigner.problem()
@@ -233,6 +388,12 @@ class PlateLiftPlanner:
             self._forbid_stuck(itinerary, [each for each, _ in stuck])
         return None
 
+    def _falls(self, itinerary: Itinerary) -> bool:
+        """Ask whether the plate cannot be held or moved along a sequence, whatever the arms do; forbid what fails."""
+        return (
+            self._blocked_on_the_way(itinerary) or self._unsteady(itinerary) or self._unbalanced_on_the_way(itinerary)
+        )
+
     def _blocked_on_the_way(self, itinerary: Itinerary) -> bool:
         """Ask whether plate and cup keep clear of what stands in the cell, along every transfer of a sequence."""
         fell = False
@@ -242,6 +403,35 @@ class PlateLiftPlanner:
                 fell = True
                 self.rejections.add(_meeting(*names), self.failures.add(BlockedMotion(number), self.graph))
         return fell
+
+    def _unsteady(self, itinerary: Itinerary) -> bool:
+        """Ask at the poses of a sequence whether every plate within the tolerances, and every joint, is held there."""
+        knowledge, fell = self.graph.knowledge, False
+        for node in itinerary.path.nodes:
+            hands = hands_of(*self.graph.hold_of(node))
+            refusal = self.balance.refusal_at(int(self.graph.node_pose[node]), hands)
+            why = Rejection("balance", UNSTEADY) if refusal is not None else None
+            if why is None and not self.examiner.bears_torques(node):
+                why = Rejection("torque", OVERTAXED)
+            if why is not None:
+                fell = True
+                knowledge.status[node] = DEAD
+                self.rejections.add(why)
+        if fell:
+            self.examiner.forget_ruled_out()
+        return fell
+
+    def _known_to_fail(self) -> tuple[int, int, int, int]:
+        """Count what is known to fail: a failed sequence must add to it, or it would be tried for ever."""
+        knowledge = self.graph.knowledge
+        dead = int(np.count_nonzero(knowledge.edge_dead)), int(np.count_nonzero(knowledge.status == DEAD))
+        return (*dead, len(self.graph.lost_starts), self.counts["merges"])
+
+    def _require_more_than(self, known: tuple[int, int, int, int]) -> None:
+        """Refuse to go on where a sequence failed, and no more is known to fail than before."""
+        if self._known_to_fail() == known:
+            told = "; ".join(f"{reason} ({count})" for reason, count in self.rejections.counts().items())
+            raise PlanningFaultError(f"a sequence failed, and nothing was forbidden by it; so far: {told}")
 
     def _unbalanced_on_the_way(self, itinerary: Itinerary) -> bool:
         """Ask for balance between the poses of every transfer of a sequence."""

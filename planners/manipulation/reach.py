@@ -21,8 +21,9 @@ from planners.collision.kernel import CollisionKernel, first_collision, make_scr
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.branch import follow_branch, multiply, within_limits
-from planners.kinematics.forward import jacobian
+from planners.kinematics.forward import jacobian, link_frames
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics
+from planners.kinematics.joint_torque import torques_at_rest
 from planners.kinematics.windings import wrap
 from planners.scene.arm import Arm
 
@@ -181,6 +182,45 @@ class HandReach:
             self.T_plate_flange[hold], np.uint64(postures), wrench, point,
         )  # fmt: skip
 
+    def torque_shares(
+        self, T_world_plates: Array, hold: int, postures: int, wrenches: Array, points: Array, gravity: Array
+    ) -> Array:
+        """Return (64, 6) which part of each joint's largest torque postures use at most, at rest; NaN for others [1].
+
+        Arm and hand are held against gravity, and the hand exerts its contact wrenches; see `planners.kinematics.
+        joint_torque`. Infinite where the posture's branch does not reach a pose.
+
+        Args:
+            T_world_plates: (n, 4, 4) where the plate is.
+            hold: which hold.
+            postures: bit set.
+            wrenches: (n, 6) that the hand exerts on the plate there, world axes, torque about `points`.
+            points: (n, 3) in the world.
+            gravity: (3,) in the world [m/s^2].
+        """
+        return _torque_shares(
+            self.arm.weighed(gravity), self.arm.torque_max, self.T_base_world, np.ascontiguousarray(T_world_plates),
+            self.T_plate_flange[hold], np.uint64(postures), np.ascontiguousarray(wrenches),
+            np.ascontiguousarray(points),
+        )  # fmt: skip
+
+    def within_torque(
+        self,
+        T_world_plates: Array,
+        hold: int,
+        postures: int,
+        wrenches: Array,
+        points: Array,
+        gravity: Array,
+        margin: float,
+    ) -> int:
+        """Return those of `postures` that use no more than 1 - `margin` of any joint's largest torque at all the poses.
+
+        Arguments as of `torque_shares`.
+        """
+        shares = self.torque_shares(T_world_plates, hold, postures, wrenches, points, gravity).max(axis=1)
+        return sum(1 << bit for bit in bits(postures) if shares[bit] <= 1.0 - margin)
+
 
 @dataclass(frozen=True, eq=False)
 class PairReach:
@@ -332,6 +372,33 @@ def _loads(dh, T_world_base, T_base_world, T_world_plate, T_plate_flange, postur
                         torque += J[k, i] * wrench[k]
                     total += abs(torque)
                 result[8 * v + branch] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _torque_shares(weighed, torque_max, T_base_world, T_world_plates, T_plate_flange, postures, wrenches, points):
+    result = np.full((64, 6), np.nan)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    frames, torques = np.empty((7, 4, 4)), np.empty(6)
+    for p in range(T_world_plates.shape[0]):
+        multiply(T_base_world, T_world_plates[p], T_base_plate)
+        for v in range(T_plate_flange.shape[0]):
+            if (postures >> np.uint64(8 * v)) & np.uint64(255) == 0:
+                continue
+            multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+            valid = inverse_kinematics(weighed.dh, T_base_flange, 0.0, solutions)
+            for branch in range(8):
+                bit = 8 * v + branch
+                if not (postures >> np.uint64(bit)) & np.uint64(1):
+                    continue
+                torques[:] = np.inf
+                if (valid >> branch) & 1:
+                    link_frames(weighed.dh, weighed.T_world_base, solutions[branch], frames)
+                    torques_at_rest(weighed, frames, wrenches[p], points[p], torques)
+                for i in range(6):
+                    share = abs(torques[i]) / torque_max[i]
+                    if p == 0 or share > result[bit, i]:
+                        result[bit, i] = share
     return result
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -35,6 +36,12 @@ class RisingReach:
         self._up[:, 2, 3] = heights
         self._free: dict[int, bool] = {}
         self._postures: dict[tuple[int, Hand, int], int] = {}
+
+    def keeping(self, holds: HoldBalance, reserved: Balance) -> RisingReach:
+        """Return what is asked with other programs; where hands go up does not depend on them and stays known."""
+        other = copy(self)
+        other._holds, other._reserved = holds, reserved
+        return other
 
     def way(self, pose: int) -> Array:
         """Return T_world_plate (k, 4, 4) on the way up from a goal pose."""

@@ -29,7 +29,14 @@ from planners.perception.marker_board import BoardNotSeen, MarkerBoard, SeenBoar
 from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
 from planners.perception.perceived_object import PerceivedObject
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.picture_file import NPY, read_colour, read_depth_png
+from planners.perception.picture_file import (
+    LARGEST_ASPECT,
+    NPY,
+    SHORTEST_SIDE,
+    check_sides,
+    read_colour,
+    read_depth_png,
+)
 from planners.perception.preview import draw_preview
 from planners.perception.refusal import ScanRefused
 from planners.perception.seen_points import SeenPoints
@@ -75,12 +82,13 @@ def perceive(
     notes: list[str] = []
     picture = read_colour(files["colour"]) if "colour" in files else None
     tool = None if picture is None else _find_tool(scan, picture, notes)
-    view = _view(scan, files)
-    seen = None
-    if view is not None:
-        T_world_tool = tool[1] if tool is not None else None
-        surroundings = _surroundings(scan, cell, T_world_tool)
-        seen = perceive_objects(view, surroundings, settings, np.random.default_rng(SEED))
+    surroundings = _surroundings(scan, cell, None if tool is None else tool[1])
+    try:
+        view = _view(scan, files)
+        seen = None if view is None else perceive_objects(view, surroundings, settings, np.random.default_rng(SEED))
+    except ScanRefused as refused:
+        # What looks at a view does not know whether an image or a cloud became it.
+        raise ScanRefused("depth" if scan.cloud is None else "cloud", refused.detail) from refused
     document = SceneDocument(
         cell=cell.name,
         external_id=scan.external_id,
@@ -125,22 +133,22 @@ def _view(scan: ScanSpec, files: Mapping[str, bytes]) -> DepthView | None:
     if scan.cloud.frame == "world":
         T = inverse(T_world_camera)
         points = points @ T[:3, :3].T + T[:3, 3]
-    if points.ndim == 3 and min(points.shape[:2]) >= 16:
+    # Rows and columns of other sides are no camera's image: a turning scanner's have many columns, and few rows.
+    shorter, longer = sorted(points.shape[:2])
+    if points.ndim == 3 and SHORTEST_SIDE <= shorter and longer <= LARGEST_ASPECT * shorter:
         return DepthView.from_organised(points, T_world_camera)
     return DepthView.from_points(points.reshape(-1, 3), T_world_camera)
 
 
 def _depth(content: bytes, unit: float) -> Array:
     if not content.startswith(NPY):
-        depth = read_depth_png(content, unit)
-    else:
-        numbers = read_npy(content, "depth")
-        if numbers.ndim != 2 or min(numbers.shape) < 16:
-            raise ScanRefused("depth", f"a depth image has rows and columns, at least 16; its shape is {numbers.shape}")
-        depth = unit * numbers.astype(float)
-    if depth.size > MOST_DEPTH_PIXELS:
-        raise ScanRefused("depth", f"the image has {depth.size:,} pixels; at most {MOST_DEPTH_PIXELS:,} are read")
-    return depth
+        return read_depth_png(content, unit, MOST_DEPTH_PIXELS)
+    numbers = read_npy(content, "depth")
+    if numbers.ndim != 2:
+        raise ScanRefused("depth", f"a depth image has rows and columns; its shape is {numbers.shape}")
+    height, width = numbers.shape
+    check_sides(width, height, MOST_DEPTH_PIXELS, "depth")
+    return unit * numbers.astype(float)
 
 
 def _find_tool(scan: ScanSpec, picture: NDArray[np.uint8], notes: list[str]) -> tuple[SeenBoard, Transform] | None:

@@ -18,6 +18,8 @@ from planners.perception.perceived_object import PerceivedObject
 Picture = NDArray[np.uint8]
 HEIGHT = 720
 """Of the preview [px]."""
+WIDEST = 2 * HEIGHT
+"""Of either half [px]: one that would be wider is drawn lower."""
 HIGHEST = 0.25
 """Height above the table that is drawn brightest [m]."""
 FOUND, LOST, BOARD = (80, 220, 80), (60, 60, 255), (255, 200, 0)
@@ -33,18 +35,26 @@ def draw_preview(
     T_world_tool: Transform | None,
     seen: SeenTable | None,
 ) -> bytes:
-    """Return a PNG picture with everything that was found drawn in."""
+    """Return a PNG picture with everything that was found drawn in: `HEIGHT` high, at most twice `WIDEST` wide."""
     halves = []
     if picture is not None and camera is not None:
         halves.append(_drawn_on_picture(picture.copy(), camera, board, T_world_tool, seen))
     if seen is not None:
         halves.append(_drawn_on_heights(seen))
-    scaled = [
-        cv2.resize(half, (max(1, round(half.shape[1] * HEIGHT / half.shape[0])), HEIGHT), interpolation=cv2.INTER_AREA)
-        for half in halves
-    ]
-    _, content = cv2.imencode(".png", np.hstack(scaled))
+    written, content = cv2.imencode(".png", np.hstack([_fitted(half) for half in halves]))
+    if not written:
+        raise RuntimeError("the preview was not written as a PNG")
     return content.tobytes()
+
+
+def _fitted(half: Picture) -> Picture:
+    """Scale a half to the preview's height; a wide one to the greatest width, with nothing above and below it."""
+    height, width = half.shape[:2]
+    scale = min(HEIGHT / height, WIDEST / width)
+    size = (max(1, round(scale * width)), max(1, round(scale * height)))
+    scaled = cv2.resize(half, size, interpolation=cv2.INTER_AREA)
+    above = (HEIGHT - size[1]) // 2
+    return np.pad(scaled, ((above, HEIGHT - size[1] - above), (0, 0), (0, 0))).astype(np.uint8, copy=False)
 
 
 def _drawn_on_picture(
@@ -72,7 +82,7 @@ def _drawn_on_heights(seen: SeenTable) -> Picture:
     grey = np.clip(np.nan_to_num(heights) / HIGHEST, 0.0, 1.0)
     image = cv2.applyColorMap((40 + 200 * grey).astype(np.uint8), cv2.COLORMAP_BONE)
     image[~np.isfinite(heights)] = (60, 0, 60)
-    scale = max(1, round(HEIGHT / image.shape[0]))
+    scale = max(1, min(round(HEIGHT / image.shape[0]), WIDEST // image.shape[1]))
     image = np.repeat(np.repeat(image.astype(np.uint8), scale, axis=0), scale, axis=1)
     for piece in seen.findings.unrecognised:
         ring = np.column_stack([piece.outline, np.full(len(piece.outline), piece.top)])

@@ -1,7 +1,7 @@
 """Whether cup and fingers bear what they carry at rest, wherever the tool is turned (compiled).
 
-The same laws as `suction_hold` and `finger_forces`, asked as yes or no: then no search for the least squeeze is needed,
-and a motion can be asked at every step while it is searched.
+The same laws as `suction_hold` and `finger_forces`, asked as yes or no, so that a motion can be asked at every step
+while it is searched.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class CarriedLoad(NamedTuple):
     cup: Array
     """(4,) largest force [N], friction, lip radius [m], and the bending torque at which it peels [Nm]."""
     fingers: Array
-    """(3,) largest normal force [N], friction, and torsional friction [m]."""
+    """(4,) squeeze, largest normal force [N], friction, and torsional friction [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Bearing:
 
     scene: SuctionToolScene
     reserve: float
-    """Part of the fingers' largest force that is kept for inertia."""
+    """Part of the fingers' friction that is kept for inertia."""
 
     def load(self, sucked: SuckedObject | None) -> CarriedLoad:
         """Return what hangs on the tool: itself, and an object if one is sucked."""
@@ -62,13 +62,13 @@ class Bearing:
             assert body.mass is not None
             masses[1] = body.mass
             centres[1] = sucked.T_tool_object[:3, :3] @ body.com + sucked.T_tool_object[:3, 3]
-        limit = (1.0 - self.reserve) * self.scene.grip_force_limit
+        mu = (1.0 - self.reserve) * self.scene.friction.grip
         return CarriedLoad(
             gravity=np.asarray(self.scene.cell.gravity, dtype=float),
             masses=masses,
             centres=centres,
             cup=np.array([cup.max_force, cup.mu, cup.radius, math.pi * cup.radius * cup.kappa]),
-            fingers=np.array([limit, self.scene.friction.grip, EPS]),
+            fingers=np.array([self.scene.squeeze, self.scene.grip_force_limit, mu, EPS]),
         )
 
     def hanging(self, load: CarriedLoad, T_world_tools: Array) -> NDArray[np.bool_]:
@@ -125,15 +125,15 @@ def cup_bears(load: CarriedLoad, T_world_tool: Transform) -> bool:
 
 @njit(cache=True, nogil=True)
 def fingers_bear(load: CarriedLoad, T_world_tool: Transform, T_tool_tcp: Transform, width: float) -> bool:
-    """Say whether two fingers bear tool and object at rest within their largest normal force.
+    """Say whether two fingers bear tool and object at rest with their squeeze, within their largest normal force.
 
-    With the largest normal, each finger has friction left for a torque about the closing axis; both together must
-    reach what is asked for. See `finger_forces` for the shears.
+    Each finger has friction left for a torque about the closing axis; both together must reach what is asked for. See
+    `finger_forces` for normals and shears.
     """
     force, torque = np.zeros(3), np.zeros(3)
     _add_support(load, 0, T_world_tool, force, torque)
     _add_support(load, 1, T_world_tool, force, torque)
-    limit, mu, eps = load.fingers[0], load.fingers[1], load.fingers[2]
+    squeeze, limit, mu, eps = load.fingers[0], load.fingers[1], load.fingers[2], load.fingers[3]
     # About the TCP, then in its axes.
     p = T_tool_tcp[:3, 3]
     about = np.empty(3)
@@ -148,12 +148,10 @@ def fingers_bear(load: CarriedLoad, T_world_tool: Transform, T_tool_tcp: Transfo
     x, z = m[2] / width, m[0] / width
     first = math.hypot(0.5 * f[0] + x, 0.5 * f[2] - z)
     second = math.hypot(0.5 * f[0] - x, 0.5 * f[2] + z)
-    # The finger that pushes along the force exerts that much more than the other.
-    heavy, light = (second, first) if f[1] < 0.0 else (first, second)
-    most, less = mu * limit, mu * (limit - abs(f[1]))
-    if heavy > most or light > less:
+    n0, n1 = squeeze + 0.5 * f[1], squeeze - 0.5 * f[1]
+    if min(n0, n1) < 0.0 or max(n0, n1) > limit or first > mu * n0 or second > mu * n1:
         return False
-    room = math.sqrt(most * most - heavy * heavy) + math.sqrt(less * less - light * light)
+    room = math.sqrt((mu * n0) ** 2 - first * first) + math.sqrt((mu * n1) ** 2 - second * second)
     return abs(m[1]) / eps <= room
 
 

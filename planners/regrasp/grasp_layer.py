@@ -13,6 +13,7 @@ from planners.geometry.pose import Array, Transform
 from planners.regrasp.bearing import Bearing, CarriedLoad
 from planners.regrasp.grasp_reach import REACH_FAULTS, Branches, GraspReach
 from planners.regrasp.hold_statics import OVERLOADED, UNGRIPPED
+from planners.regrasp.joint_torque import OVERTAXED, bearing_branches
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.travel import solutions
 
@@ -27,12 +28,14 @@ class LayerLoad:
     carried: CarriedLoad
     riding: Mapping[str, Transform]
     """`T_tool_object` of the object on the cup, by name; empty without one."""
+    torque_reserve: float
+    """Part of each joint's largest torque that is kept back."""
 
     @classmethod
-    def of(cls, bearing: Bearing, sucked: SuckedObject | None) -> LayerLoad:
+    def of(cls, bearing: Bearing, sucked: SuckedObject | None, torque_reserve: float) -> LayerLoad:
         """Return the load of the tool with an object, or alone."""
         riding = {} if sucked is None else {sucked.name: sucked.T_tool_object}
-        return cls(bearing, bearing.load(sucked), riding)
+        return cls(bearing, bearing.load(sucked), riding, torque_reserve)
 
 
 class GraspLayer:
@@ -57,6 +60,7 @@ class GraspLayer:
         self.branches: Branches = np.zeros(nodes, np.uint8)
         self._faults = np.zeros(nodes, np.uint8)
         self._known = np.zeros(nodes, dtype=bool)
+        self._overtaxed = np.zeros(nodes, dtype=bool)
 
     @property
     def reached(self) -> NodeMask:
@@ -76,7 +80,12 @@ class GraspLayer:
             chosen = np.flatnonzero(nodes[part] & ~self._known[part] & held)
             if len(chosen):
                 found = reach.reached(self.T_world_tool, self._way, chosen, self._load.riding)
-                self.branches[part][chosen] = found.branches[chosen]
+                borne = bearing_branches(
+                    reach.workcell.arm(reach.arm), self.T_world_tool, reach.T_tool_flange, self._load.carried,
+                    found.branches, self._load.torque_reserve,
+                )  # fmt: skip
+                self.branches[part][chosen] = borne[chosen]
+                self._overtaxed[part][chosen] = (found.branches[chosen] > 0) & (borne[chosen] == 0)
                 self._faults[part][chosen] = found.faults[chosen]
                 self.__dict__.pop("solutions", None)
         self._known |= nodes
@@ -85,6 +94,7 @@ class GraspLayer:
     def rejected(self) -> dict[str, NodeMask]:
         """Return why nodes that were asked are not possible: (2 n,) by reason."""
         masks: dict[str, NodeMask] = {UNGRIPPED: self._known & ~self._borne, OVERLOADED: self._known & ~self._carried}
+        masks[OVERTAXED] = self._overtaxed
         for number, fault in enumerate(REACH_FAULTS, start=1):
             masks[fault.value] = self._faults == number
         return {reason: mask for reason, mask in masks.items() if mask.any()}

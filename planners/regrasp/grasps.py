@@ -16,7 +16,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
 from planners.graph.rejections import Rejection
-from planners.regrasp.pad_contacts import PadContacts, PadContactSettings, pad_contacts
+from planners.regrasp.pad_contacts import PadContacts, PadContactSettings, all_pad_contacts, spread
 from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 
@@ -25,6 +25,26 @@ _HAND = "hand"
 _SPACING_GROWTH = 1.15
 _TOUCHING = Rejection("grasp", "the hand would touch the tool while it holds it")
 _BLOCKED = Rejection("grasp", "the open hand would touch the tool on its way to it")
+
+
+@dataclass(frozen=True)
+class Fingertips:
+    """Grasps with the hand drawn back against its approach: less of the fingers reaches past the tool.
+
+    What lies on the table is gripped with little room under it: pads reach 19 mm past their middle, and a shaft of
+    18 mm that lies on a head of 35 mm has its middle 18 to 22 mm above the table.
+    """
+
+    least: float = 0.003
+    """The hand is drawn back by as much at least [m]; our choice."""
+    most: float = 0.009
+    """And as far as the pads hold, but by no more than this [m]: half a pad's length; our choice."""
+    most_off_centre: float = 0.0075
+    """`PadContactSettings.most_off_centre` of such grasps [m]: half of a pad lies on the tool; our choice."""
+
+    def among(self, contacts: PadContactSettings) -> PadContactSettings:
+        """Return which pairs of contacts they may have."""
+        return replace(contacts, most_off_centre=self.most_off_centre)
 
 
 @dataclass(frozen=True)
@@ -54,6 +74,8 @@ class ToolGraspSettings:
     """Between the tool and the parts of the fingers next to the pads [m]."""
     pad_depth: float = 0.0005
     """How deep a pad may be pressed in while it holds [m]: it is rubber."""
+    fingertips: Fingertips | None = None
+    """How the tool is held by the fingertips too; None: not at all."""
 
     def __post_init__(self) -> None:
         if (
@@ -95,6 +117,11 @@ class ToolGrasps:
     fallen: tuple[FallenGrasp, ...]
     """Considered and dropped."""
 
+    @staticmethod
+    def none() -> ToolGrasps:
+        """Return no grasps."""
+        return ToolGrasps(np.empty((0, 4, 4)), np.empty(0), np.empty(0), ())
+
     def __len__(self) -> int:
         return len(self.widths)
 
@@ -115,20 +142,29 @@ def tool_grasps(tool: SuctionTool, gripper: Gripper, settings: ToolGraspSettings
     Returns:
         The grasps, those on the same contacts next to one another; none where the tool is too thick all over.
     """
-    contacts = settings.contacts
+    vertices, faces = tool.body.solid.surface()
+    width_max = gripper.width_max - 2.0 * settings.least_gap
+    contacts = all_pad_contacts(vertices, faces, width_max, settings.contacts)
+    ends = None
+    if settings.fingertips is not None:
+        ends = all_pad_contacts(vertices, faces, width_max, settings.fingertips.among(settings.contacts))
+        ends = _off_the_lip(ends, settings.lip_clearance)
+    spacing = settings.contacts.spacing
     while True:
-        grasps = _grasps_on(tool, gripper, settings, contacts)
+        chosen = _off_the_lip(spread(contacts, replace(settings.contacts, spacing=spacing)), settings.lip_clearance)
+        grasps = _grasps_on(tool, gripper, settings, chosen, ends)
         if len(grasps) <= settings.most:
             return grasps
-        contacts = replace(contacts, spacing=_SPACING_GROWTH * contacts.spacing)
+        spacing *= _SPACING_GROWTH
 
 
 def _grasps_on(
-    tool: SuctionTool, gripper: Gripper, settings: ToolGraspSettings, sampling: PadContactSettings
+    tool: SuctionTool, gripper: Gripper, settings: ToolGraspSettings, contacts: PadContacts, ends: PadContacts | None
 ) -> ToolGrasps:
-    vertices, faces = tool.body.solid.surface()
-    contacts = pad_contacts(vertices, faces, gripper.width_max - 2.0 * settings.least_gap, sampling)
-    T_tool_tcp, widths = _hand_poses(_off_the_lip(contacts, settings.lip_clearance), settings.rolls)
+    T_tool_tcp, widths = _hand_poses(contacts, settings.rolls)
+    if settings.fingertips is not None and ends is not None:
+        T_drawn_back, at_ends = _drawn_back(T_tool_tcp, ends, settings.fingertips, settings.contacts.grid)
+        T_tool_tcp, widths = np.concatenate([T_tool_tcp, T_drawn_back]), np.concatenate([widths, at_ends])
     open_widths = np.minimum(widths + 2.0 * settings.finger_gap, gripper.width_max)
     candidates = ToolGrasps(T_tool_tcp, widths, open_widths, ())
     touching, blocked = _meetings(candidates, tool, gripper, settings)
@@ -143,7 +179,15 @@ def _grasps_on(
 def _off_the_lip(contacts: PadContacts, clearance: float) -> PadContacts:
     lowest = contacts.midpoints[:, 2] - 0.5 * np.abs(contacts.axes[:, 2]) * contacts.widths
     good = lowest >= clearance
-    return PadContacts(contacts.midpoints[good], contacts.axes[good], contacts.widths[good])
+    return contacts.only(good)
+
+
+def _drawn_back(T_tool_tcp: Array, contacts: PadContacts, tips: Fingertips, grid: float) -> tuple[Array, Array]:
+    """Return the poses (m, 4, 4) of hands that are drawn back as far as there are contacts, and the widths (m,)."""
+    found = [(T, contacts.behind(T, tips.least, tips.most, 0.75 * grid)) for T in T_tool_tcp]
+    kept = [(T, number) for T, number in found if number is not None]
+    poses = [transform(T[:3, :3], contacts.midpoints[number]) for T, number in kept]
+    return np.array(poses).reshape(-1, 4, 4), contacts.widths[[number for _, number in kept]]
 
 
 def _hand_poses(contacts: PadContacts, rolls: int) -> tuple[Array, Array]:

@@ -36,7 +36,7 @@ from planners.scene.cell import Cell
 from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 
-REVISION = 1
+REVISION = 2
 """Of what is computed and stored; goes up whenever either changes."""
 
 

@@ -1,9 +1,13 @@
 """Whether cup and fingers hold what they carry along a timed motion, and with which forces.
 
 An object hangs on the cup alone: the wrench of the suction contact follows from its weight and its inertia. The tool
-is in one hand or in two: the fingers bear the tool's weight and inertia and the reaction of the suction contact. Where
-both hands hold the tool, each bears the share of the load with which both are equally far from their nearest limit:
-that of the squeeze, or that of what one hand may carry.
+is in one hand or in two: the fingers squeeze it with a commanded force, and bear its weight and inertia and the
+reaction of the suction contact. Where both hands hold the tool, each bears the share of the load with which both are
+equally far from their nearest limit: that of friction, or that of what one hand may carry.
+
+How far limits are away is told as a reserve: the largest share of all force limits (the cup's force, friction and
+stiffness, the fingers' friction, what they may press beyond the squeeze, what a hand may carry) that could be missing
+with the load still borne. The squeeze is commanded, and no limit. See docs/grip-model.md.
 """
 
 from __future__ import annotations
@@ -21,11 +25,11 @@ from planners.geometry.pose import Array, Transform, transform
 from planners.geometry.wrench import wrench_about
 from planners.graph.rejections import Rejection
 from planners.motion.spacing import spaced, spent_on_the_way
-from planners.regrasp.finger_forces import FingerForces, least_squeeze, scaled
+from planners.regrasp.finger_forces import FingerForces, least_squeeze, squeezed
 from planners.regrasp.inertia import MassProperties
 from planners.regrasp.resting import RestingPoints, resting_points
-from planners.regrasp.suction_hold import least_margin, suction_margin
-from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
+from planners.regrasp.suction_hold import SuctionLimit, cup_uses, least_margin
+from planners.regrasp.tool_segment import ContactForce, HeldReserve, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.body import Body
 from planners.scene.cell import StaticBox
 from planners.scene.solid import FlatFace, solid_of
@@ -38,12 +42,27 @@ EPS = 0.0075
 _SLOWEST = 32.0
 """Factors of time beyond which slowing down is not tried: inertia is a thousandth of what it was."""
 _SLOWING_STEPS = 12
-_WEIGHTLESS = 1e-9
-"""Part of its limits that a hand uses which bears nothing [1]."""
+_SHARINGS = 40
+"""Halvings of the interval in which the first hand's share of the load lies."""
+_NO_ROOM = 1e-9
+"""Stands for nothing that a finger may press beyond the squeeze [N]."""
+_CUP_WORDS = tuple(
+    {
+        SuctionLimit.PULL: "cup: pull",
+        SuctionLimit.SLIP: "cup: friction",
+        SuctionLimit.TWIST: "cup: friction against twisting",
+        SuctionLimit.PEEL: "cup: bending",
+        SuctionLimit.PUSH: "cup: it only pulls",
+    }[limit]
+    for limit in SuctionLimit
+)
+"""What gives way, as told in the document, in the order of the limits."""
 _CUP_KINDS = (SegmentKind.ATTACH, SegmentKind.DETACH)
 """Kinds in which the object rests though it is on the cup."""
 UNGRIPPED = "The tool needs a harder squeeze than fingers may exert."
 """Why a hand does not hold."""
+PRESSED = "A finger would press harder than grip_force_limit."
+"""The same."""
 OVERLOADED = (
     "Tool and object ask more of one hand than it may carry: the arm's payload less the hand, or carry_force_limit."
 )
@@ -80,7 +99,8 @@ class WorstHold:
     """Where along a motion least is left of what cup and fingers can bear."""
 
     margin: float
-    """Part of the nearest limit that is left, negative where it is exceeded [1]; infinite where nothing is held."""
+    """Reserve: share of the limits that could be missing, negative where they are exceeded [1]; infinite where nothing
+    is held."""
     at_rest: float
     """The same if the motion were made very slowly: where this is negative too, slowing down does not help [1]."""
     rejection: Rejection | None
@@ -108,6 +128,22 @@ class _Load:
 
 
 @dataclass(frozen=True, eq=False)
+class _Use:
+    """To which part one limit could be reduced with its load still borne, at n samples."""
+
+    words: str
+    """What would give way, as told in the document."""
+    body: str
+    """What would be lost."""
+    arm: str | None
+    """Whose hand it is; None: the cup."""
+    stage: str
+    """As of rejections: "suction", "grip", "press" or "carry"."""
+    used: Array
+    """(n,) more than 1 where the load is not borne [1]."""
+
+
+@dataclass(frozen=True, eq=False)
 class _Bearing:
     """What cup and hands exert at n samples."""
 
@@ -115,17 +151,25 @@ class _Bearing:
     """(n, 6) of the tool on the object, world axes, about the centre of the lip; zero while the object rests."""
     hands: tuple[FingerForces, ...]
     """Of each hand that bears the tool, TCP axes."""
-    cup_margin: Array
-    """(n,) part of the cup's limits that is left; infinite where the cup bears nothing."""
-    squeeze_margin: Array
-    """(n,) likewise of the finger that squeezes hardest."""
-    carry_margin: Array
-    """(n,) likewise of the hand that carries most of what it may."""
+    uses: tuple[_Use, ...]
+    """Of all limits."""
 
     @property
     def margin(self) -> float:
-        """The least of all margins."""
-        return float(min(self.cup_margin.min(), self.squeeze_margin.min(), self.carry_margin.min()))
+        """What is left of the nearest limit at the worst sample."""
+        return 1.0 - max(float(use.used.max()) for use in self.uses)
+
+    @property
+    def nearest(self) -> tuple[_Use, int]:
+        """The limit that is nearest, and the sample at which it is."""
+        use = max(self.uses, key=lambda each: float(each.used.max()))
+        return use, int(np.argmax(use.used))
+
+    def reserve(self) -> HeldReserve:
+        """Return what is left of all limits along the motion."""
+        use, sample = self.nearest
+        left = 1.0 - np.max([each.used for each in self.uses], axis=0)
+        return HeldReserve(left, sample, use.words, use.body)
 
 
 class HoldStatics:
@@ -163,17 +207,21 @@ class HoldStatics:
         rejection = self._rejection(segment, loads, bearing) if margin < 0.0 else None
         return WorstHold(margin, self._bearing(segment, loads, math.inf).margin, rejection)
 
-    def stretch(self, segment: ToolSegment, places: Mapping[str, Transform], reserve: float = 0.0) -> float | None:
+    def reserve(self, segment: ToolSegment, places: Mapping[str, Transform]) -> HeldReserve | None:
+        """Return what is left of the limits at every sample; None where no hand bears anything. As for `worst`."""
+        return self._bearing(segment, self._loads(segment, places)).reserve() if bearers(segment) else None
+
+    def stretch(self, segment: ToolSegment, places: Mapping[str, Transform]) -> float | None:
         """Return the factor, 1 or more, by which a segment's time must be stretched for cup and fingers to hold.
 
-        None where they would not hold however slow it is. `reserve` is the part of every limit that must be left.
+        None where they would not hold however slow it is.
         """
         if not bearers(segment):
             return 1.0
         loads = self._loads(segment, places)
 
         def holds(slowness: float) -> bool:
-            return self._bearing(segment, loads, slowness).margin >= reserve
+            return self._bearing(segment, loads, slowness).margin >= 0.0
 
         if holds(1.0):
             return 1.0
@@ -186,7 +234,7 @@ class HoldStatics:
         return high
 
     def balanced(self, segments: Iterable[ToolSegment]) -> tuple[ToolSegment, ...]:
-        """Return the segments of a whole plan with their contact sets.
+        """Return the segments of a whole plan with their contact sets and reserves.
 
         Raises:
             UnheldError: Cup or fingers give way, or an object would tip over where it is put down.
@@ -194,7 +242,9 @@ class HoldStatics:
         places = self.start()
         complete = []
         for segment in segments:
-            complete.append(replace(segment, contact_sets=self.sets(segment, places)))
+            complete.append(
+                replace(segment, contact_sets=self.sets(segment, places), reserve=self.reserve(segment, places))
+            )
             places.update({name: poses[-1] for name, poses in segment.body_poses.items()})
         return tuple(complete)
 
@@ -237,63 +287,75 @@ class HoldStatics:
     def _bearing(self, segment: ToolSegment, loads: Mapping[str, _Load], slowness: float = 1.0) -> _Bearing:
         tool = loads[TOOL_NAME]
         lip = tool.poses[:, :3, 3]
-        suction, cup_margin = np.zeros((len(lip), 6)), np.full(len(lip), np.inf)
+        suction, uses = np.zeros((len(lip), 6)), []
         if segment.sucked is not None and segment.kind not in _CUP_KINDS:
             load = loads[segment.sucked.name]
             suction = wrench_about(load.wrenches(slowness), load.centres, lip)
-            cup_margin = suction_margin(_in_axes(tool.poses, suction), self.scene.tool.cup)
+            used = cup_uses(_in_axes(tool.poses, suction), self.scene.tool.cup)
+            uses = [_Use(words, segment.sucked.name, None, "suction", used[:, k]) for k, words in enumerate(_CUP_WORDS)]
         # The reaction of the object is minus the suction, and the hands exert minus that.
         needed = wrench_about(tool.wrenches(slowness), tool.centres, lip) + suction
         hands = self._hands(segment, needed, tool.poses)
-        squeezed = np.max([self._squeezed(forces) for forces in hands], axis=0)
-        used = zip(bearers(segment), hands, strict=True)
-        carried = np.max([self._carried(hold, forces) for hold, forces in used], axis=0)
-        return _Bearing(suction, hands, cup_margin, 1.0 - squeezed, 1.0 - carried)
+        for hold, forces in zip(bearers(segment), hands, strict=True):
+            uses += self._uses(hold, forces)
+        return _Bearing(suction, hands, tuple(uses))
 
     def _hands(self, segment: ToolSegment, needed: Array, tool_poses: Array) -> tuple[FingerForces, ...]:
         """Return the forces of each hand that bears; `needed` is about the lip, world axes."""
         holds = bearers(segment)
-        alone = [self._squeeze(hold, needed, tool_poses) for hold in holds]
-        if len(alone) == 1:
-            return tuple(alone)
-        # Forces grow with the load, so hands use as much of their limits where the loads are inversely as what each
-        # would use alone.
-        first, second = (
-            np.maximum(self._squeezed(forces), self._carried(hold, forces))
-            for hold, forces in zip(holds, alone, strict=True)
-        )
-        share = second / np.maximum(first + second, _WEIGHTLESS)
-        return scaled(alone[0], share), scaled(alone[1], 1.0 - share)
+        asked = [_about_tcp(hold, needed, tool_poses) for hold in holds]
+        if len(holds) == 1:
+            return (self._squeezed(holds[0], asked[0]),)
+        # What is used of a hand's limits rises with its share of the load and falls with that of the other.
+        low, high = np.zeros(len(needed)), np.ones(len(needed))
+        for _ in range(_SHARINGS):
+            share = 0.5 * (low + high)
+            first, second = (
+                np.max([use.used for use in self._uses(hold, self._squeezed(hold, part[:, None] * all_of_it))], axis=0)
+                for hold, part, all_of_it in zip(holds, (share, 1.0 - share), asked, strict=True)
+            )
+            low, high = np.where(first < second, share, low), np.where(first < second, high, share)
+        share = 0.5 * (low + high)[:, None]
+        return self._squeezed(holds[0], share * asked[0]), self._squeezed(holds[1], (1.0 - share) * asked[1])
 
-    def _squeezed(self, exerted: FingerForces) -> Array:
-        """Return (n,) which part of a finger's largest normal force is used [1]."""
-        return exerted.normal / self.scene.grip_force_limit
+    def _squeezed(self, hold: ToolHold, asked: Array) -> FingerForces:
+        return squeezed(asked, hold.width, self.scene.friction.grip, EPS, self.scene.squeeze)
 
-    def _carried(self, hold: ToolHold, exerted: FingerForces) -> Array:
-        """Return (n,) which part of what a hand may carry is used [1]."""
-        return np.linalg.norm(exerted.forces.sum(axis=1), axis=1) / self.scene.carry_force_limits[hold.arm]
-
-    def _squeeze(self, hold: ToolHold, needed: Array, tool_poses: Array) -> FingerForces:
-        tcp = tool_poses @ hold.T_tool_tcp
-        about_tcp = wrench_about(needed, tool_poses[:, :3, 3], tcp[:, :3, 3])
-        return least_squeeze(_in_axes(tcp, about_tcp), hold.width, self.scene.friction.grip, EPS)
+    def _uses(self, hold: ToolHold, exerted: FingerForces) -> list[_Use]:
+        """Return what is used of a hand: friction, what its fingers can press beyond the squeeze, what it may carry."""
+        arm, scene = hold.arm, self.scene
+        room = max(scene.finger_limit(arm) - scene.squeeze, _NO_ROOM)
+        carried = np.linalg.norm(exerted.forces.sum(axis=1), axis=1) / scene.carry_force_limits[arm]
+        return [
+            _Use(f"friction of the {arm} fingers", TOOL_NAME, arm, "grip", exerted.slip),
+            _Use(
+                f"force of the {arm} fingers", TOOL_NAME, arm, "press", (exerted.normals.max(1) - scene.squeeze) / room
+            ),
+            _Use(f"{arm} hand's payload", TOOL_NAME, arm, "carry", carried),
+        ]
 
     # What gives way.
 
     def _rejection(self, segment: ToolSegment, loads: Mapping[str, _Load], bearing: _Bearing) -> Rejection:
-        time = segment.trajectory.time
-        if bearing.cup_margin.min() == bearing.margin:
-            assert segment.sucked is not None
-            weakest = least_margin(_in_axes(loads[TOOL_NAME].poses, bearing.suction), self.scene.tool.cup)
-            where = f"{segment.sucked.name}, {time[weakest.sample]:.3f} s into a {segment.kind.value}"
-            return Rejection("suction", weakest.limit.value, where, 1.0 - weakest.margin, 1.0, "1")
-        carries = bearing.carry_margin.min() == bearing.margin
-        margins = bearing.carry_margin if carries else bearing.squeeze_margin
-        arm, sample = bearers(segment)[0].arm, int(np.argmin(margins))
-        where = f"{arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
-        limit = self.scene.carry_force_limits[arm] if carries else self.scene.grip_force_limit
-        stage, reason = ("carry", OVERLOADED) if carries else ("grip", UNGRIPPED)
-        return Rejection(stage, reason, where, limit * (1.0 - float(margins[sample])), limit, "N")
+        time, scene = segment.trajectory.time, self.scene
+        use, sample = bearing.nearest
+        if use.arm is None:
+            weakest = least_margin(_in_axes(loads[TOOL_NAME].poses, bearing.suction), scene.tool.cup)
+            where = f"{use.body}, {time[weakest.sample]:.3f} s into a {segment.kind.value}"
+            return Rejection.measured("suction", weakest.limit.value, where, *weakest.figures)
+        where = f"{use.arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
+        k = next(k for k, hold in enumerate(bearers(segment)) if hold.arm == use.arm)
+        hold, hand = bearers(segment)[k], bearing.hands[k]
+        if use.stage == "carry":
+            needed = float(np.linalg.norm(hand.forces[sample].sum(axis=0)))
+            return Rejection.measured("carry", OVERLOADED, where, needed, scene.carry_force_limits[use.arm], "N")
+        if use.stage == "press":
+            return Rejection.measured(
+                "grip", PRESSED, where, float(hand.normals[sample].max()), scene.grip_force_limit, "N"
+            )
+        asked = _exerted(hand.forces[sample], hand.torques[sample], hold.width)
+        needed = float(least_squeeze(asked[None], hold.width, scene.friction.grip, EPS)[0])
+        return Rejection.measured("grip", UNGRIPPED, where, needed, scene.squeeze, "N")
 
     def _resting(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[RestingPoints, Array | None]:
         """Return what the object on the cup stands on, and with which forces; None if it would tip over."""
@@ -404,6 +466,20 @@ def pad_axes(poses: Array, outward: Array) -> Array:
     x, y = (poses[:, :3, k] - outward * np.sum(poses[:, :3, k] * outward, axis=1, keepdims=True) for k in (0, 1))
     axes = np.where(np.linalg.norm(x, axis=1, keepdims=True) > PAD_AXIS_LENGTH, x, y)
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+def _about_tcp(hold: ToolHold, needed: Array, tool_poses: Array) -> Array:
+    """Write wrenches (n, 6) about the lip, world axes, about a hand's TCP and in its axes."""
+    tcp = tool_poses @ hold.T_tool_tcp
+    return _in_axes(tcp, wrench_about(needed, tool_poses[:, :3, 3], tcp[:, :3, 3]))
+
+
+def _exerted(forces: Array, torques: Array, width: float) -> Array:
+    """Return the wrench (6,) about the TCP that two fingers exert together, with forces (2, 3) and torques (2,)."""
+    levers = np.array([[0.0, -0.5 * width, 0.0], [0.0, 0.5 * width, 0.0]])
+    moment = np.cross(levers, forces).sum(axis=0)
+    moment[1] += torques.sum()
+    return np.concatenate([forces.sum(axis=0), moment])
 
 
 def _in_axes(poses: Array, wrenches: Array) -> Array:

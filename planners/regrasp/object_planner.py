@@ -80,11 +80,6 @@ class ObjectPlanner:
         tell = ObjectProgress(self.progress, target.name, len(poses))
         tell(ObjectStage.FIRST_REGRASP)
         start = self.routes.start(stage)
-        if not start.nodes.any():
-            reasons = {} if start.layer is None else start.layer.rejected()
-            for reason, mask in reasons.items():
-                report.rejections.add(Rejection("grasp", f"Where the tool rests: {reason}"), int(mask.sum()))
-            return None, report
         costs = RouteCosts(self._prospect(stage, target, following, tell).seconds, self.routes.travel)
         possible = self.routes.routes(stage, target, poses, start, costs, tell)
         tried: list[SuctionRoute] = []

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from planners.errors import LiftwrightError
-from planners.geometry.pose import Array, frame_from_z
+from planners.geometry.pose import Array, Transform, frame_from_z
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,37 @@ class PadContacts:
     def __len__(self) -> int:
         return len(self.widths)
 
+    def only(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> PadContacts:
+        """Return some of the pairs."""
+        return PadContacts(self.midpoints[rows], self.axes[rows], self.widths[rows])
+
+    def behind(self, T_body_pads: Transform, least: float, most: float, aside: float) -> int | None:
+        """Return the number of the pair that is farthest behind two pads, None where none is.
+
+        Args:
+            T_body_pads: (4, 4) midway between the pads: y along their closing axis, z away from what is behind.
+            least: distance behind [m].
+            most: likewise [m].
+            aside: farthest distance to the side, along x [m].
+        """
+        near = np.array(sorted(self._tree.query_ball_point(T_body_pads[:3, 3], most + aside)), dtype=np.int64)
+        near = near[np.abs(self.axes[near] @ T_body_pads[:3, 1]) > _SAME_AXIS]
+        x, y, z = ((self.midpoints[near] - T_body_pads[:3, 3]) @ T_body_pads[:3, :3]).round(_DIGITS).T
+        good = (-z >= least) & (-z <= most) & (np.abs(x) <= aside) & (np.abs(y) <= aside)
+        # What is as far to either side is told apart by the pads' own axes: mirrored pads find the mirrored pair.
+        rows = np.lexsort((x[good], np.abs(x[good]), z[good]))
+        return int(near[good][rows[0]]) if len(rows) else None
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(self.midpoints)
+
+
+_SAME_AXIS = 1.0 - 1e-6
+"""Cosine of the angle between closing axes that are one."""
+_DIGITS = 5
+"""Distances are compared to a hundredth of a millimetre: what the lines are shifted by decides nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Found:
@@ -91,6 +124,8 @@ class _Lines:
     """(3, 3) z along the lines."""
     origin: Array
     """(2,) of the grid, in x and y of the lines' frame [m]."""
+    pitch: Array
+    """(2,) between lines, along x and along y [m]."""
     first: NDArray[np.int64]
     """(nx, ny + 1) places of each line's stretches in the list: row i from first[i, j] up to first[i, j + 1]."""
     stretches: Array
@@ -103,7 +138,23 @@ class _Lines:
 def pad_contacts(
     vertices: Array, faces: NDArray[np.integer], width_max: float, settings: PadContactSettings
 ) -> PadContacts:
-    """Find the pairs of contacts of two parallel pads on a closed surface.
+    """Find pairs of contacts of two parallel pads on a closed surface that keep their distance, the best centred first.
+
+    The arguments are those of `all_pad_contacts`.
+    """
+    return spread(all_pad_contacts(vertices, faces, width_max, settings), settings)
+
+
+def spread(contacts: PadContacts, settings: PadContactSettings) -> PadContacts:
+    """Return those of many pairs that keep their distance; those that come first are kept."""
+    spacing, cosine = settings.spacing - 1e-6, math.cos(settings.axis_spacing)
+    return contacts.only(_apart(contacts.midpoints, contacts.axes, spacing, cosine))
+
+
+def all_pad_contacts(
+    vertices: Array, faces: NDArray[np.integer], width_max: float, settings: PadContactSettings
+) -> PadContacts:
+    """Find all pairs of contacts of two parallel pads on a closed surface, on the grid of lines along each axis.
 
     Args:
         vertices: (n, 3) [m].
@@ -112,7 +163,7 @@ def pad_contacts(
         settings: which pairs count.
 
     Returns:
-        Pairs that keep their distance, the best centred first.
+        Pairs, those first that face their pads best and are best centred.
     """
     corners = np.ascontiguousarray(np.asarray(vertices, dtype=float)[np.asarray(faces, dtype=np.int64)])
     axes = _facing_axes(corners, settings)
@@ -121,17 +172,27 @@ def pad_contacts(
     midpoints = np.vstack([each.midpoints for each in found])
     widths = np.concatenate([each.widths for each in found])
     tilt, off_centre = (np.concatenate([getattr(each, name) for each in found]) for name in ("tilt", "off_centre"))
-    # What differs by less than a step decides nothing: such pairs come in the order of axes and lines.
-    order = np.lexsort(
-        (np.arange(len(tilt)), (off_centre / (0.5 * settings.grid)).round(), (tilt / settings.facing_step).round())
-    )
-    kept = _apart(midpoints[order], axes[order], settings.spacing - 1e-6, math.cos(settings.axis_spacing))
-    chosen = order[kept]
-    return PadContacts(midpoints[chosen], axes[chosen], widths[chosen])
+    aside = np.abs(midpoints[:, 1] - 0.5 * (corners[..., 1].min() + corners[..., 1].max()))
+    # What differs by less than a step decides nothing: such pairs come in the order of axes and lines, those in the
+    # middle between the body's left and right first, so that not only one of two mirror images is kept.
+    facing = np.floor(tilt / settings.facing_step + _ROUNDING)
+    centred, middle = ((each / (0.5 * settings.grid)).round() for each in (off_centre, aside))
+    order = np.lexsort((np.arange(len(tilt)), middle, centred, facing))
+    return PadContacts(midpoints[order], axes[order], widths[order])
+
+
+_ROUNDING = 1e-6
+_SAME_IMAGE = 1e-3
+"""Vectors whose components differ by less are one."""
+_REFLECTIONS = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]])
 
 
 def _facing_axes(corners: Array, settings: PadContactSettings) -> Array:
-    """Return unit vectors (k, 3) along which the surface is faced, by the area that faces them, without their sense."""
+    """Return unit vectors (k, 3) along which the surface is faced, by the area that faces them, without their sense.
+
+    Mirror images of one another in a plane of the body's frame are taken together, so that a symmetric body has
+    symmetric axes: those of a round one could begin anywhere.
+    """
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1)
     solid = areas > 1e-12
@@ -139,12 +200,19 @@ def _facing_axes(corners: Array, settings: PadContactSettings) -> Array:
     axes: list[Array] = []
     while len(areas) and len(axes) < settings.most_axes:
         _, groups = np.unique(_without_sense(normals).round(3), axis=0, return_inverse=True)
-        group = int(np.argmax(np.bincount(groups.ravel(), weights=areas).round(9)))
+        faced = np.bincount(groups.ravel(), weights=areas).round(9)
+        group = int(np.argmax(faced))
         axis = _without_sense(normals[groups.ravel() == group])[0]
-        axes.append(axis)
-        other = np.abs(normals @ axis) < math.cos(0.5 * settings.facing)
+        found = [axis]
+        for image in _without_sense(axis * _REFLECTIONS):
+            same = np.abs(_without_sense(normals) - image).max(axis=1) < _SAME_IMAGE
+            if np.abs(np.array(found) - image).max(axis=1).min() > _SAME_IMAGE and same.any():
+                alike = faced[groups.ravel()[np.argmax(same)]] == faced[group]
+                found += [image] if alike else []
+        axes += found
+        other = (np.abs(normals @ np.array(found).T) < math.cos(0.5 * settings.facing)).all(axis=1)
         normals, areas = normals[other], areas[other]
-    return np.array(axes).reshape(-1, 3)
+    return np.array(axes[: settings.most_axes]).reshape(-1, 3)
 
 
 def _without_sense(vectors: Array) -> Array:
@@ -165,7 +233,7 @@ def _along(corners: Array, axis: Array, width_max: float, settings: PadContactSe
     width = ends[:, 1] - ends[:, 0]
     facing = (lines.stretches[:, 2:] >= math.cos(settings.facing)).all(axis=1)
     good = facing & (off_centre <= settings.most_off_centre) & (width <= width_max)
-    across = lines.origin + settings.grid * lines.cells[good]
+    across = lines.origin + lines.pitch * lines.cells[good]
     local = np.column_stack([across, ends[good].mean(axis=1)])
     tilt = np.arccos(np.clip(lines.stretches[good, 2:].min(axis=1), -1.0, 1.0))
     return _Found(local @ lines.R_body_lines.T, width[good], tilt, off_centre[good])
@@ -176,24 +244,30 @@ def _lay_lines(corners: Array, axis: Array, grid: float) -> _Lines:
     R = frame_from_z(axis, hint)
     local = corners @ R
     low, high = local[..., :2].min(axis=(0, 1)), local[..., :2].max(axis=(0, 1))
-    steps = np.floor((high - low) / grid).astype(np.int64)
     # The grid is centred on the solid, so that a symmetric one is met symmetrically; and shifted by a hair, so that
     # no line runs along the edge between two triangles.
-    origin = 0.5 * (low + high - grid * steps) + np.array([1.3e-7, 2.9e-7])
+    pitch = np.array([grid, grid])
+    sideways = abs(R[1, 1]) > _ALONG_Y
+    if sideways:
+        # Between left and right there is a line in the middle, and those on borders are both outside.
+        pitch[1] *= 1.0 + _WIDENING
+    steps = np.floor((high - low) / pitch).astype(np.int64)
+    steps[1] -= steps[1] % 2 if sideways else 0
+    origin = 0.5 * (low + high - pitch * steps) + np.array([1.3e-7, 2.9e-7])
     counts = np.zeros(int(np.prod(steps + 1)), np.int64)
-    _rasterise(local, origin, grid, steps + 1, counts, np.empty((0, 2)), False)
+    _rasterise(local, origin, pitch, steps + 1, counts, np.empty((0, 2)), False)
     first = np.concatenate([[0], np.cumsum(counts)])
     crossings = np.empty((int(first[-1]), 2))
-    _rasterise(local, origin, grid, steps + 1, first[:-1].copy(), crossings, True)
+    _rasterise(local, origin, pitch, steps + 1, first[:-1].copy(), crossings, True)
     stretches, owners = _inside(first, crossings)
     per_line = np.concatenate([[0], np.cumsum(np.bincount(owners, minlength=counts.size))])
     rows = np.arange(steps[0] + 1)[:, None] * (steps[1] + 1) + np.arange(steps[1] + 2)[None, :]
     cells = np.column_stack(np.divmod(owners, steps[1] + 1))
-    return _Lines(R, origin, np.ascontiguousarray(per_line[rows]), stretches, np.ascontiguousarray(cells))
+    return _Lines(R, origin, pitch, np.ascontiguousarray(per_line[rows]), stretches, np.ascontiguousarray(cells))
 
 
 @njit(cache=True, nogil=True)
-def _rasterise(local, origin, grid, size, next_place, crossings, listing):
+def _rasterise(local, origin, pitch, size, next_place, crossings, listing):
     """Count where lines along z cross triangles and, listing, write it: height, and the normal's z component.
 
     `next_place` (lines,) are counts to go up, or places in the list, which go up too.
@@ -208,14 +282,14 @@ def _rasterise(local, origin, grid, size, next_place, crossings, listing):
         nx = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
         ny = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
         cosine = area / math.sqrt(nx * nx + ny * ny + area * area)
-        i_first = max(0, math.ceil((min(ax, bx, cx) - origin[0]) / grid))
-        i_last = min(size[0] - 1, math.floor((max(ax, bx, cx) - origin[0]) / grid))
-        j_first = max(0, math.ceil((min(ay, by, cy) - origin[1]) / grid))
-        j_last = min(size[1] - 1, math.floor((max(ay, by, cy) - origin[1]) / grid))
+        i_first = max(0, math.ceil((min(ax, bx, cx) - origin[0]) / pitch[0]))
+        i_last = min(size[0] - 1, math.floor((max(ax, bx, cx) - origin[0]) / pitch[0]))
+        j_first = max(0, math.ceil((min(ay, by, cy) - origin[1]) / pitch[1]))
+        j_last = min(size[1] - 1, math.floor((max(ay, by, cy) - origin[1]) / pitch[1]))
         for i in range(i_first, i_last + 1):
-            x = origin[0] + grid * i
+            x = origin[0] + pitch[0] * i
             for j in range(j_first, j_last + 1):
-                y = origin[1] + grid * j
+                y = origin[1] + pitch[1] * j
                 u = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / area
                 v = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / area
                 w = 1.0 - u - v
@@ -228,6 +302,10 @@ def _rasterise(local, origin, grid, size, next_place, crossings, listing):
                 next_place[line] += 1
 
 
+_ALONG_Y = 0.999
+"""Cosine of the angle between directions along the body's y."""
+_WIDENING = 1e-4
+"""Part by which lines are farther apart than the grid says, which is more than they are shifted by."""
 _MERGED = 1e-5
 """Gaps thinner than this between two parts of a body are none [m]."""
 

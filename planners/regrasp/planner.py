@@ -9,6 +9,7 @@ import numpy as np
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
+from planners.regrasp.grasps import ToolGrasps
 from planners.regrasp.handovers import HandoverDatabase, find_handovers
 from planners.regrasp.hold_statics import HoldStatics
 from planners.regrasp.hose import hose_turns
@@ -22,6 +23,7 @@ from planners.regrasp.stopover import Stopovers
 from planners.regrasp.suction_poses import SuctionCandidate, SuctionFault
 from planners.regrasp.tool_capacity import impossibilities
 from planners.regrasp.tool_choreography import ToolChoreographer
+from planners.regrasp.tool_pickup import not_taken
 from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import ToolStage
@@ -46,6 +48,33 @@ _MOST_CAUSES = 5
 
 _MOST_PLACES = 900
 """Sampled places of the cup that are told for drawing, on all objects together [1]."""
+
+
+def infeasible_plan(scene: SuctionToolScene) -> ToolPlan | None:
+    """Prove that a task has no plan, before anything is made ready to search for one; None: there is no such proof."""
+    off_goal = [target for target in scene.objects if _has_to_move(scene, target) and _is_off_goal(target)]
+    proofs = tuple(impossibilities(scene, off_goal))
+    if not proofs:
+        return None
+    rejections = Rejections()
+    for proof in proofs:
+        rejections.add(proof)
+    return ToolPlan(
+        outcome=ToolOutcome.INFEASIBLE,
+        segments=(),
+        summary=f"There is no plan. {proofs[0].reason}",
+        causes=proofs,
+        rejections=rejections,
+        graph={},
+        search={},
+        order=(),
+        steps=(),
+        considered=Considered(places={}, suctions=()),
+        grasps=ToolGrasps.none(),
+        regrasp=(),
+        hose_turns=0.0,
+        most_hose_turns=0.0,
+    )
 
 
 class SuctionToolPlanner:
@@ -76,11 +105,11 @@ class SuctionToolPlanner:
         traffic = ToolTraffic(self.workcell, handovers.grasps)
         rng = np.random.default_rng(scene.seed)
         self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
-        routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
+        self._routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
         self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
         still = StillBodies.of(scene.cell, scene.obstacles)
         self.pile = PilePlanner(
-            ObjectPlanner(self.choreographer, routes, settings, progress),
+            ObjectPlanner(self.choreographer, self._routes, settings, progress),
             self.suctions,
             Stopovers(still, settings.stopover),
             Standing(still.places),
@@ -90,24 +119,15 @@ class SuctionToolPlanner:
         self._targets = {each.name: each for each in scene.objects}
 
     def plan(self) -> ToolPlan:
-        """Plan the task; that there is no plan is an answer, with its reasons."""
-        to_move = [target for target in self.scene.objects if self._has_to_move(target)]
-        proofs = tuple(impossibilities(self.scene, [target for target in to_move if _is_off_goal(target)]))
-        if proofs:
-            return self._unsolved(ToolOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs)
-        obstacle = self._obstacle(to_move)
+        """Plan a task that `infeasible_plan` proves nothing of; that nothing is found is an answer with its reasons."""
+        to_move = [target for target in self.scene.objects if _has_to_move(self.scene, target)]
+        start = self._start()
+        obstacle = self._obstacle(start, to_move)
         if obstacle is not None:
-            return self._unsolved(ToolOutcome.NOT_FOUND, *obstacle)
+            return self._unsolved(*obstacle)
         there = frozenset(self._targets) - {target.name for target in to_move}
-        course = self.pile.plan(Course(self._start(), self._targets, there))
+        course = self.pile.plan(Course(start, self._targets, there))
         return self._not_found(there) if course is None else self._solved(course)
-
-    def _has_to_move(self, target: MovedObject) -> bool:
-        """Tell whether an object is not at its goal; what nothing can move is there within all the contract allows."""
-        if _is_there(target):
-            return False
-        left = target.off_goal(target.body.T_world_body) <= _AT_GOAL
-        return not (left and any(impossibilities(self.scene, [target])))
 
     def _start(self) -> ToolStage:
         scene = self.scene
@@ -121,7 +141,7 @@ class SuctionToolPlanner:
             segments=(),
         )
 
-    def _obstacle(self, to_move: list[MovedObject]) -> tuple[str, tuple[Rejection, ...]] | None:
+    def _obstacle(self, start: ToolStage, to_move: list[MovedObject]) -> tuple[str, tuple[Rejection, ...]] | None:
         """Say what stands against any plan before a motion is tried, in a sentence and with its causes."""
         clash = start_clash(self.scene, self.workcell)
         if clash is not None:
@@ -130,6 +150,11 @@ class SuctionToolPlanner:
         if to_move and not len(self.handovers.grasps):
             reason = Rejection("grasp", "no grasp of the tool was found that is free of collision")
             return "No grasp of the tool was found.", (reason,)
+        if to_move:
+            margin = self.settings.handovers.clearance.margin
+            refused = not_taken(self.scene, self.handovers.grasps, self._routes.start(start), margin)
+            if refused is not None:
+                return refused
         for target in to_move:
             anywhere = self.suctions.at_start(target)
             if not anywhere.poses:
@@ -164,7 +189,7 @@ class SuctionToolPlanner:
     def _nearest_order(self) -> tuple[str, ...]:
         """Return the objects that have to be moved in the order that is tried first."""
         order = ObjectOrder.of(self.scene.objects)
-        moved = {name for name, target in self._targets.items() if not self._has_to_move(target)}
+        moved = {name for name, target in self._targets.items() if not _has_to_move(self.scene, target)}
         following: list[str] = []
         while possible := order.next(moved | set(following)):
             following.append(possible[0])
@@ -174,7 +199,7 @@ class SuctionToolPlanner:
         failed = self.pile.failed
         if not failed:
             causes = ObjectOrder.of(self.scene.objects).deadlock(there)
-            return self._unsolved(ToolOutcome.NOT_FOUND, "No object can be moved first.", causes)
+            return self._unsolved("No object can be moved first.", causes)
         everything, causes = Rejections(), Rejections()
         for report in failed:
             everything.include(report.rejections)
@@ -194,10 +219,10 @@ class SuctionToolPlanner:
             ToolOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
         )
 
-    def _unsolved(self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
+    def _unsolved(self, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
         for cause in causes:
             self.rejections.add(cause)
-        return self._plan(outcome, summary, causes, None)
+        return self._plan(ToolOutcome.NOT_FOUND, summary, causes, None)
 
     def _plan(
         self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...], course: Course | None
@@ -275,6 +300,14 @@ def _causes(rejections: Rejections) -> tuple[Rejection, ...]:
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' if count != 1 else ''}"
+
+
+def _has_to_move(scene: SuctionToolScene, target: MovedObject) -> bool:
+    """Tell whether an object is not at its goal; what nothing can move is there within all the contract allows."""
+    if _is_there(target):
+        return False
+    left = target.off_goal(target.body.T_world_body) <= _AT_GOAL
+    return not (left and any(impossibilities(scene, [target])))
 
 
 def _is_there(target: MovedObject) -> bool:

@@ -55,6 +55,8 @@ class RouteMaker:
         self.workcell = workcell = traffic.workcell
         self.grasps, self.arms = handovers.grasps, tuple(workcell.cell.arms)
         self._park = park
+        self._at_rest: tuple[ToolStage, RouteStart] | None = None
+        """The last start with the tool at rest: every order of the objects begins with the same."""
         self._tool_flange = {arm: self.grasps.T_tool_flange(workcell.gripper(arm)) for arm in self.arms}
         self._grasp_settings = settings.handovers.grasps
         self._layer_settings = replace(self._grasp_settings, approach=0.0, step=settings.carry.layer_step)
@@ -81,11 +83,13 @@ class RouteMaker:
             positions = np.full((2 * count, 1, 6), np.nan)
             positions[node, 0] = stage.q[self.workcell.joints(stage.holder.arm)]
             return RouteStart(nodes, positions, None)
-        reach = self._reach(stage, {}, {}, self._grasp_settings)
-        load = LayerLoad.of(self.bearing, None)
-        rest = GraspLayer(stage.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
-        nodes = rest.ask(np.ones(2 * count, dtype=bool))
-        return RouteStart(nodes, rest.solutions, rest)
+        if self._at_rest is None or self._at_rest[0] is not stage:
+            reach = self._reach(stage, {}, {}, self._grasp_settings)
+            load = LayerLoad.of(self.bearing, None, self.settings.torque.posture_reserve)
+            rest = GraspLayer(stage.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
+            nodes = rest.ask(np.ones(2 * count, dtype=bool))
+            self._at_rest = stage, RouteStart(nodes, rest.solutions, rest)
+        return self._at_rest[1]
 
     def routes(
         self,
@@ -106,7 +110,7 @@ class RouteMaker:
             there = self._reach(stage, riding, beside[1], self._layer_settings)
         for pose in poses:
             sucked = SuckedObject(target.name, inverse(pose.T_object_tool))
-            load = LayerLoad.of(self.bearing, sucked)
+            load = LayerLoad.of(self.bearing, sucked, self.settings.torque.posture_reserve)
             suction = GraspLayer(T_world_object @ pose.T_object_tool, here, lift, load)
             goals = tuple(GraspLayer(T @ pose.T_object_tool, there, lift, load) for T in target.goals)
             passing = LoadHandovers(self.ways, sucked)

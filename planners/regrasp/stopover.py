@@ -69,41 +69,54 @@ class Stopovers:
         body, settings = moved.body, self.settings
         here = body.T_world_body
         occupied = [placed_body(other.collision_body(), T, None) for other, T in others]
-        upright = [rotation_z(k * math.pi / settings.turns) @ here[:3, :3] for k in range(settings.turns)]
-        near = self._goals(body, upright, lambda point: math.dist(point, here[:3, 3]), occupied, settings.most)
+        # Turned and listed the other way round on the robot's other side: mirrored tasks have mirrored stopovers.
+        side = moved.side
+        upright = [rotation_z(side * k * math.pi / settings.turns) @ here[:3, :3] for k in range(settings.turns)]
+
+        def from_here(point: Sequence[float]) -> Sequence[float]:
+            return (math.dist(point, here[:3, 3]), point[0], side * point[1])
+
+        def on_the_way(point: Sequence[float]) -> Sequence[float]:
+            return (_detour(point, moved), point[0], side * point[1])
+
+        near = self._goals(body, upright, from_here, occupied, settings.most)
         if near:
             yield moved.to(near)
-        for face in self._other_faces(body):
-            step = 2.0 * math.pi / settings.turns_on_others
+        for face in self._other_faces(body, side):
+            step = side * 2.0 * math.pi / settings.turns_on_others
             laid = _laid_on(face, here[:3, :3])
             turned = [rotation_z(k * step) @ laid for k in range(settings.turns_on_others)]
-            between = self._goals(body, turned, lambda point: _detour(point, moved), occupied, settings.most_on_others)
+            between = self._goals(body, turned, on_the_way, occupied, settings.most_on_others)
             if between:
                 yield moved.to(between)
 
-    def _other_faces(self, body: Body) -> list[FlatFace]:
-        """Return the faces on which a body would rest steadily but for the one it rests on, the steadiest first."""
+    def _other_faces(self, body: Body, side: float) -> list[FlatFace]:
+        """Return the faces on which a body would rest steadily but for the one it rests on, the steadiest first.
+
+        Of those that are as steady, the one that looks back comes first, then the one towards the robot's middle.
+        """
         own = lowest_face(body.solid, body.T_world_body).normal
         steadiness = [
             (steadiness_on(standing, body.com), face)
             for face in body.solid.flat_faces()
             if face.normal @ own < _SAME_NORMAL and (standing := _standing_on(body, face)) is not None
         ]
-        steadiness.sort(key=lambda entry: -round(entry[0], 6))
+        looks = [1.0, side, 1.0] * body.T_world_body[:3, :3].T
+        steadiness.sort(key=lambda entry: (-round(entry[0], 6), *np.round(entry[1].normal @ looks, 6)))
         return [face for angle, face in steadiness if angle >= self.settings.steady][: self.settings.faces]
 
     def _goals(
         self,
         body: Body,
         turned: Sequence[Array],
-        detour: Callable[[Sequence[float]], float],
+        order: Callable[[Sequence[float]], Sequence[float]],
         occupied: Sequence[PlacedBody],
         most: int,
     ) -> list[Transform]:
-        """Return free poses in these orientations (3, 3), those with the least detour first."""
+        """Return free poses in these orientations (3, 3), in the order of their places."""
         for clearance in self.settings.clearances:
             goals: list[Transform] = []
-            for footing in self._footings(body, turned, detour):
+            for footing in self._footings(body, turned, order):
                 around = [*occupied, *(each for each in self.still.bodies if each.name not in footing.supports)]
                 grown = _grown(placed_body(body.collision_body(), footing.T_world_body, None), clearance)
                 if first_overlap([grown], around) is None:
@@ -115,12 +128,12 @@ class Stopovers:
         return []
 
     def _footings(
-        self, body: Body, turned: Sequence[Array], detour: Callable[[Sequence[float]], float]
+        self, body: Body, turned: Sequence[Array], order: Callable[[Sequence[float]], Sequence[float]]
     ) -> Iterator[Footing]:
         """Yield where the object rests in these orientations (3, 3), place by place."""
         lowest = float((body.solid.surface()[0] @ turned[0][2]).min())
         points = [(*point, place.height - lowest) for place in self.still.places for point in self._grid(place)]
-        points.sort(key=lambda point: round(detour(point), 6))
+        points.sort(key=lambda point: [round(value, 6) for value in order(point)])
         for point in points:
             for R in turned:
                 footing = find_footing(body.solid, transform(R, point), body.com, self.still.places)
@@ -129,7 +142,10 @@ class Stopovers:
 
     def _grid(self, place: Surface) -> Iterator[tuple[float, float]]:
         low, high = place.outline.min(axis=0), place.outline.max(axis=0)
-        x, y = (np.arange(a, b, self.settings.spacing) for a, b in zip(low, high, strict=True))
+        # About the middle, so that places on either side of the robot are mirror images.
+        counts = np.floor(0.5 * (high - low) / self.settings.spacing).astype(int)
+        middle, steps = 0.5 * (low + high), [np.arange(-count, count + 1) for count in counts]
+        x, y = (each + self.settings.spacing * step for each, step in zip(middle, steps, strict=True))
         yield from ((float(a), float(b)) for a in x for b in y)
 
 

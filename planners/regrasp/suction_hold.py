@@ -73,6 +73,8 @@ class HoldMargin:
     """As of `suction_margin`: negative where the cup lets go."""
     sample: int
     limit: SuctionLimit
+    figures: tuple[float, float, str]
+    """What is asked of the cup there, what it has, and the unit."""
 
     @property
     def holds(self) -> bool:
@@ -113,11 +115,57 @@ def suction_margin(wrenches: Array, cup: Cup) -> Array:
     return suction_margins(wrenches, cup).min(axis=-1)
 
 
+def cup_uses(wrenches: Array, cup: Cup) -> Array:
+    """Return (..., 5): to which part of themselves force, friction and stiffness of the cup could shrink [1].
+
+    In the order of `SuctionLimit`: with so much of them each limit is just kept; more than 1 where it is exceeded. Slip
+    and twist depend on both force and friction: sqrt(3) |f| <= u mu (u V - fz) has the least u in closed form. No cup
+    bears a push, however strong it is: 0, or 1 and the push over V.
+    """
+    pull = wrenches[..., 2]
+    shear = _SQRT3 * np.hypot(wrenches[..., 0], wrenches[..., 1]) / cup.mu
+    twist = _SQRT3 * np.abs(wrenches[..., 5]) / (cup.radius * cup.mu)
+    bend = np.hypot(wrenches[..., 3], wrenches[..., 4])
+    strength = cup.max_force
+    slips, twists = (0.5 * (pull + np.sqrt(pull**2 + 4.0 * strength * each)) / strength for each in (shear, twist))
+    return np.stack(
+        [
+            np.maximum(pull, 0.0) / strength,
+            slips,
+            twists,
+            _SQRT2 * bend / (math.pi * cup.radius * cup.kappa),
+            np.where(pull >= -_NO_PUSH * strength, 0.0, 1.0 - pull / strength),
+        ],
+        axis=-1,
+    )
+
+
 def least_margin(wrenches: Array, cup: Cup) -> HoldMargin:
     """Return the weakest moment of a hold with wrenches (n, 6) over time, n > 0."""
     margins = suction_margins(wrenches, cup)
-    sample, limit = np.unravel_index(int(np.argmin(margins)), margins.shape)
-    return HoldMargin(float(margins[sample, limit]), int(sample), _LIMITS[limit])
+    sample, number = np.unravel_index(int(np.argmin(margins)), margins.shape)
+    wrench, limit = wrenches[sample], _LIMITS[number]
+    if limit in (SuctionLimit.SLIP, SuctionLimit.TWIST) and wrench[2] >= cup.max_force:
+        # No friction is left, however little is asked of it.
+        limit = SuctionLimit.PULL
+    return HoldMargin(float(margins[sample, number]), int(sample), limit, _figures(wrench, limit, cup))
+
+
+def _figures(wrench: Array, limit: SuctionLimit, cup: Cup) -> tuple[float, float, str]:
+    pull, shear = float(wrench[2]), math.hypot(wrench[0], wrench[1])
+    # A pull takes from what friction has for forces and torques along the pad.
+    friction = cup.mu * max(0.0, cup.max_force - pull) / _SQRT3
+    match limit:
+        case SuctionLimit.PULL:
+            return pull, cup.max_force, "N"
+        case SuctionLimit.SLIP:
+            return shear, friction, "N"
+        case SuctionLimit.TWIST:
+            return abs(float(wrench[5])), cup.radius * friction, "Nm"
+        case SuctionLimit.PEEL:
+            return math.hypot(wrench[3], wrench[4]), math.pi * cup.radius * cup.kappa / _SQRT2, "Nm"
+        case SuctionLimit.PUSH:
+            return -pull, 0.0, "N"
 
 
 def cup_wrenches(loads: Array, T_world_objects: Array, com: Array, T_object_tool: Transform) -> Array:

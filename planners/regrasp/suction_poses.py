@@ -20,7 +20,8 @@ from planners.geometry.facets import Facet, FacetSettings, find_facets
 from planners.geometry.pose import Array, Transform, rotation_z
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.pad_seal import Pad, PadFit, PadSurface, facet_grid, narrow_places
-from planners.regrasp.suction_hold import Cup, cup_wrenches, suction_margin, weight
+from planners.regrasp.suction_hold import Cup, cup_wrenches, least_margin, suction_margin, weight
+from planners.scene.moved_object import side_of
 
 Indices = NDArray[np.int64]
 Surface = tuple[Array, Indices]
@@ -117,6 +118,28 @@ class SuctionLoad:
         goals = self._margins_at(self.T_world_goals[:, None], T_object_tools, cup)
         return np.minimum(start, goals.max(axis=0))
 
+    def figures(self, point: Array, normal: Array, cup: Cup) -> tuple[float, float, str]:
+        """Return what is asked of a cup at one place (3,), what it has and the unit, where `margins` has its margin."""
+        (T_object_tool,) = _frames(point[None], normal[None], np.eye(3)[[np.argmin(np.abs(normal))]])
+        poses = [self.T_world_start]
+        if self.T_world_goals is not None:
+            poses.append(max(self.T_world_goals, key=lambda T: float(self._margins_at(T, T_object_tool, cup))))
+        wrenches = cup_wrenches(weight(self.mass), np.array(poses), self.com, T_object_tool)
+        return least_margin(wrenches, cup).figures
+
+    @property
+    def side(self) -> float:
+        """1 to the robot's left, -1 to its right, see `side_of`."""
+        goals = np.empty((0, 4, 4)) if self.T_world_goals is None else self.T_world_goals
+        return side_of(np.vstack([self.T_world_start[None], goals]), self.com)
+
+    def mirrored(self, vectors: Array) -> Array:
+        """Return vectors (n, 3) of the object's frame in the world at the start, y away from the robot's middle.
+
+        Those of an object and of its mirror image to the robot's other side are the same.
+        """
+        return np.round(vectors @ self.T_world_start[:3, :3].T * [1.0, self.side, 1.0], _DIGITS)
+
     def looks_down(self, normals: Array) -> NDArray[np.bool_]:
         """Return whether a pad with one of these outward normals (n, 3) looks down at the start or at all goals."""
         upward = normals @ self.T_world_start[2, :3]
@@ -194,13 +217,13 @@ def suction_poses(
     sampler = _Sampler(pads, load, cup, settings, _spacing(facets, settings))
     considered = [sampler.consider(number, facet) for number, facet in enumerate(facets)]
     for places in considered:
-        places.count(settings, cup, rejections)
+        places.count(settings, load, cup, rejections)
     kept = _Places.joined([places.only(places.kept) for places in considered])
-    chosen = _thinned(kept, _preference(kept, load, settings), settings)
-    best = chosen.only(_preference(chosen, load, settings))
+    chosen = _thinned(kept, _preference(kept, facets, load, settings), settings)
+    best = chosen.only(_preference(chosen, facets, load, settings))
     rejected = _Places.joined([places.only(~places.kept & places.coarse) for places in considered])
     candidates = (*best.candidates(), *rejected.candidates())
-    return SuctionPoses(tuple(best.poses(facets, settings.rolls)), facets, candidates, rejections)
+    return SuctionPoses(tuple(best.poses(facets, load, settings.rolls)), facets, candidates, rejections)
 
 
 def is_closed_and_outward(vertices: Array, faces: Indices) -> bool:
@@ -251,35 +274,48 @@ class _Places:
     def only(self, rows: Indices | NDArray[np.bool_]) -> _Places:
         return _Places(*(getattr(self, column.name)[rows] for column in fields(_Places)))
 
-    def count(self, settings: SuctionSettings, cup: Cup, rejections: Rejections) -> None:
-        """Add the rejected places, each kind with its nearest miss."""
-        measures = {
-            SuctionFault.BORDER: (self.clearances, settings.clearance(cup), "m"),
-            SuctionFault.CURVED: (-self.deviations, -settings.flatness, "m"),
-            SuctionFault.WEAK: (self.margins, 0.0, None),
-            SuctionFault.DOWN: (None, None, None),
-            SuctionFault.COVERED: (None, None, None),
-        }
-        for fault, (available, needed, unit) in measures.items():
-            rows = self.faults == _FAULTS.index(fault)
-            if rows.any():
-                most = None if available is None else float(available[rows].max())
-                rejections.add(Rejection(STAGE, fault, "", needed, most, unit), int(rows.sum()))
+    def count(self, settings: SuctionSettings, load: SuctionLoad, cup: Cup, rejections: Rejections) -> None:
+        """Add the rejected places, each kind with the figures of the best one: that is the one that decides."""
+
+        def rejected(fault: SuctionFault, best: int) -> Rejection:
+            if fault is SuctionFault.BORDER:
+                needed = settings.clearance(cup)
+                return Rejection.measured(STAGE, fault, "", needed, float(self.clearances[best]), "m")
+            if fault is SuctionFault.CURVED:
+                return Rejection.measured(STAGE, fault, "", float(self.deviations[best]), settings.flatness, "m")
+            if fault is SuctionFault.WEAK:
+                return Rejection.measured(STAGE, fault, "", *load.figures(self.points[best], self.normals[best], cup))
+            return Rejection(STAGE, fault)
+
+        goodness = {SuctionFault.BORDER: self.clearances, SuctionFault.CURVED: -self.deviations}
+        for number, fault in enumerate(_FAULTS):
+            rows = np.flatnonzero(self.faults == number)
+            if len(rows):
+                best = rows[np.argmax(goodness.get(fault, self.margins)[rows])]
+                rejections.add(rejected(fault, int(best)), len(rows))
 
     def candidates(self) -> Iterator[SuctionCandidate]:
         for point, normal, fault in zip(self.points, self.normals, self.faults, strict=True):
             yield SuctionCandidate(point, normal, None if fault < 0 else _FAULTS[fault])
 
-    def poses(self, facets: Sequence[Facet], rolls: int) -> Iterator[SuctionPose]:
-        """Turn the tool at every place, a place after the other."""
+    def poses(self, facets: Sequence[Facet], load: SuctionLoad, rolls: int) -> Iterator[SuctionPose]:
+        """Turn the tool at every place, a place after the other.
+
+        First with its x along the longest side of the facet, that way which points forward; then on and on, the other
+        way round on the robot's other side.
+        """
         along = np.array([facet.T_body_facet[:3, 0] for facet in facets])[self.facet]
         turns = np.array([rotation_z(2.0 * math.pi * roll / rolls) for roll in range(rolls)])
         tools = np.repeat(_frames(self.points, self.normals, along)[:, None], rolls, axis=1)
         tools[:, :, :3, :3] = tools[:, :, :3, :3] @ turns
         rows = zip(tools, self.facet.tolist(), self.central.tolist(), self.margins.tolist(), strict=True)
+        ways = np.array([0, rolls // 2] if rolls % 2 == 0 else [0])
         for turned, number, central, margin in rows:
-            for roll, T_object_tool in enumerate(turned):
-                yield SuctionPose(T_object_tool, number, roll, central, margin)
+            x, y, z = load.mirrored(turned[ways, :3, 0]).T
+            first = ways[np.lexsort((-z, y, -x))[0]]
+            for k in range(rolls):
+                roll = int(first + load.side * k) % rolls
+                yield SuctionPose(turned[roll], number, roll, central, margin)
 
 
 _FAULTS = (
@@ -375,8 +411,13 @@ def _frames(points: Array, normals: Array, hints: Array) -> Array:
     return frames
 
 
-def _preference(places: _Places, load: SuctionLoad, settings: SuctionSettings) -> Indices:
-    """Return the order in which places are to be tried: the middle of the facet on top, then by how well they hold."""
+def _preference(places: _Places, facets: Sequence[Facet], load: SuctionLoad, settings: SuctionSettings) -> Indices:
+    """Return the order in which places are to be tried: the middle of the facet on top, then by how well they hold.
+
+    Of those that hold as well, those on an axis of the facet come first, of which none is kept without its mirror image
+    for being too close to another; then those nearer to the robot's middle: places on an object and on its mirror image
+    come in the same order.
+    """
     T = load.T_world_start
     upward = places.normals @ T[2, :3] >= math.cos(settings.top_tilt)
     heights = np.where(upward, places.points @ T[2, :3], -np.inf)
@@ -385,7 +426,11 @@ def _preference(places: _Places, load: SuctionLoad, settings: SuctionSettings) -
         on_top = places.facet == places.facet[np.argmax(np.round(heights, _DIGITS))]
     arms = np.linalg.norm(np.cross(load.com - places.points, places.normals), axis=1)
     margins = np.round(places.margins / settings.margin_step)
-    return np.lexsort((places.facet, np.round(arms, _DIGITS), -margins, ~(places.central & on_top)))
+    T_body_facets = np.array([facet.T_body_facet for facet in facets])[places.facet]
+    in_facet = np.einsum("nji,nj->ni", T_body_facets[:, :3, :2], places.points - T_body_facets[:, :3, 3])
+    off_axis = np.round(np.abs(in_facet).min(axis=1), _DIGITS)
+    x, y, z = load.mirrored(places.points).T
+    return np.lexsort((-z, x, y, off_axis, np.round(arms, _DIGITS), -margins, ~(places.central & on_top)))
 
 
 def _thinned(places: _Places, order: Indices, settings: SuctionSettings) -> _Places:

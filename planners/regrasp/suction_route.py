@@ -15,6 +15,7 @@ from planners.regrasp.node_travel import NodeTravel
 from planners.regrasp.object_progress import ObjectStage, Tell
 from planners.regrasp.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
 from planners.regrasp.suction_poses import SuctionPose
+from planners.scene.moved_object import side_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,8 @@ class SuctionRoute:
         self.sequences = 0
         """How many sequences were tried."""
         self._graphs: dict[tuple[int, int], RegraspGraph] = {}
+        tools = [self.suction.T_world_tool, *(goal.T_world_tool for goal in self.goals)]
+        self._side = side_of(np.array(tools), np.zeros(3))
         self.goal_order = sorted(range(len(self.goals)), key=self._turn_to)
 
     def best(self, handovers: int, goals: int) -> Sequence | None:
@@ -174,10 +177,14 @@ class SuctionRoute:
         second = replace(second, departing=travel(self.suction.solutions, laden), handovers=self.handovers.masks[1])
         return first, second
 
-    def _turn_to(self, goal: int) -> float:
-        """How far the tool turns from the object's start to a goal [rad]: goals that turn it little come first."""
-        there = self.goals[goal].T_world_tool
-        return round(rotation_angle(self.suction.T_world_tool[:3, :3], there[:3, :3]), 6)
+    def _turn_to(self, goal: int) -> tuple[float, float]:
+        """How far the tool turns from the object's start to a goal [rad]: goals that turn it little come first.
+
+        Of those that turn it as far, the one that turns it towards the robot's middle.
+        """
+        here, there = self.suction.T_world_tool[:3, :3], self.goals[goal].T_world_tool[:3, :3]
+        turn = there @ here.T
+        return round(rotation_angle(here, there), 6), round(self._side * float(turn[1, 0] - turn[0, 1]), 6)
 
 
 def _empty(what: str, layer: GraspLayer) -> Rejection:

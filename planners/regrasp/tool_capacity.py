@@ -1,4 +1,4 @@
-"""What proves that no plan of a suction-tool task exists: weights and widths, in closed form and sound."""
+"""What proves that no plan of a suction-tool task exists: weights, widths and ways, in closed form and sound."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
 from planners.regrasp.hold_statics import OVERLOADED
 from planners.regrasp.suction_hold import Cup
+from planners.scene.arm_span import ArmSpan, out_of_reach
+from planners.scene.body import Body
 from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
 from planners.scene.tool_scene import SuctionToolScene
@@ -50,6 +52,32 @@ def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> 
     opening = max(arm.hand.width_max for arm in scene.cell.arms.values() if isinstance(arm.hand, Gripper))
     if width > opening:
         yield Rejection("capacity", "The tool is thicker all over than a gripper opens.", "tool", width, opening, "m")
+    yield from _out_of_reach(scene, to_move)
+
+
+def _out_of_reach(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> Iterator[Rejection]:
+    """Yield what no arm reaches: the tool with a hand, and objects and goals with the cup.
+
+    Whatever symmetric turn an object ends in, no point of it is farther from its goal's origin than from its own.
+    """
+    spans = [ArmSpan.of(arm) for arm in scene.cell.arms.values()]
+    tool = scene.tool
+    length = _radius(tool.body)
+    beyond = out_of_reach(spans, tool.T_world_tool[:3, 3], length)
+    if beyond is not None:
+        yield Rejection("reach", "No arm reaches the tool where it is.", "tool", beyond.needed, beyond.available, "m")
+    for moved in to_move:
+        places = {"where it is": moved.body.T_world_body, "at its goal": moved.T_world_goal_given}
+        for where, T_world_object in places.items():
+            beyond = out_of_reach(spans, T_world_object[:3, 3], length + _radius(moved.body))
+            if beyond is not None:
+                reason = f"No arm reaches the object {where}, with the tool."
+                yield Rejection("reach", reason, moved.name, beyond.needed, beyond.available, "m")
+
+
+def _radius(body: Body) -> float:
+    """Return how far a body's farthest corner is from its origin [m]."""
+    return float(np.linalg.norm(body.solid.surface()[0], axis=1).max())
 
 
 def largest_lift(cup: Cup) -> float:

@@ -26,7 +26,8 @@ from planners.motion.trajectory import Trajectory
 from planners.regrasp.bearing import Bearing, CarryingHand
 from planners.regrasp.carried import carried_rates
 from planners.regrasp.hold_statics import HoldStatics
-from planners.regrasp.level_checker import LevelChecker
+from planners.regrasp.joint_torque import LadenArm
+from planners.regrasp.laden_checker import LadenChecker
 from planners.regrasp.stage_writer import StageWriter
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_stage import ToolStage
@@ -203,7 +204,7 @@ class ToolMotion:
         start = stage.q[joints].copy()
         checker: EdgeChecker = ArmEdgeChecker(query, stage.q.copy(), joints)
         if kind is SegmentKind.TRANSFER:
-            checker = self._level(stage, arm, checker, np.vstack([start, goals]))
+            checker = self._laden_checker(stage, arm, checker, np.vstack([start, goals]))
         self.queries += 1
         result = plan_motion(
             MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max, costs),
@@ -220,8 +221,11 @@ class ToolMotion:
             timing = replace(timing, sample_step=pace.sample_step)
         return self._moving(stage, arm, kind, path, rates, timing), result.goal_index
 
-    def _level(self, stage: ToolStage, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
-        """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad]."""
+    def _laden_checker(self, stage: ToolStage, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
+        """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad].
+
+        The joints' torques at rest stay within what postures may use, or as far as the ends use more.
+        """
         held = stage.held
         T_flange_tool = inverse(self.traffic.T_tool_flange(held))
         least = -1.0
@@ -230,9 +234,17 @@ class ToolMotion:
             level = float((poses[:, 2, :3] @ T_flange_tool[:3, 2]).min()) - 1e-9
             least = min(math.cos(self.settings.carried_tilt), level)
         hold, load = self.writer.hold(held), self.bearing.load(stage.sucked)
-        return LevelChecker(
-            checker, CarryingHand(arm, hold.T_flange_tool, hold.T_tool_tcp, hold.width, load), least - 1e-9
-        )
+        hand = CarryingHand(arm, hold.T_flange_tool, hold.T_tool_tcp, hold.width, load)
+        laden = self._laden(stage, arm, SegmentKind.TRANSFER)
+        most = max(1.0 - self.settings.torque.posture_reserve, *(laden.share(end) for end in ends))
+        return LadenChecker(checker, hand, least - 1e-9, laden, most + 1e-9)
+
+    def _laden(self, stage: ToolStage, arm: Arm, kind: SegmentKind) -> LadenArm:
+        """Return an arm with what it carries in a motion of a kind: tool and object in a transfer, else nothing."""
+        gravity = self.workcell.cell.gravity
+        if kind is not SegmentKind.TRANSFER:
+            return LadenArm.of(arm, gravity)
+        return LadenArm.of(arm, gravity, self.writer.hold(stage.held).T_flange_tool, self.bearing.load(stage.sucked))
 
     def _no_motion(
         self, stage: ToolStage, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome
@@ -258,10 +270,11 @@ class ToolMotion:
         rates: Sequence[RateLimit],
         timing: TimingSettings,
     ) -> ToolStage:
-        """Append a motion of one arm along a path of its six joints, slow enough for cup and fingers to hold."""
+        """Append a motion of one arm along a path of its six joints, slow enough for joints, cup and fingers."""
         if path.length == 0.0:
             return stage
         joints, slowness = self.workcell.joints(arm.name), 1.0
+        laden = self._laden(stage, arm, kind)
         for _ in range(SLOWINGS):
             limits = JointLimits(arm.velocity_max / slowness, arm.acceleration_max / slowness**2)
             slower = [RateLimit(r.rate, r.velocity / slowness, r.acceleration / slowness**2) for r in rates]
@@ -270,19 +283,20 @@ class ToolMotion:
             except TimingError as error:
                 raise Stuck(Rejection("transit", f"{arm.name} arm: {error}")) from error
             moved = self.writer.appended(stage, kind, (arm.name,), trajectory)
-            if kind is not SegmentKind.TRANSFER:
-                return moved
-            stretch = self.statics.stretch(moved.segments[-1], stage.places, self.settings.hold_reserve)
-            if stretch is None:
-                raise Stuck(self._gives_way(moved, stage))
+            stretch = laden.stretch(trajectory, joints, self.settings.torque.motion_reserve, kind.value)
+            if isinstance(stretch, Rejection):
+                raise Stuck(stretch)
+            if kind is SegmentKind.TRANSFER:
+                held = self.statics.stretch(moved.segments[-1], stage.places)
+                if held is None:
+                    rejection = self.statics.worst(moved.segments[-1], stage.places).rejection
+                    assert rejection is not None
+                    raise Stuck(rejection)
+                stretch = max(stretch, held)
             if stretch <= 1.0:
                 return moved
             slowness *= SLOWER * stretch
-        raise Stuck(Rejection("hold", "no motion slow enough for cup and fingers was found"))
-
-    def _gives_way(self, moved: ToolStage, stage: ToolStage) -> Rejection:
-        rejection = self.statics.worst(moved.segments[-1], stage.places).rejection
-        return rejection or Rejection("hold", "cup or fingers do not hold with the reserve asked for")
+        raise Stuck(Rejection("hold", "no motion slow enough for joints, cup and fingers was found"))
 
     def approach(self, T_world_flange: Transform) -> StraightLeg:
         """Return the way of a hand along its own z to where it grips."""

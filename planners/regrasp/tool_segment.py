@@ -58,6 +58,25 @@ class ToolContactSet:
 
 
 @dataclass(frozen=True, eq=False)
+class HeldReserve:
+    """What is left of the limits of cup and hands along a segment."""
+
+    values: Array
+    """(n,) the largest share of all force limits that could be missing with the load still borne [1]."""
+    sample: int
+    """At which least is left."""
+    limited_by: str
+    """What would give way there, in words."""
+    body: str
+    """What would be lost."""
+
+    @property
+    def least(self) -> float:
+        """At the worst sample [1]."""
+        return float(self.values[self.sample])
+
+
+@dataclass(frozen=True, eq=False)
 class ToolSegment:
     """One stretch of a plan; it starts where the last ended.
 
@@ -88,3 +107,5 @@ class ToolSegment:
     body_poses: Mapping[str, Array]
     """{name: (n, 4, 4)} `T_world_body` of what moves here: the tool and a sucked object, in TRANSFER."""
     contact_sets: tuple[ToolContactSet, ...] = ()
+    reserve: HeldReserve | None = None
+    """None while nothing is held."""

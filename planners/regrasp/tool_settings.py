@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from planners.geometry.pose import Transform
 from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
 from planners.regrasp.carried import CarriedPace
+from planners.regrasp.grasps import Fingertips
 from planners.regrasp.handovers import HandoverSettings
+from planners.regrasp.joint_torque import TorqueSettings
 from planners.regrasp.stopover import StopoverSettings
 from planners.regrasp.suction_poses import SuctionSettings
+
+LYING = math.radians(45.0)
+"""A tool whose axis is farther from the vertical lies [rad]."""
 
 
 @dataclass(frozen=True)
@@ -105,12 +111,22 @@ class ToolPlannerSettings:
     handover_tilt: float = math.radians(75.0)
     """Most tilt of the tool at a handover while an object hangs on it [rad]: a level cup bears no push at all."""
     finger_reserve: float = 0.1
-    """Part of the fingers' largest force that is left at rest, for what inertia adds; motion is slowed for the rest."""
-    hold_reserve: float = 0.0
-    """What must be left of every limit of cup and fingers [N]."""
+    """Part of the fingers' friction that is left at rest, for what inertia adds; motion is slowed for the rest."""
+    torque: TorqueSettings = field(default_factory=TorqueSettings)
+    reserve_searches: int = 3
+    """Searches between the reserve of a plan without one asked for, and the one asked for with which none was found."""
     handover_seconds: float = 8.0
     """Cost of ending with a grasp in which the next object cannot be moved without a handover [s]: what one takes."""
     partner_weight: float = 0.5
     """Cost of such a grasp that has no handover partner against one that has the most [s]."""
     prospect_goals: int = 3
     """Goals of the next object that are looked at for each suction pose."""
+
+    def with_fingertips(self) -> ToolPlannerSettings:
+        """Return the settings for a tool that lies: hands may hold it by their fingertips too."""
+        grasps = replace(self.handovers.grasps, fingertips=Fingertips())
+        return replace(self, handovers=replace(self.handovers, grasps=grasps))
+
+    def starting_at(self, T_world_tool: Transform) -> ToolPlannerSettings:
+        """Return the settings for a tool that is at a pose (4, 4) at the start, standing or lying."""
+        return self.with_fingertips() if abs(T_world_tool[2, 2]) < math.cos(LYING) else self

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, to_pose7
+from planners.kinematics.joint_torque import WeighedArm
 from planners.scene.hand import Gripper, Pusher
 from planners.scene.robot import Robot
 
@@ -58,6 +62,18 @@ class Arm:
         """(6,) [Nm]."""
         return self.robot.torque_max
 
+    @cached_property
+    def masses(self) -> Array:
+        """(7, 4) of the six links that move, then of the hand: mass [kg], and centre of mass [m].
+
+        Link i is in frame i + 1, the hand in frame 6, the flange.
+        """
+        return np.vstack([self.robot.masses, [self.hand.mass, *self.hand.com]])
+
+    def weighed(self, gravity: Array) -> WeighedArm:
+        """Return what joint torques follow from; `gravity` is (3,) in the world [m/s^2]."""
+        return WeighedArm(self.dh, self.T_world_base, self.masses, np.asarray(gravity, dtype=float))
+
     @property
     def spare_payload(self) -> float:
         """Largest mass that the hand may carry: the payload less what is mounted on the flange [kg]."""
@@ -85,5 +101,7 @@ class Arm:
             "position_max": self.position_max.tolist(),
             "velocity_max": self.velocity_max.tolist(),
             "acceleration_max": self.acceleration_max.tolist(),
+            "torque_max": self.torque_max.tolist(),
+            "links": [{"mass": mass, "com": com} for mass, *com in self.robot.masses.tolist()],
             "payload": self.robot.payload,
         }

@@ -97,9 +97,17 @@ class LinkFile(Placement):
     """A link's mesh, placed in the frame that the link moves with."""
 
     name: LinkName
-    mass: Positive | None
-    """[kg]"""
     mesh: MeshFile
+
+
+class MassFile(_Part):
+    """What a link that moves weighs, and where its centre of mass is."""
+
+    name: LinkName
+    mass: Positive
+    """[kg]"""
+    com: Triple
+    """In the frame after the link's joint [m]."""
 
 
 class RobotFile(_Asset):
@@ -108,7 +116,9 @@ class RobotFile(_Asset):
     joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
     links_of: Name | None = None
-    """Another robot whose links stand in."""
+    """Another robot whose meshes stand in."""
+    masses: Annotated[tuple[MassFile, ...], Field(min_length=6, max_length=6)]
+    """Of all links but the base."""
     payload: Positive
     """[kg]"""
     reach: Positive
@@ -120,6 +130,8 @@ class RobotFile(_Asset):
             raise ValueError("exactly one of links and links_of is required")
         if self.links is not None and tuple(link.name for link in self.links) != LINK_NAMES:
             raise ValueError(f"links must be named {', '.join(LINK_NAMES)}, in this order")
+        if tuple(link.name for link in self.masses) != LINK_NAMES[1:]:
+            raise ValueError(f"masses must be named {', '.join(LINK_NAMES[1:])}, in this order")
         return self
 
 
@@ -178,6 +190,8 @@ class GripperFile(_HandFile):
     kind: Literal["gripper"]
     force_range: tuple[Positive, Positive]
     """Least and greatest grip force [N]."""
+    squeeze: Positive
+    """Grip force that is commanded where no task says otherwise [N]."""
     width_max: Positive
     linkage: LinkageFile
     pad_size: Lengths
@@ -198,11 +212,18 @@ class StickFile(_HandFile):
 
 
 class ToolFile(_Asset):
-    """tools/*.yaml: a suction tool, as a task would describe its own."""
+    """tools/*.yaml: a suction tool, as a task would describe its own, with a stated centre of mass."""
 
     tool: CustomTool
     markers: MarkersSpec | None = None
     """By which cameras find it."""
+
+    @model_validator(mode="after")
+    def _states_its_centre_of_mass(self) -> Self:
+        # The certificate takes it from here, so as not to ask the shapes that the planner asked.
+        if self.tool.com is None:
+            raise ValueError("tool.com is required")
+        return self
 
 
 class ArmMountFile(Placement):

@@ -112,6 +112,10 @@ class Cell:
         """Names of the arms that carry a stick."""
         return tuple(name for name, arm in self.arms.items() if isinstance(arm.hand, Pusher))
 
+    def payload_force(self, arm: str) -> float:
+        """Return the largest net force that an arm's hand may bear: what its payload leaves beside the hand [N]."""
+        return self.arms[arm].spare_payload * float(np.linalg.norm(self.gravity))
+
     @property
     def home(self) -> Array:
         """(12,) where all joints rest [rad]."""

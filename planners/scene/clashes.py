@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from planners.collision.distance import distance
 from planners.errors import SceneError
@@ -15,6 +16,9 @@ from planners.kinematics.forward import link_frames
 from planners.scene.cell import Cell
 
 _IDENTITY = np.eye(4)
+_ROUNDING = 1e-9
+TOUCHING = 1e-3
+"""Two bodies that are no deeper in one another touch [m]; as far as a resting body may be off what carries it."""
 
 
 class BodiesOverlap(SceneError):
@@ -23,6 +27,14 @@ class BodiesOverlap(SceneError):
     def __init__(self, a: PlacedBody, b: PlacedBody, when: str) -> None:
         pointer, *others = dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None)
         super().__init__(pointer, f"{a.name} and {b.name} touch or overlap {when}", others=others)
+
+
+class BodyInCell(SceneError):
+    """A body reaches into a part of the cell; the member of the task that places the body is pointed at."""
+
+    def __init__(self, body: PlacedBody, part: PlacedBody, depth: float, when: str) -> None:
+        detail = f"{body.name} is {1e3 * depth:.4g} mm deep in {part.name} {when}, more than {1e3 * TOUCHING:g} mm"
+        super().__init__(body.pointer or "", detail)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +113,51 @@ def first_overlap(
     """Return the first pair, in the order given, that touches or overlaps, as `refuse_overlaps` checks them."""
     pairs = _near(group, others, 0.0)
     return next(((a, b) for a, b in pairs if _sorted_names(a, b) not in allowed and gap(a, b) <= 0.0), None)
+
+
+def refuse_inside(
+    bodies: Sequence[PlacedBody],
+    cell: Sequence[PlacedBody],
+    excess: Mapping[str, float],
+    when: str = "at the start",
+) -> None:
+    """Check that bodies that a task places do not reach into what belongs to the cell; they may touch it.
+
+    This holds for all of them alike. What is to move has to be clear besides of all that does not carry it, which is
+    `refuse_overlaps`.
+
+    Args:
+        bodies: what a task places.
+        cell: bodies of the cell.
+        excess: by name, how far convex shapes reach beyond a body [m]; not listed: not at all.
+        when: ends the sentence that refuses.
+
+    Raises:
+        BodyInCell: for the first pair, in the order given, that is deeper in one another than `TOUCHING`.
+    """
+    for body, part in _near(bodies, cell, 0.0):
+        deep = depth(body, part)
+        if deep > TOUCHING + excess.get(body.name, 0.0) + _ROUNDING:
+            raise BodyInCell(body, part, deep, when)
+
+
+def depth(a: PlacedBody, b: PlacedBody) -> float:
+    """Return how deep two bodies are in one another [m]: the shortest way out of the deepest of their shapes; or 0."""
+    return max(_shape_depth(s, t) for s in a.shapes for t in b.shapes)
+
+
+def _shape_depth(a: ConvexShape, b: ConvexShape) -> float:
+    """Return the shortest way by which one convex shape gets out of another [m]: where their difference's hull ends."""
+    apart = distance(a, _IDENTITY, b, _IDENTITY)
+    if apart > 0.0:
+        return 0.0
+    differences = (b.vertices[:, None] - a.vertices[None]).reshape(-1, 3)
+    try:
+        inside = -float(ConvexHull(differences).equations[:, 3].max())
+    except (QhullError, ValueError):
+        inside = 0.0
+    # Where the hulls themselves are apart, only what they are grown by overlaps.
+    return a.radius + b.radius + inside if inside > 0.0 else -apart
 
 
 def gaps_below(

@@ -109,6 +109,7 @@ class Gripper:
     force_min: float
     """[N]"""
     force_max: float
+    squeeze: float
     """[N]"""
     mass: float
     """Gripper and sensor [kg]."""
@@ -176,7 +177,13 @@ class Gripper:
 
     def document(self) -> dict[str, Any]:
         """Return the entry of a plan document's `cell.hands`."""
-        return {"kind": "gripper", "mass": self.mass, "tcp": self.tcp_table.tolist()}
+        return {
+            "kind": "gripper",
+            "mass": self.mass,
+            "com": self.com.tolist(),
+            "tcp": self.tcp_table.tolist(),
+            "force_range": [self.force_min, self.force_max],
+        }
 
     @property
     def _T_flange_base(self) -> Transform:
@@ -229,7 +236,13 @@ class Pusher:
         """Return the entry of a plan document's `cell.hands`."""
         from_flange = self.T_flange_tcp[:3, 3].tolist()
         tcp = [*from_flange, 1.0, 0.0, 0.0, 0.0]
-        return {"kind": "stick", "mass": self.mass, "tcp": tcp, "tip_radius": self.tip_radius}
+        return {
+            "kind": "stick",
+            "mass": self.mass,
+            "com": self.com.tolist(),
+            "tcp": tcp,
+            "tip_radius": self.tip_radius,
+        }
 
 
 def load_hand(name: str, shelf: AssetShelf, where: str) -> Gripper | Pusher:
@@ -264,6 +277,7 @@ def _gripper(file: GripperFile, sensor: SensorFile) -> Gripper:
         pad_size=np.array(file.pad_size),
         force_min=file.force_range[0],
         force_max=file.force_range[1],
+        squeeze=file.squeeze,
         mass=file.mass + sensor.mass,
         com=np.array([0.0, 0.0, file.com]),
         sensor=_sensor_shape(sensor),

@@ -57,6 +57,11 @@ class MovedObject:
         return replace(self, T_world_goal=poses[0], symmetry="none", goal_turns=turns, goal_supports=())
 
     @property
+    def side(self) -> float:
+        """1 to the robot's left, -1 to its right, see `side_of`."""
+        return side_of(np.vstack([self.body.T_world_body[None], self.goals]), self.body.com)
+
+    @property
     def goals(self) -> Array:
         """(k, 4, 4) `T_world_object` of every goal."""
         return self.T_world_goal @ self.goal_turns
@@ -79,6 +84,19 @@ class MovedObject:
         chords = np.linalg.norm(T_goal_object[:3, :3] - turns[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
         angles = 2.0 * np.arcsin(np.minimum(1.0, chords / 2.0))
         return float(np.maximum(distances / GOAL_DISTANCE, angles / GOAL_ANGLE).min())
+
+
+def side_of(T_world_bodies: Array, point: Array) -> float:
+    """Return 1 to the robot's left, -1 to its right: the cell's left and right are mirror images of one another.
+
+    What is tried in an order that is turned over with it comes in mirrored order for a mirrored task.
+
+    Args:
+        T_world_bodies: (k, 4, 4) where a body is and where it goes; the first that is not in the middle decides.
+        point: (3,) of the body [m].
+    """
+    beside = T_world_bodies[:, 1, :3] @ point + T_world_bodies[:, 1, 3]
+    return next((math.copysign(1.0, y) for y in beside.tolist() if abs(y) > SAME_PLACE), 1.0)
 
 
 def symmetry_turns(solid: Solid, symmetry: Symmetry) -> Array:

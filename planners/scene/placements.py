@@ -66,9 +66,10 @@ def place_support(support: Support, table: Surface, shapes: ShapeSource) -> Body
 def place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tuple[Plate, Surface]:
     """Settle the plate on the support or the table, and return it with the surface it rests on."""
     given = task.plate
-    com = np.array(given.com)
+    solid = solid_of(given.shape)
+    com = solid.centroid if given.com is None else np.array(given.com)
     T_world_plate = from_pose7(task.plate_pose)
-    plate = Plate("plate", "plate", given.shape, solid_of(given.shape), given.mass, com, T_world_plate, static=False)
+    plate = Plate("plate", "plate", given.shape, solid, given.mass, com, T_world_plate, static=False)
     if plate.solid.depth(com) < -CONTAINMENT_SLACK:
         raise SceneError("/plate/com", "the centre of mass is not inside the plate")
     if T_world_plate[2, 2] <= 0.0:

@@ -21,8 +21,6 @@ class Link:
     """A rigid link, in the frame after as many joints as there are before it."""
 
     name: LinkName
-    mass: float | None
-    """[kg]; None where it is not published."""
     points: Array
     """(n, 3) corners of the convex hull of the mesh [m]."""
     shape: ConvexShape
@@ -44,6 +42,8 @@ class Robot:
     torque_max: Array
     links: tuple[Link, ...]
     """Link i moves with frame i: the base is 0, wrist 3 is 6."""
+    masses: Array
+    """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
     payload: float
     """Largest mass at the flange [kg]."""
     reach: float
@@ -88,6 +88,7 @@ def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
         acceleration_max=np.array([j.acceleration for j in joints]),
         torque_max=np.array([j.torque for j in joints]),
         links=tuple(_link(link, f"{path}: links.{i}.mesh") for i, link in enumerate(link_files)),
+        masses=np.array([[link.mass, *link.com] for link in file.masses]),
         payload=file.payload,
         reach=file.reach,
         fingerprint=fingerprint(_contents(file, link_files)),
@@ -117,4 +118,4 @@ def _link(file: LinkFile, where: str) -> Link:
     except AssetError as error:
         raise AssetError(f"{where}: {error}") from error
     points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
-    return Link(file.name, file.mass, points, ConvexShape(enclosing_hull(points)))
+    return Link(file.name, points, ConvexShape(enclosing_hull(points)))

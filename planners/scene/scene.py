@@ -20,7 +20,7 @@ from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body, Plate
 from planners.scene.cell import Cell
-from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
+from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
 from planners.scene.given_holds import GivenGrip, GivenPush, settle_grips, settle_pushes
 from planners.scene.hand import Gripper
 from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
@@ -57,6 +57,12 @@ class PlateLiftScene:
     lifter_model: Literal["paper", "cable"]
     friction: PlateLiftFriction
     hand_force_limit: HandForceLimit
+    squeeze: float | None
+    """What each pad of the gripper presses with when it bears nothing [N]; None: the paper's free fingers."""
+    mass_tolerance: float
+    """Share of the plate's mass by which it may be more or less [1]."""
+    com_tolerance: float
+    """Distance along each of the plate's axes by which its centre of mass may be off [m]."""
     obstacles: tuple[Body, ...]
     start_positions: Array
     """(12,), left arm first [rad]."""
@@ -159,6 +165,9 @@ def _build_lift_scene(
         lifter_model=task.lifter_model,
         friction=task.friction,
         hand_force_limit=task.hand_force_limit,
+        squeeze=_squeeze(task, _gripper(cell)),
+        mass_tolerance=task.plate.mass_tolerance,
+        com_tolerance=task.plate.com_tolerance,
         obstacles=tuple(place_obstacle(i, obstacle, shapes) for i, obstacle in enumerate(task.obstacles)),
         start_positions=start_positions(task.start_positions, cell),
         start_widths={name: _open_around(plate, cell) for name in cell.gripper_arms},
@@ -180,6 +189,19 @@ def _gripper(cell: Cell) -> Gripper:
     return hand
 
 
+def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:
+    asked = task.hand_force_limit.squeeze
+    if task.contact_model == "paper":
+        if asked is not None:
+            detail = "the paper's contact model has no squeeze: leave it out, or take the contact model squeeze"
+            raise SceneError("/hand_force_limit/squeeze", detail)
+        return None
+    if asked is not None and not gripper.force_min <= asked <= gripper.force_max:
+        able = f"the gripper squeezes with {gripper.force_min:.4g} to {gripper.force_max:.4g} N"
+        raise SceneError("/hand_force_limit/squeeze", f"{able}, not with {asked:.4g} N")
+    return gripper.squeeze if asked is None else asked
+
+
 def _open_around(plate: Plate, cell: Cell) -> float:
     return min(plate.height + 2.0 * FINGER_GAP, _gripper(cell).width_max)
 
@@ -192,7 +214,10 @@ def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
 
 
 def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
-    """Let static things overlap one another; the plate, the cup, the cable and the arms must be clear of all."""
+    """Let what the task places touch the cell, and what never moves overlap what else never moves.
+
+    The plate, the cup, the cable and the arms must be clear of all but what they rest on.
+    """
     cell = scene.cell
     fixed = [placed_body(body, np.eye(4), None) for body in cell.bodies]
     obstacles = [_placed(body, f"/obstacles/{i}/pose") for i, body in enumerate(scene.obstacles)]
@@ -202,7 +227,8 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     cable = [_placed(scene.cup.cable, "/cup/position")]
     arms = placed_arms(cell, scene.start_positions, scene.start_widths)
     resting = {_sorted_pair("plate", scene.support_name)}
-    refuse_overlaps(support, fixed, {_sorted_pair("support", "table")})
+    excess = {body.name: body.solid.excess for body in scene.bodies()}
+    refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess)
     refuse_overlaps(plate, [*fixed, *support, *obstacles], resting)
     refuse_overlaps(cup, [*fixed, *support, *obstacles])
     refuse_overlaps(cable, obstacles)

@@ -18,6 +18,8 @@ from planners.geometry.pose import Array, Transform
 
 RIM_POINTS = 96
 """Points that stand for a round outline; the chords lie inside the circle by at most 0.06 % of its radius."""
+CENTROID_DIGITS = 9
+"""Decimals of a centroid [m]."""
 
 Surface = tuple[Array, NDArray[np.int64]]
 """Vertices (n, 3) [m] and triangles (m, 3), closed and counter-clockwise from outside."""
@@ -53,6 +55,12 @@ class Solid(ABC):
         A round solid's has chords, inside it by at most 0.06 % of its radius. That of a solid made of several shapes
         is each shape's own.
         """
+
+    @property
+    def centroid(self) -> Array:
+        """(3,) centre of mass, were it evenly filled [m]; what shapes that overlap have in common counts for each."""
+        # To the nanometre, so that it is the same number on every machine; adding zero turns -0.0 into 0.0.
+        return np.round(surface.centroid(*self.surface()), CENTROID_DIGITS) + 0.0
 
     @abstractmethod
     def depth(self, point: Sequence[float] | Array) -> float:

@@ -96,7 +96,7 @@ def load_tool(
         name, given = given, read_tool_file(shipped_shelf().find("tools", given, "tool")).tool
     solid = _solid(given.shapes, shapes or ShapeSource())
     T = np.eye(4) if T_world_tool is None else T_world_tool
-    com = np.array(given.com)
+    com = solid.centroid if given.com is None else np.array(given.com)
     body = Body(TOOL_NAME, "tool", inline_mesh(solid), solid, given.mass, com, T, static=False)
     cup = given.cup
     return SuctionTool(name, body, given.mass, com, CupData(cup.radius, cup.max_force, cup.mu, cup.kappa))

@@ -14,7 +14,7 @@ from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
 from planners.scene.cell import Cell
-from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_overlaps
+from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_inside, refuse_overlaps
 from planners.scene.footing import Footing, Unsupported, find_footing, level_places
 from planners.scene.moved_object import MovedObject, symmetry_turns
 from planners.scene.placements import CONTAINMENT_SLACK
@@ -42,7 +42,10 @@ class ObjectsFall(SceneError):
 class StillBodies:
     """What never moves: the cell's own bodies and the obstacles."""
 
+    cell: tuple[PlacedBody, ...]
+    """The cell's own."""
     bodies: tuple[PlacedBody, ...]
+    """All of them."""
     places: tuple[Surface, ...]
     """Level places of all of them that others may rest on."""
     excess: dict[str, float]
@@ -51,12 +54,13 @@ class StillBodies:
     @classmethod
     def of(cls, cell: Cell, obstacles: Sequence[Body]) -> Self:
         """Collect what stands in a cell."""
-        bodies = [placed_body(body, np.eye(4), None) for body in cell.bodies]
+        own = tuple(placed_body(body, np.eye(4), None) for body in cell.bodies)
+        bodies = list(own)
         places = [_top_of_box(static.name, static.center, static.size) for static in cell.boxes]
         for i, body in enumerate(obstacles):
             bodies.append(placed_body(body.collision_body(), body.T_world_body, f"/obstacles/{i}/pose"))
             places += level_places(body.name, body.solid, body.T_world_body)
-        return cls(tuple(bodies), tuple(places), {body.name: body.solid.excess for body in obstacles})
+        return cls(own, tuple(bodies), tuple(places), {body.name: body.solid.excess for body in obstacles})
 
 
 def place_tool(
@@ -102,6 +106,7 @@ def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: Sha
     ]
     excess = still.excess | {body.name: body.solid.excess for body in bodies}
     supports = {body.name: goal.supports for body, goal in zip(bodies, goals, strict=True)}
+    refuse_inside(at_goals, still.cell, excess, "at its goal")
     refuse_overlaps_but_rest(at_goals, [*still.bodies, *at_goals], supports, excess, "at its goal")
     pile = _GoalPile(bodies, goals, at_goals, still, Standing(still.places))
     objects = []
@@ -154,7 +159,7 @@ def refuse_overlaps_but_rest(
 
 def _body(given: ObjectToMove, pointer: str, shapes: ShapeSource) -> Body:
     shape, solid = shapes.find(given.shape, f"{pointer}/shape")
-    com = np.array(given.com)
+    com = solid.centroid if given.com is None else np.array(given.com)
     if not _in_hull(solid, com):
         raise SceneError(f"{pointer}/com", f"the centre of mass is not inside {given.name}")
     return Body(given.name, "object", shape, solid, given.mass, com, from_pose7(given.pose), static=False)

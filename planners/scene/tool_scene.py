@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
+from typing import Self
 
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
+from planners.errors import SceneError
 from planners.geometry.pose import Array
 from planners.scene.body import Body
 from planners.scene.cell import Cell
-from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_overlaps
+from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
 from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
 from planners.scene.placements import place_obstacle
@@ -33,6 +33,8 @@ class SuctionToolScene:
     friction: SuctionToolFriction
     grip_force_limit: float
     """Largest normal force of one finger on the tool [N]."""
+    squeeze: float
+    """With which every hand grips the tool, from grip to release [N]."""
     carry_force_limits: dict[str, float]
     """By arm: largest net force of its fingers on the tool [N]: the weight that the payload leaves beside the hand, or
     less if the task says so."""
@@ -47,6 +49,27 @@ class SuctionToolScene:
     def bodies(self) -> tuple[Body, ...]:
         """Return the bodies the task brings: tool, objects, obstacles."""
         return (self.tool.body, *(moved.body for moved in self.objects), *self.obstacles)
+
+    def finger_limit(self, arm: str) -> float:
+        """Return the largest normal force that a finger of a hand can have [N].
+
+        It is the squeeze and half of what the hand may carry: a load along the closing axis adds half of itself to one
+        finger and takes it from the other.
+        """
+        return min(self.grip_force_limit, self.squeeze + 0.5 * self.carry_force_limits[arm])
+
+    def keeping_back(self, share: float) -> Self:
+        """Return the scene with every force limit smaller by a share of it [1]; the squeeze is commanded, and stays."""
+        left = 1.0 - share
+        cup = self.tool.cup
+        cup = replace(cup, max_force=left * cup.max_force, mu=left * cup.mu, kappa=left * cup.kappa)
+        return replace(
+            self,
+            tool=replace(self.tool, cup=cup),
+            friction=self.friction.model_copy(update={"grip": left * self.friction.grip}),
+            grip_force_limit=self.squeeze + left * (self.grip_force_limit - self.squeeze),
+            carry_force_limits={arm: left * limit for arm, limit in self.carry_force_limits.items()},
+        )
 
 
 def build_tool_scene(
@@ -69,16 +92,18 @@ def build_tool_scene(
     shapes = ShapeSource(uploads)
     obstacles = tuple(place_obstacle(i, given, shapes) for i, given in enumerate(task.obstacles))
     still = StillBodies.of(cell, obstacles)
+    carry_force_limits = {name: _carry_force_limit(task, cell, name) for name in cell.gripper_arms}
     scene = SuctionToolScene(
         cell=cell,
         tool=place_tool(task, cell, still, shapes, tools),
         objects=place_objects(task.objects, still, shapes),
         friction=task.friction,
         grip_force_limit=task.grip_force_limit,
-        carry_force_limits={name: _carry_force_limit(task, cell, name) for name in cell.gripper_arms},
+        squeeze=_squeeze(task, cell, max(carry_force_limits.values())),
+        carry_force_limits=carry_force_limits,
         obstacles=obstacles,
         start_positions=start_positions(task.start_positions, cell),
-        start_widths={name: _width_max(cell, name) for name in cell.gripper_arms},
+        start_widths={name: _gripper(cell, name).width_max for name in cell.gripper_arms},
         seed=task.seed,
         options=task.options,
     )
@@ -90,25 +115,41 @@ def _grips_with_both(cell: Cell) -> bool:
     return len(cell.gripper_arms) == 2
 
 
-def _width_max(cell: Cell, arm: str) -> float:
+def _gripper(cell: Cell, arm: str) -> Gripper:
     hand = cell.arms[arm].hand
     assert isinstance(hand, Gripper)
-    return hand.width_max
+    return hand
+
+
+def _squeeze(task: SuctionToolTask, cell: Cell, carried: float) -> float:
+    """Return the largest squeeze [N] with which no finger presses too hard, whatever of `carried` [N] it bears more."""
+    grippers = [_gripper(cell, name) for name in cell.gripper_arms]
+    least, most = max(each.force_min for each in grippers), min(each.force_max for each in grippers)
+    if task.grip_force_limit < least:
+        raise SceneError(
+            "/grip_force_limit", f"{task.grip_force_limit:g} N: the gripper squeezes with {least:g} N at least"
+        )
+    return min(most, max(least, task.grip_force_limit - 0.5 * carried))
 
 
 def _carry_force_limit(task: SuctionToolTask, cell: Cell, arm: str) -> float:
-    most = cell.arms[arm].spare_payload * float(np.linalg.norm(cell.gravity))
+    most = cell.payload_force(arm)
     return most if task.carry_force_limit is None else min(most, task.carry_force_limit)
 
 
 def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> None:
-    """Let static things overlap one another; tool, objects and arms must be clear of all."""
+    """Let what the task places touch the cell, and what never moves overlap what else never moves.
+
+    Tool, objects and arms must be clear of all but what they rest on.
+    """
     moved = [_placed(one.body, f"/objects/{i}/pose") for i, one in enumerate(scene.objects)]
     tool = _placed(scene.tool.body, "/tool_pose")
     arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
     supports = {one.name: one.start_supports for one in scene.objects} | {TOOL_NAME: scene.tool.supports}
     excess = still.excess | {body.name: body.solid.excess for body in scene.bodies()}
     standing = [*moved, tool]
+    obstacles = [body for body in still.bodies if body not in still.cell]
+    refuse_inside([*standing, *obstacles], still.cell, excess)
     refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, "at the start")
     refuse_overlaps(arms, [*standing, *still.bodies], scene.cell.excluded_pairs)
     refuse_overlaps(arms, arms, scene.cell.excluded_pairs)

@@ -70,6 +70,15 @@ def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) 
     assert document["software"]["name"] == "liftwright"
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["ab1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2"))],
+)
+def test_a_task_of_the_paper_is_lifted_in_physics(solved: Solved, name: str) -> None:
+    _, document = solved(name)
+    assert document["simulation"]["outcome"] == "lifted", document["simulation"]["cause"]
+
+
 @pytest.mark.parametrize("name", ["ab1", pytest.param("pb2", marks=pytest.mark.slow)])
 def test_a_lift_begins_on_the_support_and_ends_in_the_air(solved: Solved, name: str) -> None:
     _, document = solved(name)
@@ -90,6 +99,24 @@ def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(c
     for cause in in_newtons:
         assert cause["available"] < cause["needed"]
     assert any(cause["needed"] == pytest.approx(weight, rel=0.01) for cause in in_newtons)
+
+
+@pytest.mark.parametrize(
+    ("name", "outcome", "in_the_way"),
+    [
+        ("ab1_under_beams", "not_found", "left_beam"),
+        ("lid_under_roof", "not_found", "roof"),
+        ("lid_too_heavy", "infeasible", "heavier than the cup bears"),
+    ],
+)
+def test_an_example_without_a_plan_names_what_is_in_its_way(
+    client: httpx.Client, name: str, outcome: str, in_the_way: str
+) -> None:
+    plan, document = solve(client, task(f"{name}.json"))
+    assert plan["outcome"] == document["outcome"] == outcome
+    assert document["segments"] == []
+    assert any(in_the_way in cause["reason"] for cause in document["explanation"]["causes"])
+    assert "</html>" in client.get(plan["links"]["recording"]).raise_for_status().text
 
 
 @pytest.mark.slow
@@ -129,7 +156,8 @@ def test_handovers_of_the_shipped_tools_are_there_before_the_first_job_and_are_n
     client: httpx.Client, data_dir: Path
 ) -> None:
     kept = handovers_of(data_dir)
-    assert len(kept) == 2
+    # Of each of the two tools, standing and lying.
+    assert len(kept) == 4
     plan, _ = solve(client, task("can_stack.json"))
     events = client.get(plan["links"]["events"]).text
     assert '"stage":"handovers"' not in events.replace(" ", "")

@@ -13,7 +13,7 @@ import pytest
 from access.conftest import GuardedService
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from support.service import task
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from app.access.gate import PUBLIC
@@ -94,6 +94,24 @@ def test_a_revoked_key_opens_nothing_after_a_second(service: GuardedService) -> 
     revoke_key(service.settings, key.split("_")[1])
     time.sleep(1.1)
     assert httpx.get(f"{service.address}/v1/plans", headers=headers).status_code == 401
+
+
+@pytest.mark.parametrize("wish", [{"type": "open", "plan": "x"}, {"type": "open_perceived", "scene": "x"}])
+def test_a_websocket_opens_nothing_after_its_key_was_revoked(service: GuardedService, wish: dict[str, str]) -> None:
+    key = issue_key(service.settings, "mes", Scope.READ, None)
+    address = f"{service.address.replace('http', 'ws')}/viewer/watch"
+    with connect(address, additional_headers={"Authorization": f"Bearer {key}"}) as socket:
+        socket.recv(timeout=20)
+        socket.send(json.dumps(wish))
+        assert json.loads(socket.recv(timeout=20))["type"] == "refused", "there is none of that id, for who may ask"
+        revoke_key(service.settings, key.split("_")[1])
+        time.sleep(1.1)
+        socket.send(json.dumps(wish))
+        with pytest.raises(ConnectionClosed) as closed:
+            socket.recv(timeout=20)
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1008
+    assert "log in" in closed.value.rcvd.reason
 
 
 def test_a_reader_may_look_but_not_touch(service: GuardedService) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from itertools import product
 from typing import get_args
 
@@ -12,6 +11,7 @@ import pytest
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
 from planners.balance.lifter import LifterModel
+from tests.support.balance_statement import solve_stated
 
 STRUCTURES = list(product(get_args(LifterModel), (0, 1, 2, 4), (False, True), (False, True)))
 SEEDS = range(5)
@@ -27,7 +27,7 @@ def solved(random_lift):
 def stated(solved):
     statements = [lift.state() for lift, _ in solved]
     for statement in statements:
-        statement.problem.solve(solver="CLARABEL")
+        solve_stated(statement.problem)
     return statements
 
 
@@ -57,18 +57,21 @@ def test_wrenches_keep_inside_every_limit(solved):
     for lift, answer in solved:
         if isinstance(answer, Balanced):
             margins = [margin for wrench in answer.wrenches() for margin in contract_margins(lift, wrench)]
-            margins += [lift.plate.limits.net - force for force in net_hand_forces(answer)]
+            limits = lift.plate.limits
+            grip, push = net_hand_forces(answer)
+            margins += [limits.grip - grip, limits.push - push]
+            if limits.squeeze is not None and lift.grip is not None:
+                margins.append(limits.normal - grip)
+                assert answer.wrenches_contact[:2, 2].sum() == pytest.approx(2.0 * limits.squeeze, abs=1e-9)
             # Torque limits of the pad are 1e-6 N inside at an arm of its radius.
             assert min(margins) > 1e-8
             assert answer.least_slack > 1e-7
 
 
 def test_every_refusal_is_proven(solved):
-    for lift, answer in solved:
+    for _, answer in solved:
         if isinstance(answer, Unbalanced):
             assert answer.reason is UnbalanceReason.PROVEN
-            node = (lift.rotation, lift.environment_points, lift.grip, lift.push)
-            assert lift.balance.power_bound(answer.proof, *node) == pytest.approx(answer.power)
             assert answer.power < 0.0
 
 
@@ -79,19 +82,6 @@ def test_the_proof_is_a_twist_that_no_allowed_forces_can_drive(solved, stated):
         best = lift.most_power(statement, answer.proof.twist)
         assert best < 0.0
         assert best < answer.power + 1e-5
-
-
-def test_a_shortage_is_a_force_that_is_really_missing(random_lift):
-    """Less weight by a bit less than the shortage is still too heavy when it hangs on the centre of mass."""
-    checked = 0
-    for seed in range(20):
-        lift = random_lift(seed, "paper", 0, True, True)
-        answer = lift.solve()
-        if isinstance(answer, Unbalanced) and answer.shortage is not None and answer.shortage < lift.plate.mass * 9.8:
-            lighter = replace(lift.plate, mass=lift.plate.mass - 0.999 * answer.shortage / 9.81)
-            assert isinstance(replace(lift, plate=lighter).solve(), Unbalanced)
-            checked += 1
-    assert checked > 5
 
 
 def test_answers_do_not_depend_on_what_was_solved_before(random_lift):
@@ -114,7 +104,7 @@ def contract_margins(lift, wrench):
         yield from cup_margins(plate, wrench.wrench_world, force, torque)
     elif wrench.name.startswith("grip"):
         yield friction.grip * force[2] - math.hypot(slip, torque[2] / friction.eps)
-        yield plate.limits.normal - force[2]
+        yield plate.limits.normal - force[2] if plate.limits.squeeze is None else force[2]
     else:
         yield getattr(friction, wrench.name.split("_")[0]) * force[2] - slip
         if wrench.name == "push":

@@ -5,9 +5,21 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
-from tests.benchmarks import kernel_part, lift_part, perception_part, planning_part, service_part, suction_part
+from tests.benchmarks import (
+    kernel_part,
+    lift_part,
+    lifter_part,
+    perception_part,
+    planning_part,
+    random_lift_part,
+    reserve_part,
+    service_part,
+    suction_part,
+)
+from tests.benchmarks.attempt_file import Unfinished
 from tests.benchmarks.effort import FULL, QUICK
 from tests.benchmarks.machine import Circumstances
 from tests.benchmarks.part import Part, write_part
@@ -17,7 +29,10 @@ PARTS = {
     part.name: part
     for part in (
         Part("planning", "Plate lifts: planning", planning_part.measure),
+        Part("lifts_random", "Plate lifts: random", random_lift_part.measure),
         Part("lifts", "Plate lifts: simulated", lift_part.measure),
+        Part("lifters", "Plate lifts: lifters of all speeds", lifter_part.measure),
+        Part("reserve", "Plate lifts: what a reserve is worth", reserve_part.measure),
         Part("suction", "The suction tool", suction_part.measure),
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
@@ -35,6 +50,9 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all unless told")
     parser.add_argument("--quick", action="store_true", help="one small case of each, to see that everything works")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, metavar="DIR", help="where RESULTS.md goes")
+    parser.add_argument("--most", type=int, metavar="N", help="attempts to make before a resumable part stops")
+    parser.add_argument("--runs", type=int, metavar="N", help="of each task and reserve, in the part reserve")
+    parser.add_argument("--processes", type=int, metavar="N", help="that make attempts at a time")
     given = parser.parse_args()
     unknown = [name for name in given.parts if name not in PARTS]
     if unknown:
@@ -44,10 +62,16 @@ def main() -> None:
     def note(what: str) -> None:
         print(f"{time.monotonic() - begun:6.0f} s  {what}", file=sys.stderr, flush=True)
 
+    told = {"most_attempts": given.most, "processes": given.processes, "reserve_runs": given.runs}
+    effort = replace(QUICK if given.quick else FULL, **{name: n for name, n in told.items() if n is not None})
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.parts or PARTS:
         circumstances = Circumstances.now()
-        findings = PARTS[name].measure(QUICK if given.quick else FULL, note, given.out)
+        try:
+            findings = PARTS[name].measure(effort, note, given.out)
+        except Unfinished as unfinished:
+            note(f"{name}: {unfinished}; the same command goes on with them")
+            continue
         text = write_part(PARTS[name], findings, circumstances.told())
         replace_part(given.out / NAME, name, text, list(PARTS), quick=given.quick)
         note(f"{name}: written into {NAME}")

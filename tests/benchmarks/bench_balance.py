@@ -12,8 +12,8 @@ from planners.balance.balanced import Unbalanced
 from planners.balance.certificates import TwistTable
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
 from planners.balance.solver import Balance
-from planners.balance.statement import Plate, state_balance
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z
+from tests.support.balance_statement import Plate, state_balance
 
 Item = TypeVar("Item")
 

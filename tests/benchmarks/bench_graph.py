@@ -1,23 +1,27 @@
-"""Tables III and IV of paper B: the whole graph, examined node by node, and searched for all starts and goals."""
+"""Tables III and IV of paper B: the whole graph, examined node by node, and searched for all starts and goals.
+
+It is the graph of the planner that people run, and of the same planner with what is ours left out, one thing at a time.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
 from planners.graph.search import ALIVE, UNKNOWN, GraphPath, cheapest_path
 from planners.manipulation.dense_contacts import DenseContactStateGraph
-from planners.manipulation.examiner import NodeExaminer, hands_of
+from planners.manipulation.examiner import hands_of
 from planners.manipulation.graph import build_graph
 from planners.manipulation.hold_balance import HandPair
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.manipulation.reach import PairReach
-from tests.benchmarks.tasks import SOLVABLE, Note, planner_of, timed
+from tests.benchmarks.lift_variants import OURS, VARIANTS, Variant
+from tests.benchmarks.tasks import SOLVABLE, Note, timed
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,7 @@ class GraphFigures:
     """Table III for one task; seconds."""
 
     name: str
+    variant: str
     grips: int
     pushes: int
     dcsg_nodes: int
@@ -32,6 +37,8 @@ class GraphFigures:
     dcsg_seconds: float
     reach_seconds: float
     """RV1: which hand reaches which pose free of collision, and which pairs of hands keep the arms apart."""
+    rise_seconds: float
+    """Whether hands can go up from where they hold the plate at a goal; the paper does not ask."""
     holds: int
     """All holds: grips, pushes and pairs."""
     balance_seconds: tuple[float, ...]
@@ -63,6 +70,7 @@ class SearchFigures:
     """Table IV for one task and objective; seconds."""
 
     name: str
+    variant: str
     minimise: str
     starts: int
     goals: int
@@ -78,55 +86,70 @@ class SearchFigures:
     """Searches, checks and motion together."""
 
 
-class TimedPairReach:
-    """Both hands' reach; adds up the seconds spent on keeping the arms apart."""
+class Timed:
+    """Stands before an object and adds up the seconds spent in its methods."""
 
-    def __init__(self, pair: PairReach) -> None:
-        self.first, self.second, self._pair = pair.first, pair.second, pair
-        self.seconds = 0.0
+    def __init__(self, timed_object: object) -> None:
+        self._object, self.seconds = timed_object, 0.0
 
-    def compatible(
-        self, T_world_plates: np.ndarray, holds: tuple[int, int], postures: tuple[int, int]
-    ) -> tuple[int, int] | None:
-        found, seconds = timed(lambda: self._pair.compatible(T_world_plates, holds, postures))
-        self.seconds += seconds
-        return found
+    def __getattr__(self, name: str) -> Any:
+        member = getattr(self._object, name)
+        return self._timed(member) if callable(member) else member
+
+    def _timed(self, method: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*given: Any, **named: Any) -> Any:
+            found, seconds = timed(lambda: method(*given, **named))
+            self.seconds += seconds
+            return found
+
+        return call
 
 
-def measure(note: Note, names: Sequence[str] = SOLVABLE) -> tuple[list[GraphFigures], list[SearchFigures]]:
-    """Build and search the whole graph of each task, for either objective."""
+def measure(
+    note: Note, names: Sequence[str] = SOLVABLE, variants: Sequence[Variant] = VARIANTS
+) -> tuple[list[GraphFigures], list[SearchFigures]]:
+    """Build and search the whole graph of each task with each variant of the planner; ours for either objective."""
     graphs, searches = [], []
     for name in names:
-        for minimise in ("cost", "force"):
-            note(f"whole graph of {name}, least {minimise}")
-            planner = planner_of(name, minimise=minimise)
-            planner.build()
-            pair_seconds, by_hold = _examine(planner)
-            if minimise == "cost":
-                graphs.append(_graph_figures(name, planner, pair_seconds, by_hold))
-            searches.append(_search_figures(name, planner))
+        for variant in variants:
+            for minimise in ("cost", "force") if variant is OURS else ("cost",):
+                note(f"whole graph of {name}, least {minimise}, {variant.name}")
+                planner = variant.planner(name, minimise=minimise)
+                planner.build()
+                examined = _examine(planner)
+                if minimise == "cost":
+                    graphs.append(_graph_figures(name, variant, planner, examined))
+                searches.append(_search_figures(name, variant, planner))
     return graphs, searches
 
 
-def _examine(planner: PlateLiftPlanner) -> tuple[float, Counter[HandPair]]:
-    """Examine all nodes; return the seconds spent on pairs of arms, and on the balance of each hold."""
-    graph, pair = planner.graph, TimedPairReach(planner.pair)
-    planner.examiner = NodeExaminer(
-        graph, planner.balance, pair, planner.grip_postures, planner.push_postures, planner.rejections,
-        planner.settings.minimise,
-    )  # fmt: skip
+@dataclass(frozen=True)
+class _Examined:
+    """Seconds that examining all nodes took."""
+
+    pairs: float
+    rise: float
+    by_hold: Counter[HandPair]
+
+
+def _examine(planner: PlateLiftPlanner) -> _Examined:
+    """Have the planner's own examiner examine all nodes."""
+    graph, examiner = planner.graph, planner.examiner
+    pair, rise = Timed(examiner.pair), Timed(examiner.rising)
+    examiner.pair = pair
+    if examiner.rising is not None:
+        examiner.rising = rise
     by_hold: Counter[HandPair] = Counter()
     for node in range(graph.graph.node_count):
         if graph.knowledge.status[node] == UNKNOWN:
-            before, begun = pair.seconds, perf_counter()
-            planner.examiner(node)
-            by_hold[hands_of(*graph.hold_of(node))] += perf_counter() - begun - (pair.seconds - before)
-    return pair.seconds, by_hold
+            before, begun = pair.seconds + rise.seconds, perf_counter()
+            examiner(node)
+            spent = perf_counter() - begun - (pair.seconds + rise.seconds - before)
+            by_hold[hands_of(*graph.hold_of(node))] += spent
+    return _Examined(pair.seconds, rise.seconds, by_hold)
 
 
-def _graph_figures(
-    name: str, planner: PlateLiftPlanner, pair_seconds: float, by_hold: Counter[HandPair]
-) -> GraphFigures:
+def _graph_figures(name: str, variant: Variant, planner: PlateLiftPlanner, seconds: _Examined) -> GraphFigures:
     graph, scene, settings = planner.graph, planner.scene, planner.settings
     plates = np.array([pose.T_world_plate for pose in planner.poses.poses])
     _, dcsg_seconds = timed(
@@ -141,13 +164,26 @@ def _graph_figures(
     alive = graph.knowledge.status == ALIVE
     grips, pushes = len(planner.grips), len(planner.pushes)
     return GraphFigures(
-        name, grips, pushes, len(planner.poses.poses), len(planner.poses.edges), dcsg_seconds, reach + pair_seconds,
-        grips + pushes + grips * pushes, tuple(by_hold.values()), merge_seconds, graph.graph.node_count,
-        planner.examiner.examined, int(alive.sum()), int(alive[graph.edge_nodes].all(axis=1).sum()),
-    )  # fmt: skip
+        name=name,
+        variant=variant.name,
+        grips=grips,
+        pushes=pushes,
+        dcsg_nodes=len(planner.poses.poses),
+        dcsg_edges=len(planner.poses.edges),
+        dcsg_seconds=dcsg_seconds,
+        reach_seconds=reach + seconds.pairs,
+        rise_seconds=seconds.rise,
+        holds=grips + pushes + grips * pushes,
+        balance_seconds=tuple(seconds.by_hold.values()),
+        merge_seconds=merge_seconds,
+        candidates=graph.graph.node_count,
+        examined=planner.examiner.examined,
+        nodes=int(alive.sum()),
+        edges=int(alive[graph.edge_nodes].all(axis=1).sum()),
+    )
 
 
-def _search_figures(name: str, planner: PlateLiftPlanner) -> SearchFigures:
+def _search_figures(name: str, variant: Variant, planner: PlateLiftPlanner) -> SearchFigures:
     graph = planner.graph
     alive = graph.knowledge.status == ALIVE
     starts = [start for start in graph.starts if alive[start]]
@@ -156,6 +192,7 @@ def _search_figures(name: str, planner: PlateLiftPlanner) -> SearchFigures:
     plan, checked_seconds = timed(planner.search)
     return SearchFigures(
         name=name,
+        variant=variant.name,
         minimise=planner.settings.minimise,
         starts=len(starts),
         goals=int((graph.goal & alive).sum()),

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from planners.balance.statement import Plate, state_balance
 from planners.collision.kernel import first_collision, make_scratch, set_frame
 from planners.manipulation.examiner import hands_of
 from planners.manipulation.hold_balance import HandPair
@@ -24,6 +23,7 @@ from planners.manipulation.reach import HandReach, PlateQuery
 from tests.benchmarks.iterative_ik import iterate
 from tests.benchmarks.tasks import SOLVABLE, Note, cpu_seconds, planner_of
 from tests.kinematics.arm_oracle import PinocchioArm
+from tests.support.balance_statement import Plate, state_balance
 
 
 @dataclass(frozen=True)

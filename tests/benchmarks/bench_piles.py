@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache, partial
 from multiprocessing import get_context
@@ -22,6 +22,7 @@ PROCESSES = 2
 MOST_SEEDS = 5000
 """Of one pile that are looked at."""
 _SEEDS_AT_ONCE = 20
+_MEASURING = ("random_piles.py", "pile_attempt.py", "certified_plan.py")
 
 
 @dataclass(frozen=True)
@@ -83,24 +84,22 @@ def measure(note: Note, kept: Path, piles: Sequence[Pile] = PILES, layouts: int 
         piles: which.
         layouts: of each.
     """
-    file = AttemptFile.of_this_code(kept)
+    file = attempt_file(kept)
     with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as processes:
         seeds = {pile: _seeds(processes, pile, layouts, note) for pile in piles}
-        known = file.read()
-        missing = [(pile, seed) for pile in piles for seed in seeds[pile].good if (pile.name, seed) not in known]
-        jobs = {processes.submit(_attempt, kept, pile, seed): (pile, seed) for pile, seed in missing}
-        for number, job in enumerate(as_completed(jobs), start=1):
-            error = job.exception()
-            if isinstance(error, BrokenExecutor):
-                raise error
-            attempt = job.result() if error is None else PileAttempt.broken(*jobs[job], error)
-            file.add(attempt)
-            note(f"piles: {number} of {len(jobs)}, {_told(attempt)}")
-    attempts = file.read()
+        work = {(pile.name, seed): partial(_attempt, kept, pile, seed) for pile in piles for seed in seeds[pile].good}
+        attempts = file.complete(processes, work, lambda told: note(f"piles: {told}"))
     return [
         PileFigures(pile, each.refused, [attempts[pile.name, seed] for seed in each.good])
         for pile, each in seeds.items()
     ]
+
+
+def attempt_file(kept: Path) -> AttemptFile[PileAttempt]:
+    """Return where attempts with the code as it is are kept."""
+    return AttemptFile.of_this_code(
+        kept, PileAttempt, "piles", ("random_piles.py", "pile_attempt.py", "certified_plan.py")
+    )
 
 
 def _seeds(processes: Executor, pile: Pile, layouts: int, note: Note) -> PileSeeds:
@@ -127,7 +126,10 @@ def _refusals(processes: Executor, pile: Pile) -> Iterator[tuple[int, str | None
 def _refusal(pile: Pile, seed: int) -> str | None:
     """Return why a seed gives no layout, with equal words for equal objects; None where it gives one."""
     reason = refusal(pile, seed, _cells())
-    return None if reason is None else re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", reason))
+    if reason is None:
+        return None
+    reason = re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", reason))
+    return re.sub(r"is [\d.]+ mm deep", "is deep", reason)
 
 
 def _attempt(databases: Path, pile: Pile, seed: int) -> PileAttempt:
@@ -150,8 +152,3 @@ def _warm_worker(databases: Path, pile: Pile) -> PileWorker:
     worker = _worker(databases)
     worker.warm_up(pile)
     return worker
-
-
-def _told(attempt: PileAttempt) -> str:
-    seconds = f"{attempt.planning:.2f} s, CPU {attempt.planning_cpu:.2f} s"
-    return f"{attempt.pile}, seed {attempt.seed}: {attempt.outcome} in {seconds}. {attempt.reason}".strip()

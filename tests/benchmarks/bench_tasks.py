@@ -42,14 +42,14 @@ class TaskFigures:
 class TimedCertifier:
     """Stands before the certifier of a pipeline: where planning ends and certifying begins."""
 
-    certify: Callable[..., Certificate]
+    certify: Callable[..., Certificate | None]
     document: dict[str, Any] | None = None
     certificate: Certificate | None = None
     begun: tuple[float, float] = (0.0, 0.0)
     """Wall clock and CPU [s]."""
     ended: tuple[float, float] = (0.0, 0.0)
 
-    def __call__(self, document: dict[str, Any], *known: Any) -> Certificate:
+    def __call__(self, document: dict[str, Any], *known: Any) -> Certificate | None:
         self.document, self.begun = document, clocks()
         self.certificate = self.certify(document, *known)
         self.ended = clocks()
@@ -79,13 +79,14 @@ def _task(pipeline: Pipeline, name: str, note: Note, runs: int) -> TaskFigures:
     certifiers, seconds = zip(*(_run(pipeline, task_body(name)) for _ in range(runs)), strict=True)
     figures = median_of(list(seconds))
     document, certificate = certifiers[0].document, certifiers[0].certificate
+    assert certificate is not None, f"{name} was not found"
     return TaskFigures(
         name=name,
         outcome=document["outcome"],
         summary=document["explanation"]["summary"],
         slowest_planning=max(row["planning"] for row in seconds),
         stages=median_of([_stages(each.document, row) for each, row in zip(certifiers, seconds, strict=True)]),
-        failed_checks=tuple(check.name for check in certificate.checks if not check.passed),
+        failed_checks=tuple(check.name for check in certificate.failures),
         graph=document["statistics"]["graph"],
         search=document["statistics"]["search"],
         **figures,

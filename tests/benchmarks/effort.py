@@ -13,6 +13,8 @@ from tests.benchmarks import (
     bench_motion,
     bench_piles,
     bench_processes,
+    bench_random_lifts,
+    bench_reserve,
     bench_search,
     bench_simulation,
     bench_tool_motion,
@@ -54,7 +56,14 @@ class Effort:
     handover_tasks: tuple[str, ...] = bench_handovers.TISSUE_TASKS
     tool_tasks: tuple[str, ...] = bench_tool_motion.TASKS
     resumed: bool = True
-    """Whether layouts that a stopped run had planned with the same code are not planned again."""
+    """Whether attempts that a stopped run had made with the same code are not made again."""
+    random_lifts: int = bench_random_lifts.LIFTS
+    reserve_runs: int = bench_reserve.RUNS
+    """Of each task and reserve."""
+    processes: int = bench_random_lifts.PROCESSES
+    """That make attempts at random lifts and at the reserve study, at a time."""
+    most_attempts: int | None = None
+    """Of these, to make before the run stops; the next one goes on. None: all."""
     frames: int = 200
     """Of each kind, for perception."""
     scan_share: float = 1.0
@@ -66,6 +75,6 @@ QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
-    fuzz_cases=0,
+    fuzz_cases=0, random_lifts=2, reserve_runs=1,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from time import process_time
 from typing import Any, Self
 
-from planners.progress import silent
 from planners.scene.suction_tool import TOOL_NAME
-from tests.benchmarks.bench_tasks import TimedCertifier, clocks
+from tests.benchmarks.certified_plan import BROKEN, SOLVED, certified_plan
 from tests.benchmarks.random_piles import Pile, strewn
 from tests.benchmarks.tasks import task_body
-from workers.pipeline import CertificateFailed, Pipeline
-
-SOLVED, UNCERTIFIED, BROKEN = "solved", "certificate failed", "broken"
+from workers.pipeline import Pipeline
 
 
 @dataclass(frozen=True)
@@ -46,14 +42,24 @@ class PileAttempt:
     """Most turns of the tool about its axis at any time, either way [1]."""
 
     @property
+    def key(self) -> tuple[str, int]:
+        """Pile and seed."""
+        return self.pile, self.seed
+
+    @property
     def solved(self) -> bool:
         """Whether it was planned and the plan passed its certificate."""
         return self.outcome == SOLVED
 
+    def told(self) -> str:
+        """Say in a line what came of it."""
+        seconds = f"{self.planning:.2f} s, CPU {self.planning_cpu:.2f} s"
+        return f"{self.pile}, seed {self.seed}: {self.outcome} in {seconds}. {self.reason}".strip()
+
     @classmethod
-    def broken(cls, pile: Pile, seed: int, error: BaseException) -> Self:
+    def broken(cls, key: tuple[str, int], error: BaseException) -> Self:
         """Return the attempt of a layout at which the planner raised what it should not raise."""
-        return cls(pile.name, seed, BROKEN, f"{type(error).__name__}: {error}")
+        return cls(*key, BROKEN, f"{type(error).__name__}: {error}")
 
 
 class PileWorker:
@@ -80,35 +86,10 @@ class PileWorker:
         return self._solve(pile, seed, strewn(pile, seed))
 
     def _solve(self, pile: Pile, seed: int, body: dict[str, Any]) -> PileAttempt:
-        certifier = TimedCertifier(self._pipeline.certify)
-        body = body | {"options": body.get("options", {}) | {"simulate": False}}
-        pipeline = replace(self._pipeline, certify=certifier, clock=process_time)
-        begun, reason, outcome = clocks(), "", ""
-        try:
-            pipeline.solve({"id": "benchmark", "task": body}, silent)
-        except CertificateFailed as failure:
-            outcome, reason = UNCERTIFIED, str(failure)
-        document = certifier.document
-        assert document is not None
-        return PileAttempt(
-            pile.name,
-            seed,
-            outcome or document["outcome"],
-            reason or _cause(document),
-            planning=certifier.begun[0] - begun[0],
-            planning_cpu=certifier.begun[1] - begun[1],
-            certificate=certifier.ended[0] - certifier.begun[0],
-            certificate_cpu=certifier.ended[1] - certifier.begun[1],
-            stages={stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]},
-            **_figures(document),
-        )
-
-
-def _cause(document: Mapping[str, Any]) -> str:
-    if document["outcome"] == SOLVED:
-        return ""
-    explanation = document["explanation"]
-    return " ".join([explanation["summary"], "; ".join(cause["reason"] for cause in explanation["causes"])]).strip()
+        plan = certified_plan(self._pipeline, body)
+        stages = {stage["name"]: stage["seconds"] for stage in plan.document["statistics"]["stages"]}
+        figures = _figures(plan.document)
+        return PileAttempt(pile.name, seed, plan.outcome, plan.reason, stages=stages, **plan.seconds, **figures)
 
 
 def _figures(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from tests.benchmarks import bench_handovers, bench_piles, bench_tool_motion
-from tests.benchmarks.attempt_file import FOLDER
+from tests.benchmarks.attempt_file import kept_attempts
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.part import Findings
 from tests.benchmarks.suction_plots import draw_planning
@@ -26,18 +25,11 @@ class SuctionFigures:
 
 def measure(effort: Effort, note: Note, folder: Path) -> Findings:
     """Measure the suction tool; what a stopped run had planned with the same code is not planned again."""
-    if effort.resumed:
-        figures = _measure(effort, note, FOLDER)
-    else:
-        with TemporaryDirectory() as fresh:
-            figures = _measure(effort, note, Path(fresh))
+    with kept_attempts(effort.resumed) as kept:
+        figures = SuctionFigures(
+            bench_handovers.measure(note, kept, effort.handover_tasks),
+            bench_piles.measure(note, kept, effort.piles, effort.layouts),
+            bench_tool_motion.measure(note, kept, effort.tool_tasks),
+        )
     picture = draw_planning(figures.piles, PLANNING_LIMIT, PLANNING_AIM, folder)
     return Findings(limits(figures), sections(figures, picture))
-
-
-def _measure(effort: Effort, note: Note, kept: Path) -> SuctionFigures:
-    return SuctionFigures(
-        bench_handovers.measure(note, kept, effort.handover_tasks),
-        bench_piles.measure(note, kept, effort.piles, effort.layouts),
-        bench_tool_motion.measure(note, kept, effort.tool_tasks),
-    )

@@ -13,9 +13,10 @@ from planners.regrasp.object_progress import ObjectStage
 from tests.benchmarks.bench_handovers import HandoverFigures
 from tests.benchmarks.bench_piles import PileFigures
 from tests.benchmarks.bench_tool_motion import EMPTY, LADEN, TOOL, FreeMotion, TaskMotion
+from tests.benchmarks.certified_plan import UNCERTIFIED
 from tests.benchmarks.markdown import Cell, table
 from tests.benchmarks.part import Limit
-from tests.benchmarks.pile_attempt import UNCERTIFIED, PileAttempt
+from tests.benchmarks.pile_attempt import PileAttempt
 from tests.benchmarks.random_piles import LONG, X, Y
 from tests.benchmarks.suction_tables import TABLE_I, PaperObject
 

@@ -20,14 +20,22 @@ SECTIONS = {
         "Processes and the running service",
         "Table III: building the graph",
         "Table IV: searching the graph",
+        "What is ours, and what it changes",
         "The paper's own method on this machine (extrapolated)",
         "How cost grows",
+    ),
+    "Plate lifts: random": (
+        "Aimed at and reached",
+        "Random lifts",
+        "Not found, and wrongly so",
+        "Lifts that are not solved",
     ),
     "Plate lifts: simulated": (
         "Aimed at and reached",
         "What the controller is worth",
         "Fig. 12 and 13: forces while lifting",
     ),
+    "Plate lifts: what a reserve is worth": ("Aimed at and reached", "What the reserve is worth"),
     "The suction tool": (
         "Aimed at and reached",
         "Random layouts",

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from planners.regrasp.object_progress import ObjectStage
-from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.bench_handovers import HandoverFigures
-from tests.benchmarks.bench_piles import PileFigures
+from tests.benchmarks.bench_piles import PileFigures, attempt_file
 from tests.benchmarks.bench_tool_motion import EMPTY, LADEN, FreeMotion, TaskMotion
-from tests.benchmarks.pile_attempt import SOLVED, UNCERTIFIED, PileAttempt
+from tests.benchmarks.certified_plan import SOLVED, UNCERTIFIED
+from tests.benchmarks.pile_attempt import PileAttempt
 from tests.benchmarks.random_piles import PILES, X, Y, strewn
 from tests.benchmarks.suction_part import SuctionFigures
 from tests.benchmarks.suction_plots import draw_planning
@@ -82,12 +82,12 @@ def test_layouts_without_a_solution_can_be_drawn(tmp_path: Path) -> None:
 
 
 def test_a_run_that_was_cut_off_goes_on_with_what_it_had(tmp_path: Path) -> None:
-    file = AttemptFile.of_this_code(tmp_path)
+    file = attempt_file(tmp_path)
     for seed in (1, 2):
         file.add(solved(seed))
     (path,) = tmp_path.iterdir()
     path.write_text(path.read_text()[:-5])
-    again = AttemptFile.of_this_code(tmp_path)
+    again = attempt_file(tmp_path)
     assert again.read() == {(DOMINO.name, 1): solved(1)}
     again.add(solved(3))
     assert sorted(seed for _, seed in again.read()) == [1, 3]

@@ -13,6 +13,7 @@ from planners.certify import CellReference, RobotSurfaces, certify
 from planners.certify.body_shape import prism
 from planners.certify.cones import StatedCup
 from planners.certify.infeasibility import face_distances, largest_lift
+from planners.certify.lift_program import stated_lift
 
 Document = dict[str, Any]
 WIDE_OPEN = 0.085
@@ -44,11 +45,18 @@ def make_thick(document: Document, size: list[float]) -> None:
         document["bodies"][name]["pose"][2] += 2 * lift
 
 
+def hands_of(document: Document) -> list[float]:
+    """The most that each hand bears [N]: its net limit, and what its arm's payload leaves beside it."""
+    cell = document["cell"]
+    left = [9.81 * (cell["arms"][arm]["payload"] - cell["hands"][arm]["mass"]) for arm in ("left", "right")]
+    return [min(19.0, most) for most in left]
+
+
 def most_that_lifts(document: Document, mu: float = 0.5) -> float:
-    """Cup by a scan over tilts; both hands of the synthetic task are bounded by their net limit."""
+    """Cup by a scan over tilts, and both hands."""
     tilts = np.linspace(0.0, np.pi / 2, 100_001)
     pull = document["task"]["cup"]["max_force"]
-    return float((pull * (np.cos(tilts) + np.sqrt(2 / 3) * mu * np.sin(tilts))).max()) + 2 * 19.0
+    return float((pull * (np.cos(tilts) + np.sqrt(2 / 3) * mu * np.sin(tilts))).max()) + sum(hands_of(document))
 
 
 def infeasibility(document: Document, surfaces: RobotSurfaces) -> tuple[bool, str]:
@@ -101,6 +109,34 @@ def test_a_plate_that_can_be_gripped_one_way_is_not_infeasible(
 
 
 @pytest.mark.parametrize(
+    ("x", "share", "available", "passes"),
+    [
+        (2.0, 1.0, 1.4, True),
+        (2.0, 1.0, 1.0, False),
+        (2.0, 1.01, 1.4, False),
+        (2.0, 1.0, 2.1, False),
+        (0.8, 1.0, 0.5, False),
+    ],
+)
+def test_a_plate_that_neither_hand_reaches_is_infeasible(
+    x: float, share: float, available: float, passes: bool, document: Document, surfaces: RobotSurfaces
+) -> None:
+    """The stick's arm reaches farther; both shoulders are as far from a plate between them."""
+    for pose in (document["task"]["plate_pose"], document["bodies"]["plate"]["pose"]):
+        shift = x - pose[0]
+        pose[0] = x
+    for name in ("cup", "cable"):
+        document["bodies"][name]["pose"][0] += shift
+    support = document["task"]["support"]["pose"], document["bodies"]["support"]["pose"]
+    for pose in support:
+        pose[0] = x
+    shoulder = np.array([0.0, 0.258485, 1.610515]) + 0.15185 * np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)
+    far = float(np.linalg.norm(np.array(document["task"]["plate_pose"][:3]) - shoulder))
+    told = unsolved(document, needed=share * far, available=available, unit="m")
+    assert infeasibility(told, surfaces)[0] == passes
+
+
+@pytest.mark.parametrize(
     ("change", "member"),
     [
         ({"needed": 1.001}, "needed"),
@@ -149,8 +185,49 @@ def test_a_cell_with_a_gripper_that_opens_less_than_the_known_one_fails(
     assert {check.name for check in certify(told, surfaces, reference).failures} == {"cell"}
 
 
-def test_not_found_claims_nothing_and_needs_no_proof(document: Document, surfaces: RobotSurfaces) -> None:
-    assert certify(unsolved(document, "not_found"), surfaces).passed
+def test_a_bound_that_is_too_small_is_found_out_by_the_program(
+    document: Document, surfaces: RobotSurfaces, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fault of ours: the formula forgets half of the cup."""
+    weight = 0.95 * most_that_lifts(document)
+    make_heavy(document, weight)
+    told = unsolved(document, needed=weight, available=weight - 5.0, unit="N")
+    monkeypatch.setattr("planners.certify.infeasibility.largest_lift", lambda cup, _: 0.5 * cup.max_force)
+    passed, where = infeasibility(told, surfaces)
+    assert not passed
+    assert "as the program finds" in where
+
+
+@pytest.mark.parametrize("model", ["paper", "cable", "dexnet"])
+@pytest.mark.parametrize("mu", [0.1, 0.5, 2.0])
+def test_program_and_formula_find_the_same_bound(model: str, mu: float) -> None:
+    cup = StatedCup(0.0175, 20.0, mu, 0.005)
+    assert stated_lift(cup, model, (19.0, 7.0)) == pytest.approx(largest_lift(cup, model) + 26.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("model", ["paper", "cable", "dexnet"])
+def test_a_weight_between_two_lifters_is_infeasible_for_the_weaker_one_alone(
+    model: str, document: Document, surfaces: RobotSurfaces
+) -> None:
+    """Heavier than a cable lifts, lighter than a cup with friction at its best tilt."""
+    with_a_cable = 20.0 + sum(hands_of(document))
+    weight = 0.5 * (with_a_cable + most_that_lifts(document))
+    make_heavy(document, weight)
+    document["task"]["lifter_model"] = model
+    told = unsolved(document, needed=weight, available=with_a_cable, unit="N")
+    assert infeasibility(told, surfaces)[0] == (model != "paper")
+
+
+def test_not_found_claims_nothing_and_has_no_certificate(document: Document, surfaces: RobotSurfaces) -> None:
+    assert certify(unsolved(document, "not_found"), surfaces) is None
+
+
+def test_not_found_is_read_all_the_same(document: Document, surfaces: RobotSurfaces) -> None:
+    told = unsolved(document, "not_found")
+    del told["task"]["cup"]
+    certificate = certify(told, surfaces)
+    assert certificate is not None
+    assert [check.name for check in certificate.failures] == ["structure"]
 
 
 @pytest.mark.parametrize("model", ["paper", "cable", "dexnet"])

@@ -87,7 +87,7 @@ def move_plate_aside(document: Document, sample: int, way: float) -> None:
 def tremble(document: Document, segment: int, joint: int) -> float:
     """Let a resting joint swing between samples only: at every sample it is where it was, with velocities that agree.
 
-    Returns the greatest swing [rad]. The acceleration limits of the document are raised to hide it.
+    Returns the greatest swing [rad]. The document's limits of acceleration and torque are raised to hide it.
     """
     rows = document["segments"][segment]["velocities"]
     n = len(rows)
@@ -97,7 +97,7 @@ def tremble(document: Document, segment: int, joint: int) -> float:
         row[joint] = float(speed[k]) * (-1.0) ** k
         accelerations[joint] = hardest * (-1.0) ** (k + 1)
     for arm in document["cell"]["arms"].values():
-        arm["acceleration_max"] = [1e5] * 6
+        arm["acceleration_max"], arm["torque_max"] = [1e5] * 6, [1e5] * 6
     document["segments"][segment]["movers"] = ["left", "right"]
     return float(speed.max()) * 0.02 / 4
 
@@ -403,12 +403,12 @@ def the_plate_is_lighter_than_the_task_says(document: Document) -> None:
         contact["wrench"][3] = 0.01
 
 
-@lie("friction", "by right finger")
+@lie("friction reserve", "by right finger")
 def a_finger_is_past_its_cone_by_one_percent(document: Document) -> None:
     squeeze(document, TILT, lambda pressed, shear: 0.99 * shear / 0.5)
 
 
-@lie("normal_force", "by right finger")
+@lie("normal_force reserve", "by right finger")
 def a_finger_presses_too_hard(document: Document) -> None:
     squeeze(document, TILT, lambda pressed, shear: 17.5)
 
@@ -418,12 +418,12 @@ def a_point_transmits_a_torque(document: Document) -> None:
     contacts_of(document, TILT, "point")[0]["wrench"][4] += 0.002
 
 
-@lie("hand_force", "plate by ")
+@lie("hand_force reserve", "plate by ")
 def a_hand_bears_too_much(document: Document) -> None:
     document["task"]["hand_force_limit"]["net"] = 1.0
 
 
-@lie("cup_force", "by cup")
+@lie("cup_force reserve", "by cup")
 def the_cup_pulls_too_hard(document: Document) -> None:
     document["task"]["cup"]["max_force"] = 14.0
     for contact in all_contacts(document, "suction"):
@@ -435,14 +435,14 @@ def the_suction_force_is_not_the_pull(document: Document) -> None:
     contacts_of(document, TILT, "suction")[0]["suction_force"] -= 0.01
 
 
-@lie("suction", "shear")
+@lie("suction reserve", "shear")
 def the_cup_slips(document: Document) -> None:
     document["task"]["cup"]["mu"] = 0.01
     for contact in all_contacts(document, "suction"):
         contact["mu"] = 0.01
 
 
-@lie("suction_moment balance_moment", "peel")
+@lie("suction_moment balance_moment reserve", "peel")
 def the_cup_bears_a_moment(document: Document) -> None:
     contact = contacts_of(document, TILT, "suction")[0]
     contact["wrench"][3:] = (0.002 * np.array(contact["x_axis"])).tolist()

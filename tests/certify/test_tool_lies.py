@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -255,13 +255,139 @@ def a_force_is_smaller(document: Document) -> None:
 @lie("friction", "finger")
 def fingers_are_past_their_cones(document: Document) -> None:
     for contact in contacts(first(document, "transfer", after="attach"), "soft_finger", "tool"):
-        contact["wrench"][:3] = (np.array(contact["wrench"][:3]) - 0.2 * np.array(contact["normal"])).tolist()
+        contact["wrench"][:3] = (np.array(contact["wrench"][:3]) - 50.0 * np.array(contact["normal"])).tolist()
 
 
 @lie("normal_force", "finger")
 def fingers_press_too_hard(document: Document) -> None:
     for contact in contacts(first(document, "transfer", after="attach"), "soft_finger", "tool"):
         contact["wrench"][:3] = (np.array(contact["wrench"][:3]) + 60.0 * np.array(contact["normal"])).tolist()
+
+
+def grips(document: Document) -> Iterator[dict[str, Any]]:
+    """Every grip of every hold."""
+    for segment in document["segments"]:
+        for name in ("grip", "second_grip"):
+            if segment["hold"] is not None and segment["hold"][name] is not None:
+                yield segment["hold"][name]
+
+
+def fingers(document: Document) -> Iterator[dict[str, Any]]:
+    """Every contact of a finger."""
+    for segment in document["segments"]:
+        yield from (contact for contact in segment["contacts"] if contact["kind"] == "soft_finger")
+
+
+def squeeze_with(document: Document, force: float) -> None:
+    """Say everywhere that the grippers squeeze with a force, and have the contacts do so."""
+    for contact in fingers(document):
+        more = force - contact["squeeze"]
+        contact["wrench"][:3] = (np.array(contact["wrench"][:3]) + more * np.array(contact["normal"])).tolist()
+        contact["squeeze"] = force
+    for grip in grips(document):
+        grip["squeeze"] = force
+
+
+@lie("squeeze", "no squeeze is stated")
+def no_squeeze_is_commanded(document: Document) -> None:
+    for grip in grips(document):
+        del grip["squeeze"]
+
+
+@lie("squeeze", "hand")
+def the_gripper_squeezes_less_than_it_can(document: Document) -> None:
+    squeeze_with(document, 19.9)
+
+
+@lie("squeeze", "hand")
+def the_gripper_squeezes_more_than_it_can(document: Document) -> None:
+    squeeze_with(document, 235.1)
+
+
+@lie("normal_force", "finger")
+def the_gripper_squeezes_more_than_its_task_allows(document: Document) -> None:
+    squeeze_with(document, 61.0)
+
+
+@lie("squeeze", "not as before")
+def the_squeeze_changes_during_a_hold(document: Document) -> None:
+    later = first(document, "transfer", after="attach")
+    for contact in later["contacts"]:
+        if contact["kind"] == "soft_finger":
+            contact["wrench"][:3] = (np.array(contact["wrench"][:3]) + np.array(contact["normal"])).tolist()
+            contact["squeeze"] += 1.0
+    later["hold"]["grip"]["squeeze"] += 1.0
+
+
+@lie("squeeze", "both fingers together")
+def fingers_press_more_than_they_squeeze(document: Document) -> None:
+    for contact in contacts(first(document, "transfer", after="attach"), "soft_finger", "tool"):
+        contact["wrench"][:3] = (np.array(contact["wrench"][:3]) + 0.001 * np.array(contact["normal"])).tolist()
+
+
+@lie("squeeze", "finger 0: squeeze")
+def a_finger_squeezes_otherwise_than_its_hand(document: Document) -> None:
+    for contact in contacts(first(document, "transfer", after="attach"), "soft_finger", "tool"):
+        contact["squeeze"] += 0.001
+
+
+@lie("squeeze", "both fingers together")
+def a_hand_squeezes_with_one_finger(document: Document) -> None:
+    segment = first(document, "transfer", after="attach")
+    away = contacts(segment, "soft_finger", "tool")[0]
+    segment["contacts"].remove(away)
+
+
+@lie("contact_parameters", "finger 1 (soft_finger): limit")
+def a_finger_may_press_more_than_the_squeeze_and_half_of_the_load(document: Document) -> None:
+    contacts(first(document, "transfer", after="attach"), "soft_finger", "tool")[1]["limit"] += 1.0
+
+
+@lie("cell", "/cell/hands/right/force_range")
+def a_gripper_squeezes_harder_than_it_can(document: Document) -> None:
+    document["cell"]["hands"]["right"]["force_range"][1] = 500.0
+
+
+def overstate(document: Document, by: float) -> None:
+    """Say that so much more is left of all limits, all along."""
+    for segment in document["segments"]:
+        segment["reserve"] = [None if left is None else left + by for left in segment["reserve"]]
+    document["statistics"]["reserve"]["value"] += by
+
+
+@lie("reserve", "is stated")
+def more_is_said_to_be_left_all_along(document: Document) -> None:
+    overstate(document, 1e-5)
+
+
+@lie("reserve", "the smallest reserve")
+def more_is_said_to_be_left_at_least(document: Document) -> None:
+    document["statistics"]["reserve"]["value"] += 1e-3
+
+
+@lie("reserve", "the smallest reserve is not at sample")
+def least_is_said_to_be_left_elsewhere(document: Document) -> None:
+    document["statistics"]["reserve"]["segment"] = 0
+
+
+@lie("reserve", "is stated")
+def more_is_said_to_be_left_at_one_sample(document: Document) -> None:
+    segment = first(document, "transfer", after="attach")
+    segment["reserve"][segment["contacts"][0]["sample"]] += 1e-3
+
+
+@lie("reserve", "cup: friction")
+def less_of_the_cups_friction_is_left_than_is_said(document: Document) -> None:
+    """The cup is said to be more slippery, everywhere, so that only the reserve is not what it was."""
+    for segment in document["segments"]:
+        for contact in segment["contacts"]:
+            if contact["kind"] == "suction":
+                contact["mu"] *= 0.1
+
+
+@lie("reserve", "payload")
+def less_of_the_payload_is_left_than_is_said(document: Document) -> None:
+    document["task"]["carry_force_limit"] = (0.25 + 0.1) * 9.81 * 1.05
 
 
 @lie("contact_parameters", "limit")
@@ -355,6 +481,11 @@ def a_hand_carries_more_than_the_payload_leaves(document: Document) -> None:
     document["cell"]["arms"]["left"]["payload"] = 1.205 + (0.25 + 0.1) * 0.999
 
 
+@lie("payload", "by left")
+def an_arm_carries_more_than_its_payload(document: Document) -> None:
+    document["cell"]["arms"]["left"]["payload"] = 1.205 + (0.25 + 0.1) * 0.999
+
+
 @lie("carried_force", "by left")
 def a_hand_jerks_between_two_contact_sets(document: Document) -> None:
     segment = first(document, "transfer", after="attach")
@@ -394,6 +525,17 @@ def test_an_honest_plan_passes_in_which_the_tool_is_handed_over(surfaces: RobotS
     assert "the tool moves, and not in one hand" in failures(certify(document, surfaces, known))["hands"]
 
 
+def test_the_reserve_of_an_honest_plan_is_found_again_at_every_sample_that_is_shown(
+    honest: Document, surfaces: RobotSurfaces, known: CellReference
+) -> None:
+    shown = [s["reserve"][c["sample"]] for s in honest["segments"] for c in s["contacts"]]
+    check = next(c for c in certify(honest, surfaces, known).checks if c.name == "reserve")
+    assert (check.passed, check.unit) == (True, "1")
+    assert check.margin == pytest.approx(min(shown), abs=1e-6)
+    limited_by = honest["statistics"]["reserve"]["limited_by"]
+    assert limited_by.split()[-2] in check.where
+
+
 @pytest.mark.parametrize("name", LIES)
 def test_a_lie_fails_the_checks_it_touches(
     name: str, document: Document, surfaces: RobotSurfaces, known: CellReference
@@ -425,3 +567,41 @@ def test_a_task_is_infeasible_only_with_a_proof(
     cause = {"reason": "too heavy", "needed": needed, "available": available, "unit": unit, "where": "block"}
     document |= {"outcome": "infeasible", "segments": [], "explanation": {"summary": "no", "causes": [cause]}}
     assert certify(document, surfaces, known).passed == passes
+
+
+SHOULDER = np.array([0.0, 0.258485, 1.610515]) + 0.15185 * np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)
+"""Of the left arm: where its first two axes meet; the right one's is its mirror image."""
+
+
+@pytest.mark.parametrize("what", ["goal", "start", "tool"])
+@pytest.mark.parametrize(
+    ("x", "needed", "available", "passes"),
+    [
+        (2.0, 1.0, 1.33, True),
+        (2.0, 1.0, 1.6, True),
+        (2.0, 1.0, 0.9, False),
+        (2.0, 1.01, 1.33, False),
+        (2.0, 0.99, 1.33, False),
+        (2.0, 1.0, 2.1, False),
+        (1.0, 1.0, 0.5, False),
+    ],
+)
+def test_a_task_is_out_of_reach_only_with_a_proof(
+    what: str, x: float, needed: float, available: float, passes: bool, document: Document,
+    surfaces: RobotSurfaces, known: CellReference,
+) -> None:  # fmt: skip
+    """At 2 m no arm reaches; at 1 m the bound proves nothing. `needed` is a share of the distance from the shoulder."""
+    place = [x, 0.258485, 1.104]
+    block, tool = document["task"]["objects"][0], document["bodies"]["tool"]
+    if what == "goal":
+        block["goal_pose"] = [*place, *QUARTER]
+    elif what == "start":
+        block["pose"] = document["bodies"]["block"]["pose"] = [*place, *QUARTER]
+    else:
+        document["task"]["tool_pose"] = tool["pose"] = [*place, 1.0, 0.0, 0.0, 0.0]
+    far = float(np.linalg.norm(place - SHOULDER))
+    cause = {"reason": "far", "needed": needed * far, "available": available, "unit": "m", "where": "block"}
+    document |= {"outcome": "infeasible", "segments": [], "explanation": {"summary": "no", "causes": [cause]}}
+    certificate = certify(document, surfaces, known)
+    assert certificate.passed == passes, certificate.failures
+    assert passes or [check.name for check in certificate.failures] == ["infeasibility"]

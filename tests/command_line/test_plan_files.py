@@ -101,7 +101,7 @@ def needs_handovers(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def solve(pipeline: Pipeline, _: object, progress: Progress) -> dict[str, Any]:
         pipeline.handovers(pipeline.cells["dual_ur3e_tool"], load_tool("long_symmetric"), FEW, progress)
-        return {"outcome": "not_found", "explanation": {"summary": "none", "causes": []}}
+        return {"outcome": "not_found", "explanation": {"summary": "none", "causes": []}, "certificate": None}
 
     monkeypatch.setattr(Pipeline, "solve", solve)
 

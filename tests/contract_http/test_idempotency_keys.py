@@ -10,6 +10,7 @@ from typing import Any
 import httpx
 import pytest
 import sqlalchemy as sa
+from geometry.mesh_shapes import angle, file_of
 from support.service import FAKE_SOLVER, task
 from support.serving import served
 
@@ -80,6 +81,21 @@ def test_the_same_task_in_other_words_is_the_same(client: httpx.Client) -> None:
     turned = json.dumps(dict(reversed(task().items())), indent=3).encode()
     for again in (post(client, turned, "words"), post(client, write_task(read_task(task())), "words")):
         assert (again.status_code, again.json().get("id")) == (202, first["id"])
+
+
+def test_a_centre_of_mass_that_is_left_out_is_the_same_as_the_one_that_it_stands_for(client: httpx.Client) -> None:
+    answer = client.post("/v1/meshes", content=file_of(angle(), "stl"), headers={"Content-Type": "model/stl"})
+    mesh = answer.raise_for_status().json()
+    pose = [0.45, 0.1, 1.094, 1, 0, 0, 0]
+    shape = {"type": "mesh", "upload": mesh["id"]}
+    part = {"name": "part", "shape": shape, "mass": 0.1, "pose": pose, "goal_pose": pose}
+    left_out = task("domino_pile.json", objects=[part])
+    first = post(client, left_out, "centre").raise_for_status().json()
+    stated = task("domino_pile.json", objects=[{**part, "com": [round(value, 9) for value in mesh["centroid"]]}])
+    for again in (post(client, left_out, "centre"), post(client, stated, "centre")):
+        assert (again.status_code, again.json().get("id")) == (202, first["id"])
+    at_origin = task("domino_pile.json", objects=[{**part, "com": [0, 0, 0]}])
+    assert post(client, at_origin, "centre").status_code == 422
 
 
 def test_another_task_is_refused_and_so_is_one_that_cannot_be_planned(client: httpx.Client) -> None:

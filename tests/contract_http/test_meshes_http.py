@@ -25,6 +25,7 @@ def test_a_mesh_is_taken_as_bytes_or_in_a_form_and_has_one_id(client: httpx.Clie
     assert first.status_code == 201, first.text
     mesh = first.json()
     assert mesh["size"] == pytest.approx([0.1, 0.08, 0.05])
+    assert mesh["centroid"] == pytest.approx(angle().center_mass.tolist())
     assert (mesh["triangles"], mesh["convex_parts"], mesh["hint"]) == (20, 2, None)
     assert first.headers["location"] == mesh["links"]["self"] == f"/v1/meshes/{mesh['id']}"
     assert client.get(mesh["links"]["self"]).json() == mesh

@@ -99,6 +99,8 @@ def test_a_task_that_does_not_fit_its_scene_is_refused_where_it_is_wrong(
 
 DEPTH_ONLY = {"depth": SCAN.description["depth"]}
 CLOUD_ONLY = {"cloud": {"pose": SCAN.description["depth"]["pose"]}}
+COLOUR_ONLY = {"colour": SCAN.description["colour"]}
+LONG = cv2.imencode(".png", np.zeros((100, 60_000, 3), np.uint8))[1].tobytes()
 PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
 
 
@@ -112,10 +114,12 @@ PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float 
         (DEPTH_ONLY, {"depth": b"\x89PNG\r\n\x1a\n" + b"x" * 100}, 422, "neither a PNG nor a JPEG"),
         (DEPTH_ONLY, {"depth": SCAN.files["depth"][:2000]}, 422, "depth"),
         (DEPTH_ONLY, {"depth": SCAN.files["colour"]}, 422, "16 bits"),
+        (COLOUR_ONLY, {"colour": LONG}, 422, "/colour: the image has 60000 x 100 pixels; its sides are 16 to 10,000"),
+        (DEPTH_ONLY, {"depth": LONG}, 422, "/depth: the image has 60000 x 100 pixels"),
         (DEPTH_ONLY, SCAN.files, 422, "does not say what camera"),
         ({**DEPTH_ONLY, "cell": "nowhere"}, {"depth": SCAN.files["depth"]}, 422, "no cell"),
         (CLOUD_ONLY, {"cloud": PLY % 50_000_000 + b"end_header\n"}, 422, "50,000,000 points"),
-        (CLOUD_ONLY, {"cloud": PLY % 0 + b"end_header\n"}, 422, "0 points"),
+        (CLOUD_ONLY, {"cloud": PLY % 0 + b"end_header\n"}, 422, "/cloud: 0 points"),
         (CLOUD_ONLY, {"cloud": PLY % 9 + b"end_header\n" + b"\0" * 20}, 422, "cut short"),
         (CLOUD_ONLY, {"cloud": PLY % 900 + b"end_header\n" + b"\xff" * 10800}, 422, "0 points"),
         (CLOUD_ONLY, {"cloud": b"solid"}, 422, "neither PLY, PCD nor NPY"),

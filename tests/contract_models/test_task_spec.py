@@ -34,17 +34,19 @@ def test_the_papers_experiments_are_there():
 
 def test_a_plate_lift_has_the_defaults_of_the_contract():
     task = write_task(read_task(SMALLEST_LIFT))
-    assert task["plate"].pop("com") == [0, 0, 0]
+    assert task["plate"].pop("com") is None  # What it stands for takes the scene: tests/scene/test_centres.py.
+    assert (task["plate"].pop("mass_tolerance"), task["plate"].pop("com_tolerance")) == (0.02, 0.005)
     assert (task["cup"].pop("mu"), task["cup"].pop("kappa")) == (0.5, 0.005)
     options = task.pop("options")
-    assert (options["goal_height"], options["minimise"]) == (0.03, "cost")
+    assert (options["goal_height"], options["minimise"], options["reserve"]) == (0.03, "cost", 0.1)
     assert task == {
         **SMALLEST_LIFT,
         "cell": "dual_ur3e_lift",
         "support": None,
         "lifter_model": "paper",
+        "contact_model": "squeeze",
         "friction": {"grip": 0.5, "push": 0.5, "environment": 0.4, "eps": 0.0075},
-        "hand_force_limit": {"normal": 17.0, "net": 19.0},
+        "hand_force_limit": {"normal": 17.0, "net": 19.0, "squeeze": None},
         "obstacles": [],
         "start_positions": None,
         "seed": 0,

@@ -113,18 +113,34 @@ def test_the_image_is_built_as_linters_ask() -> None:
     words = [word for word, _ in DOCKERFILE]
     known = {"FROM", "ARG", "ENV", "WORKDIR", "COPY", "RUN", "USER", "VOLUME", "EXPOSE", "STOPSIGNAL", "HEALTHCHECK"}
     assert set(words) <= known | {"CMD"}
-    assert words[0] == "FROM"
+    before = DOCKERFILE[: words.index("FROM")]
+    assert [word for word, _ in before] == ["ARG"]
+    name, _, base = before[0][1].partition("=")
+    assert name == "BASE"
     assert [words.count(once) for once in ("CMD", "HEALTHCHECK")] == [1, 1]
     bases = {line.partition(" ")[0] for line in arguments("FROM")}
     assert len(bases) == 1, "kernels and wheels are made for what they run on"
-    assert re.fullmatch(r"python:3\.11\.\d+-slim-\w+", bases.pop()), "a version, and not the latest"
+    assert bases == {"${BASE}"}
+    assert re.fullmatch(r"python:3\.11\.\d+-slim-\w+", base), "a version, and not the latest"
     assert all(path.startswith("/") for path in arguments("WORKDIR"))
     runs = " && ".join(arguments("RUN"))
-    assert not re.search(r"\b(sudo|apt|curl|wget|cd)\b", runs)
+    assert not re.search(r"(?<!\S)(sudo|apt|curl|wget|cd)(?!\S)", runs)
     assert runs.count("pip install") == runs.count("pip install --no-cache-dir --constraint")
     assert isinstance(json.loads(arguments("CMD")[0]), list)
     assert isinstance(json.loads(arguments("HEALTHCHECK")[0].partition(" CMD ")[2]), list)
     assert not re.search(r"(?i)password|secret|token", " ".join(arguments("ENV") + arguments("ARG")))
+
+
+def test_system_libraries_are_installed_before_packages_need_them_and_leave_no_lists_behind() -> None:
+    """Slim images lack OpenMP's library: pinocchio's wheel is linked with it, and does not bring it."""
+    runs = arguments("RUN", FINAL)
+    (system,) = [number for number, line in enumerate(runs) if "apt-get" in line]
+    update, install, clean = (part.strip() for part in runs[system].split("&&"))
+    assert update == "apt-get update"
+    assert install.startswith("apt-get install --no-install-recommends --yes ")
+    assert clean == "rm -rf /var/lib/apt/lists/*"
+    assert "libgomp1" in install.split()
+    assert system < next(number for number, line in enumerate(runs) if "pip install" in line)
 
 
 def test_the_image_does_not_run_as_root_and_its_user_is_that_of_compose() -> None:

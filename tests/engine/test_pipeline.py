@@ -66,6 +66,25 @@ def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_lo
     assert kept["certificate"]["passed"] is False
 
 
+def test_what_was_not_found_has_no_certificate_and_is_delivered() -> None:
+    def nothing(*_: Any) -> dict[str, Any]:
+        return {**a_plan(), "outcome": "not_found", "segments": []}
+
+    document = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: None).solve(REQUEST, silent)
+    assert document["certificate"] is None
+    assert [stage["name"] for stage in document["statistics"]["stages"]] == ["scene", "search", "certify"]
+
+
+def test_what_was_not_found_and_is_malformed_is_a_fault_of_ours() -> None:
+    def nothing(*_: Any) -> dict[str, Any]:
+        return {**a_plan(), "outcome": "not_found", "segments": []}
+
+    malformed = Certificate((Check("structure", False, -1.0, "1", "/task: is missing"),))
+    told = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: malformed)
+    with pytest.raises(CertificateFailed, match="/task: is missing"):
+        told.solve(REQUEST, silent)
+
+
 def test_stages_are_reported_in_order() -> None:
     seen: list[str] = []
     pipeline(passed=True).solve(REQUEST, lambda stage, *_: seen.append(stage))
@@ -85,7 +104,7 @@ def test_uploaded_meshes_come_with_the_request() -> None:
         return a_plan()
 
     bin_shape = {"type": "mesh", "upload": "bin", "scale": 0.001}
-    body = {**task(), "obstacles": [{"name": "bin", "shape": bin_shape, "pose": [0.7, 0.6, 1.2, 1, 0, 0, 0]}]}
+    body = {**task(), "obstacles": [{"name": "bin", "shape": bin_shape, "pose": [0.7, 0.6, 1.25, 1, 0, 0, 0]}]}
     content = trimesh.creation.box((100, 200, 300)).export(file_type="stl")
     mesh = take_mesh(content, "stl").document()
     request: Request = {"id": "p1", "task": body, "meshes": {"bin": json.loads(json.dumps(mesh))}}

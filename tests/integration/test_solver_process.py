@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -175,6 +176,91 @@ def test_short_jobs_one_after_the_other_do_not_heap_up_waiting_processes() -> No
         await pool.close()
 
     asyncio.run(run())
+
+
+def made_by(packed: PackedDocument) -> int:
+    return json.loads(gzip.decompress(packed.gzip))["process"]
+
+
+GATED = """
+import sys, time
+from pathlib import Path
+gate = Path(sys.argv.pop())
+sys.path.insert(0, "tests")
+from support.fake_solver import solve
+from workers.solver_process import main
+def prepare():
+    while not gate.exists():
+        time.sleep(0.02)
+    return solve
+main(prepare)
+"""
+
+
+@contextlib.asynccontextmanager
+async def pool_without_successors(gate: Path) -> AsyncIterator[SolverPool]:
+    """Open a pool of one slot whose next process gets ready only when the file `gate` is there again."""
+    gate.touch()
+    pool = SolverPool(SolverCommand((sys.executable, "-c", GATED, str(gate)), {}), slots=1)
+    await pool.open()
+    gate.unlink()
+    try:
+        yield pool
+    finally:
+        await pool.close()
+
+
+def test_infeasible_tasks_in_a_burst_share_a_process_until_its_successor_is_ready(tmp_path: Path) -> None:
+    """A start takes far longer than such a task; the process that has searched for nothing need not be a new one."""
+    others, gate = children(), tmp_path / "gate"
+
+    async def run() -> None:
+        async with pool_without_successors(gate) as pool:
+            burst = [await pool.solve(request("infeasible"), ignore) for _ in range(10)]
+            assert [each.outcome for each in burst] == ["infeasible"] * 10
+            assert len({made_by(each) for each in burst}) == 1
+            assert len(children() - others) <= 2, "it and its successor"
+            gate.touch()
+            while len(children() - others) > 1:
+                await asyncio.sleep(0.05)
+            assert made_by(await pool.solve(request("infeasible"), ignore)) != made_by(burst[0]), "there is a new one"
+
+    asyncio.run(asyncio.wait_for(run(), 60.0))
+    assert children() == others
+
+
+@pytest.mark.parametrize("ending", ["now", "fail", "die"])
+def test_a_process_that_has_searched_or_failed_takes_no_further_job(tmp_path: Path, ending: str) -> None:
+    others, gate = children(), tmp_path / "gate"
+
+    async def run() -> None:
+        async with pool_without_successors(gate) as pool:
+            first = made_by(await pool.solve(request("infeasible"), ignore))
+            with contextlib.suppress(SolverDied, SolverFault):
+                assert made_by(await pool.solve(request(ending), ignore)) == first, "it is as good as a new one"
+            gate.touch()
+            assert made_by(await pool.solve(request("infeasible"), ignore)) != first
+
+    asyncio.run(run())
+    assert children() == others
+
+
+def test_a_job_that_is_cancelled_in_a_process_that_has_answered_before_leaves_none(tmp_path: Path) -> None:
+    others, gate = children(), tmp_path / "gate"
+
+    async def run() -> None:
+        async with pool_without_successors(gate) as pool:
+            first = made_by(await pool.solve(request("infeasible"), ignore))
+            begun = asyncio.Event()
+            job = asyncio.create_task(pool.solve(request("hang"), lambda _: asyncio.sleep(0, begun.set())))
+            await begun.wait()
+            job.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await job
+            assert not psutil.pid_exists(first)
+
+    asyncio.run(run())
+    assert children() == others
 
 
 def test_a_job_that_is_cancelled_while_it_waits_for_its_process_leaves_none() -> None:

@@ -25,9 +25,12 @@ TURN = 2.0 * np.pi
 
 
 def task_body(name: str, **options: Any) -> dict[str, Any]:
-    """Return a shipped task with other options."""
+    """Return a shipped task with other options; nothing is kept back unless they say so.
+
+    One sampling of poses and holds has no plan for most tasks that keeps back what a task keeps back by default.
+    """
     body = json.loads((ROOT / f"assets/tasks/{name}.json").read_text())
-    return {**body, "options": options}
+    return {**body, "options": {"reserve": 0.0, **options}}
 
 
 def planner_of(body: dict[str, Any], cells: dict[str, Cell] | None = None) -> PlateLiftPlanner:

@@ -8,7 +8,7 @@ import pytest
 
 from planners.graph.rejections import Rejections
 from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
-from planners.manipulation.examiner import NodeExaminer
+from planners.manipulation.examiner import NodeExaminer, hands_of
 from planners.manipulation.graph import HandHold, build_graph
 from planners.manipulation.lift_plan import LiftOutcome
 from planners.manipulation.planner import PlateLiftPlanner
@@ -45,13 +45,21 @@ def test_lazy_and_full_give_the_same_sequence_and_the_same_motion(full, solved):
 
 
 def test_a_lazy_search_knows_of_every_node_what_a_full_one_knows(full, planner):
-    """Nodes mean the same in both graphs as the same holds were split."""
+    """Nodes mean the same in both graphs as the same holds were split.
+
+    That not every plate within the tolerances is held is asked of sequences only, and its proofs are tested against
+    nodes that are not examined yet: who examines later knows of more of these nodes.
+    """
     lazy, whole = planner.graph.knowledge, full[0].graph.knowledge
     assert (planner.graph.grips, planner.graph.pushes) == (full[0].graph.grips, full[0].graph.pushes)
     known = lazy.status != UNKNOWN
     assert known.sum() > 1000
-    assert np.array_equal(lazy.status[known], whole.status[known])
-    alive = lazy.status == ALIVE
+    differing = np.flatnonzero(known & (lazy.status != whole.status))
+    assert len(differing) < 0.1 * known.sum()
+    for node in differing:
+        hands = hands_of(*planner.graph.hold_of(int(node)))
+        assert planner.balance.refusal_at(int(planner.graph.node_pose[node]), hands) is not None
+    alive = (lazy.status == ALIVE) & (whole.status == ALIVE)
     assert np.abs(lazy.load[alive] - whole.load[alive]).max() * RESOLUTION <= 2e-6
 
 
@@ -143,7 +151,7 @@ class WillingBalance:
     """Everything is borne, always by the same wrenches."""
 
     def __init__(self, planner: PlateLiftPlanner, answer) -> None:
-        self.balance, self.answer = planner.balance_program, answer
+        self.balance, self.answer = planner.balance.balance, answer
         self.ruled_out = np.zeros_like(planner.balance.ruled_out)
 
     def at(self, pose, hands):

@@ -130,7 +130,7 @@ def test_a_rest_that_is_not_balanced_is_told_with_the_edge_it_is_on(planner, ass
 
     def unbalanced_late(self, pose, hands):
         late = self.stage.edge == changes[-1]
-        return Unbalanced(UnbalanceReason.PROVEN, None, 0.0, None) if late else known(self, pose, hands)
+        return Unbalanced(UnbalanceReason.PROVEN, None, 0.0) if late else known(self, pose, hands)
 
     monkeypatch.setattr(_Run, "balance_at", unbalanced_late)
     result = attempt(planner, assigner)

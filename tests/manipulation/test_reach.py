@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from planners.collision.placement import Fixed
@@ -154,6 +155,62 @@ def test_loads_are_the_joint_torques_of_virtual_work(planner, hand):
             in_base = np.concatenate([R_base.T @ at_flange[:3], R_base.T @ at_flange[3:]])
             torques = PinocchioArm(reach.arm.dh).jacobian(q).T @ in_base
             assert loads[posture] == pytest.approx(np.abs(torques).sum(), rel=1e-6)
+
+
+def weighed(arm) -> tuple[pin.Model, int]:
+    """The arm with its hand in pinocchio, mounted; and the number of its flange."""
+    oracle = PinocchioArm(arm.dh)
+    model = oracle.model
+    base = pin.SE3(arm.T_world_base)
+    model.jointPlacements[1] = base * model.jointPlacements[1]
+    for number, (mass, *com) in enumerate(arm.masses):
+        a, alpha, d, _ = arm.dh[min(number, 5)]
+        frame = pin.SE3(pin.utils.rotate("x", alpha), np.array([a, 0.0, d]))
+        model.appendBodyToJoint(min(number, 5) + 1, pin.Inertia(mass, np.array(com), np.zeros((3, 3))), frame)
+    return model, oracle.flange
+
+
+def test_torque_shares_are_those_of_arm_hand_and_wrench_at_the_worst_of_the_poses(planner, hand):
+    """Oracle: pinocchio's generalised gravity and Jacobian."""
+    reach, *_ = hand
+    rng, verdicts = np.random.default_rng(8), []
+    model, flange_frame = weighed(reach.arm)
+    data, gravity = model.createData(), planner.scene.cell.gravity
+    model.gravity.linear = gravity
+    for samples, hold, postures in motions_with_postures(planner, hand, 8, 7):
+        postures &= reach.track(samples, hold, postures, reach.alone)
+        plates = samples[:: max(1, len(samples) // 3)]
+        wrenches = (
+            rng.normal(size=(len(plates), 6)) * rng.choice([0.2, 1.0]) * np.array([30.0, 30.0, 30.0, 2.0, 2.0, 2.0])
+        )
+        points = plates[:, :3, 3] + rng.normal(size=(len(plates), 3)) * 0.1
+        shares = reach.torque_shares(plates, hold, postures, wrenches, points, gravity)
+        within = reach.within_torque(plates, hold, postures, wrenches, points, gravity, 0.2)
+        assert np.flatnonzero(np.isfinite(shares).all(axis=1)).tolist() == bits(postures)
+        for posture in bits(postures):
+            used = []
+            for q, wrench, point in zip(reach.follow(plates, hold, posture), wrenches, points, strict=True):
+                pin.forwardKinematics(model, data, q)
+                lever = point - pin.updateFramePlacement(model, data, flange_frame).translation
+                J = pin.computeFrameJacobian(model, data, q, flange_frame, pin.LOCAL_WORLD_ALIGNED)
+                at_flange = np.concatenate([wrench[:3], wrench[3:] + np.cross(lever, wrench[:3])])
+                torques = pin.computeGeneralizedGravity(model, data, q) + J.T @ at_flange
+                used.append(np.abs(torques) / reach.arm.torque_max)
+            assert shares[posture] == pytest.approx(np.max(used, axis=0), rel=1e-6)
+            verdicts.append(bool(within >> posture & 1))
+            assert verdicts[-1] == (np.max(used) <= 0.8)
+    assert 0 < sum(verdicts) < len(verdicts)
+
+
+def test_a_posture_that_does_not_reach_a_pose_holds_no_torque_there(planner, hand):
+    reach, reached, _ = hand
+    pose, hold = np.argwhere(reached)[0]
+    far = pose_of(planner, pose).copy()
+    far[:3, 3] += 3.0
+    plates, none = np.stack([pose_of(planner, pose), far]), np.zeros((2, 6))
+    postures, gravity = int(reached[pose, hold]), planner.scene.cell.gravity
+    assert reach.within_torque(plates[:1], hold, postures, none[:1], none[:1, :3], gravity, 0.05) == postures
+    assert reach.within_torque(plates, hold, postures, none, none[:, :3], gravity, 0.05) == 0
 
 
 def arm_slack(planner, cell, pose, holds, postures) -> float:

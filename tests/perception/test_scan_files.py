@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import trimesh
 
 from planners.perception.cloud_file import MOST_POINTS, read_cloud, read_npy
-from planners.perception.picture_file import read_colour, read_depth_png
+from planners.perception.picture_file import LARGEST_ASPECT, LONGEST_SIDE, MOST_PIXELS, read_colour, read_depth_png
 from planners.perception.refusal import ScanRefused
 
 POINTS = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
@@ -122,7 +123,7 @@ def test_an_array_of_fewer_than_no_rows_is_not_read_past_the_most_points() -> No
 
 def test_a_depth_image_is_read_in_its_unit_and_zeros_are_no_measurements() -> None:
     numbers = np.random.default_rng(0).integers(0, 3, (20, 30)).astype(np.uint16) * 500
-    read = read_depth_png(cv2.imencode(".png", numbers)[1].tobytes(), 0.001)
+    read = read_depth_png(cv2.imencode(".png", numbers)[1].tobytes(), 0.001, MOST_PIXELS)
     np.testing.assert_array_equal(np.isnan(read), numbers == 0)
     np.testing.assert_allclose(np.nan_to_num(read), 0.001 * numbers)
 
@@ -136,12 +137,54 @@ def test_a_picture_is_read_and_a_damaged_one_refused(suffix: str) -> None:
         read_colour(content[:30])
 
 
-def test_a_picture_that_says_it_is_huge_is_refused_before_it_is_decoded() -> None:
-    head = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
-    chunk = b"IHDR" + head
-    bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
-    with pytest.raises(ScanRefused, match="60000 x 60000"):
-        read_colour(bomb)
+def png_that_says(width: int, height: int, bits: int = 8, colour: int = 2) -> bytes:
+    """Return the header of a PNG, without a picture."""
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+
+
+def jpeg_that_says(width: int, height: int) -> bytes:
+    return b"\xff\xd8\xff\xc0" + struct.pack(">HBHHB", 8, 8, height, width, 0) + bytes(9)
+
+
+@pytest.fixture
+def decoded(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The lengths of all pictures that are decoded."""
+    lengths: list[int] = []
+    decode = cv2.imdecode
+    monkeypatch.setattr(cv2, "imdecode", lambda data, flags: lengths.append(len(data)) or decode(data, flags))
+    return lengths
+
+
+@pytest.mark.parametrize("says", [png_that_says, jpeg_that_says])
+@pytest.mark.parametrize(
+    ("width", "height"),
+    [(60_000, 60_000), (60_000, 100), (100, 60_000), (LONGEST_SIDE + 1, 2000), (801, 100), (100, 801), (15, 15)],
+)
+def test_a_picture_of_unheard_of_sides_is_refused_before_it_is_decoded(
+    decoded: list[int], says: Any, width: int, height: int
+) -> None:
+    with pytest.raises(ScanRefused, match=f"{width} x {height} pixels.* 16 to .* at most {LARGEST_ASPECT} times"):
+        read_colour(says(width, height))
+    with pytest.raises(ScanRefused, match=f"{width} x {height} pixels"):
+        read_depth_png(says(width, height), 0.001, MOST_PIXELS)
+    assert decoded == []
+
+
+@pytest.mark.parametrize(("bits", "colour"), [(8, 0), (8, 2), (16, 2), (16, 4), (16, 6)])
+def test_a_picture_that_is_no_depth_image_is_refused_before_it_is_decoded(
+    decoded: list[int], bits: int, colour: int
+) -> None:
+    for content in (png_that_says(64, 64, bits, colour), jpeg()):
+        with pytest.raises(ScanRefused, match="16 bits with one channel"):
+            read_depth_png(content, 0.001, MOST_PIXELS)
+    assert decoded == []
+
+
+def test_a_depth_image_of_more_pixels_than_are_read_is_refused_before_it_is_decoded(decoded: list[int]) -> None:
+    with pytest.raises(ScanRefused, match="at most 8,000,000 pixels"):
+        read_depth_png(png_that_says(4000, 2001, 16, 0), 0.001, 8_000_000)
+    assert decoded == []
 
 
 def jpeg() -> bytes:
@@ -163,13 +206,11 @@ def test_what_hides_a_frame_from_its_reader_is_refused(before: bytes) -> None:
         read_colour(whole[:2] + before + hidden)
 
 
-def test_a_picture_of_very_many_scans_is_refused_and_one_of_some_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_of_very_many_scans_is_refused_and_one_of_some_is_read(decoded: list[int]) -> None:
     whole = jpeg()
     assert read_colour(whole).shape == (64, 64, 3)
     last = whole[whole.rindex(b"\xff\xda") : -2]
-    decoded: list[int] = []
-    decode = cv2.imdecode
-    monkeypatch.setattr(cv2, "imdecode", lambda data, flags: decoded.append(len(data)) or decode(data, flags))
+    decoded.clear()
     with pytest.raises(ScanRefused, match="scans"):
         read_colour(whole[:-2] + last * 200 + whole[-2:])
     assert decoded == []

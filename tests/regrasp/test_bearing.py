@@ -1,4 +1,4 @@
-"""Yes or no of cup and fingers against the margins of `suction_hold` and the least squeeze of `finger_forces`."""
+"""Yes or no of cup and fingers against the margins of `suction_hold` and the friction of `finger_forces`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, inverse, transform
 from planners.geometry.wrench import wrench_about
 from planners.regrasp.bearing import Bearing, CarryingHand
-from planners.regrasp.finger_forces import least_squeeze
+from planners.regrasp.finger_forces import squeezed
 from planners.regrasp.grasps import ToolGrasps
 from planners.regrasp.hold_statics import EPS
 from planners.regrasp.suction_hold import cup_wrenches, suction_margins, weight
@@ -51,13 +51,13 @@ def test_the_cup_bears_where_no_margin_is_negative(scene: SuctionToolScene, pose
 
 
 @pytest.mark.parametrize("reserve", [0.0, 0.5, 0.8])
-def test_fingers_bear_where_the_least_squeeze_is_within_their_limit(
+def test_fingers_bear_where_they_do_not_slip_with_what_friction_is_not_kept_back(
     scene: SuctionToolScene, poses: Array, long_grasps: ToolGrasps, reserve: float
 ) -> None:
     sucked, body = SuckedObject(scene.objects[0].name, OFF_CENTRE), scene.objects[0].body
     bearing = Bearing(scene, reserve)
     borne = bearing.borne(bearing.load(sucked), long_grasps, poses)
-    limit, tool = (1.0 - reserve) * scene.grip_force_limit, scene.tool
+    tool = scene.tool
     needed = []
     for T in poses:
         up = np.array([0.0, 0.0, 9.81, 0.0, 0.0, 0.0])
@@ -69,14 +69,14 @@ def test_fingers_bear_where_the_least_squeeze_is_within_their_limit(
             about = wrench_about(total, np.zeros(3), tcp[:3, 3])
             local = np.concatenate([tcp[:3, :3].T @ about[:3], tcp[:3, :3].T @ about[3:]])
             needed.append((local, float(width)))
-    squeezes = np.empty(len(needed))
+    used = np.empty(len(needed))
     widths = np.array([width for _, width in needed])
     wrenches = np.array([wrench for wrench, _ in needed])
     for width in np.unique(widths):
         rows = widths == width
-        squeezes[rows] = least_squeeze(wrenches[rows], float(width), scene.friction.grip, EPS).normal
-    clear = np.abs(squeezes - limit) > 1e-6
-    np.testing.assert_array_equal(borne.ravel()[clear], (squeezes <= limit)[clear])
+        used[rows] = squeezed(wrenches[rows], float(width), scene.friction.grip, EPS, scene.squeeze).slip
+    clear = np.abs(used - (1.0 - reserve)) > 1e-6
+    np.testing.assert_array_equal(borne.ravel()[clear], (used <= 1.0 - reserve)[clear])
     assert 0 < borne.sum() < borne.size
 
 

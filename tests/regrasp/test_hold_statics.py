@@ -11,10 +11,11 @@ import pytest
 from support.tool_plans import block
 
 from planners.contract.task_spec import read_task
+from planners.errors import SceneError
 from planners.geometry.pose import Array, inverse, rotation_from_vector, transform
 from planners.motion.trajectory import Trajectory
-from planners.regrasp.hold_statics import HoldStatics, UnheldError
-from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
+from planners.regrasp.hold_statics import EPS, PRESSED, HoldStatics, UnheldError
+from planners.regrasp.tool_segment import ContactForce, SuckedObject, ToolHold, ToolSegment
 from planners.scene.tool_scene import build_tool_scene
 from planners.segment import SegmentKind
 
@@ -257,9 +258,60 @@ def test_a_reserve_is_kept() -> None:
     held = statics(mass=1.0)
     fast, places = swing(held, step=0.004, turn=0.0)
     assert held.worst(fast, places).margin < 0.3
-    slowness = held.stretch(fast, places, reserve=0.3)
+    slowness = HoldStatics(held.scene.keeping_back(0.3)).stretch(fast, places)
     assert slowness is not None
     assert held.worst(*swing(held, step=0.004 * slowness, turn=0.0)).margin >= 0.3
+    assert held.worst(*swing(held, step=0.004 * 0.97 * slowness, turn=0.0)).margin < 0.3
+
+
+@pytest.mark.parametrize(
+    ("members", "strong"),
+    [({"mass": 1.0}, False), ({"mass": 0.3, "com": [0.03, 0.02, 0.0]}, False), ({"mass": 1.2}, True)],
+)
+def test_limits_that_are_smaller_by_the_reserve_are_just_kept(members: dict[str, Any], strong: bool) -> None:
+    """At every sample of a motion, with one hand and with two."""
+    held = borne_by({"left": 30.0, "right": 40.0}, **members) if strong else statics(**members)
+    swung, places = swing(held, step=0.015, turn=0.2)
+    both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
+    for made in (swung, both):
+        found = held.reserve(made, places)
+        assert found is not None
+        assert found.least == pytest.approx(held.worst(made, places).margin)
+        assert 0.0 < found.least == found.values.min() < 1.0
+        for share, holds in ((found.least - 1e-6, True), (found.least + 1e-6, False)):
+            weaker = HoldStatics(held.scene.keeping_back(share))
+            assert (weaker.worst(made, places).margin >= 0.0) == holds
+            weakest = weaker.reserve(made, places)
+            assert weakest is not None
+            assert weakest.limited_by == found.limited_by
+        assert found.body == ("block" if found.limited_by.startswith("cup") else "tool")
+
+
+def test_the_squeeze_is_the_largest_with_which_no_finger_presses_too_hard() -> None:
+    spare = (PAYLOAD - SENSOR - GRIPPER) * GRAVITY
+    for limit, squeeze in ((60.0, 60.0 - 0.5 * spare), (25.0, 20.0), (500.0, 235.0)):
+        scene = statics(said={"grip_force_limit": limit}).scene
+        assert scene.squeeze == pytest.approx(squeeze)
+        for arm in ("left", "right"):
+            assert scene.finger_limit(arm) == pytest.approx(min(limit, squeeze + 0.5 * spare))
+        assert scene.keeping_back(0.4).squeeze == scene.squeeze
+    with pytest.raises(SceneError, match="20 N at least") as refused:
+        statics(said={"grip_force_limit": 19.9})
+    assert refused.value.pointer == "/grip_force_limit"
+
+
+def test_fingers_of_a_weak_grip_press_no_harder_than_their_limit() -> None:
+    """Along the closing axis a finger bears half of the load more: 2.5 N and a squeeze of 20 N are more than 22 N."""
+    lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    for limit, held_at_all in ((22.0, False), (23.0, True)):
+        held = statics(said={"grip_force_limit": limit, "tool": STRONG_TOOL}, mass=5.0 / GRAVITY - 0.25)
+        level = ToolHold("left", transform(lying, [0.0, 0.0, 0.11]), 0.018, np.eye(4))
+        made, places = still(held, holds=(level,))
+        up = np.array([[0.0, 0.0, 1.0]])
+        assert np.abs(made.body_poses["tool"][0, :3, :3] @ lying[:, 1]) == pytest.approx(np.abs(up[0]))
+        rejection = held.worst(made, places).rejection
+        assert (rejection is None) == held_at_all
+        assert rejection is None or (rejection.stage, rejection.reason) == ("grip", PRESSED)
 
 
 def nets(held: HoldStatics, made: ToolSegment, places: dict[str, Array]) -> dict[str, list[float]]:
@@ -286,17 +338,23 @@ def test_two_hands_that_carry_together_share_the_load_by_what_each_may_carry(wea
         assert borne == pytest.approx([limits[arm] / 1.1] * len(borne))
 
 
-def test_two_hands_squeeze_alike_and_less_than_one_where_they_may_carry_more() -> None:
+def test_two_hands_use_their_friction_alike_and_less_than_one_where_they_may_carry_more() -> None:
     held = borne_by(STRONG, mass=1.0)
+    friction = held.scene.friction.grip
     one, places = still(held)
     both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
 
-    def squeezes(made: ToolSegment) -> list[float]:
+    def used(force: ContactForce) -> float:
+        pressed = float(force.wrench[:3] @ force.normal)
+        across = np.linalg.norm(force.wrench[:3] - pressed * force.normal)
+        return float(np.hypot(across, force.wrench[3:] @ force.normal / EPS) / (friction * pressed))
+
+    def most(made: ToolSegment) -> list[float]:
         forces = [f for s in held.sets(made, places) if s.body == "tool" and s.sample == 0 for f in s.forces]
         arms = sorted({f.by for f in forces if f.kind == "soft_finger"})
-        return [max(float(f.wrench[:3] @ f.normal) for f in forces if f.by == arm) for arm in arms]
+        return [max(used(f) for f in forces if f.by == arm) for arm in arms]
 
-    (alone,), (left, right) = squeezes(one), squeezes(both)
+    (alone,), (left, right) = most(one), most(both)
     assert left == pytest.approx(right, rel=1e-6)
     assert left < alone
 

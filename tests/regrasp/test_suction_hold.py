@@ -16,6 +16,7 @@ from planners.geometry.wrench import grasp_map
 from planners.regrasp.suction_hold import (
     SuctionLimit,
     acceleration_share,
+    cup_uses,
     cup_wrenches,
     least_margin,
     suction_margin,
@@ -71,6 +72,35 @@ def test_a_wrench_holds_exactly_if_dexnet_holds_it_in_all_axes_of_the_pad():
 def test_the_roll_of_the_tool_changes_no_margin(seed, angle):
     wrench = random_wrenches(seed, 1)[0]
     assert suction_margin(turned_about_the_pad(wrench, angle), LIP) == pytest.approx(suction_margin(wrench, LIP))
+
+
+def weakened(lip: Lip, part: float) -> Lip:
+    return Lip(lip.radius, part * lip.max_force, part * lip.mu, part * lip.kappa)
+
+
+def test_a_cup_that_is_weaker_by_its_reserve_just_holds() -> None:
+    """Force, friction and stiffness all shrink; what needs all of them bears no weaker cup, what needs more, none."""
+    held = [w for w in 0.3 * random_wrenches(5, 400) if suction_margin(w, LIP) >= 0.0]
+    for wrench in held:
+        part = float(cup_uses(wrench, LIP).max())
+        assert suction_margin(wrench, weakened(LIP, part * (1.0 + 1e-9))) >= 0.0
+        assert suction_margin(wrench, weakened(LIP, part * (1.0 - 1e-6))) < 0.0
+    assert len(held) > 20
+
+
+def test_a_cup_lets_go_of_just_what_uses_more_than_all_of_it() -> None:
+    wrenches = 0.3 * random_wrenches(6, 500)
+    held = suction_margin(wrenches, LIP) >= 0.0
+    assert 0 < held.sum() < len(held)
+    np.testing.assert_array_equal(cup_uses(wrenches, LIP).max(axis=1) <= 1.0, held)
+
+
+def test_more_load_than_the_reserve_leaves_room_for_is_never_lost_before() -> None:
+    """A load that grows by 1 / (1 - reserve) is held: friction and force do not both shrink then."""
+    for wrench in 0.3 * random_wrenches(7, 400):
+        part = float(cup_uses(wrench, LIP).max())
+        if part <= 1.0:
+            assert suction_margin(wrench / part * (1.0 - 1e-9), LIP) >= 0.0
 
 
 @pytest.mark.parametrize(
@@ -147,6 +177,27 @@ def test_the_weakest_moment_names_its_limit():
     weakest = least_margin(wrenches, LIP)
     assert (weakest.sample, weakest.limit, weakest.holds) == (1, SuctionLimit.PEEL, True)
     assert weakest.margin == pytest.approx(0.1)
+
+
+def test_figures_of_a_weak_hold_say_what_is_short_exactly_where_the_cup_lets_go():
+    """Each limit alone is what its figures say; so is which of them are exceeded."""
+    rng = np.random.default_rng(3)
+    scale = np.array([LIP.max_force] * 3 + [PEEL] * 3)
+    seen = set()
+    for wrench in rng.normal(size=(3000, 6)) * scale * rng.choice([0.01, 1.0], size=(3000, 6)):
+        weakest = least_margin(wrench[None], LIP)
+        needed, available, unit = weakest.figures
+        assert (needed > available) == (weakest.margin < 0.0)
+        assert available >= 0.0
+        assert unit == ("Nm" if weakest.limit in (SuctionLimit.TWIST, SuctionLimit.PEEL) else "N")
+        seen.add((weakest.limit, weakest.holds))
+    assert {limit for limit, holds in seen if not holds} == set(SuctionLimit)
+
+
+def test_what_pulls_off_is_not_said_to_slip():
+    weakest = least_margin(np.array([[1e-9, 0, 1.5 * LIP.max_force, 0, 0, 1e-9]]), LIP)
+    assert weakest.limit is SuctionLimit.PULL
+    assert weakest.figures == pytest.approx((1.5 * LIP.max_force, LIP.max_force, "N"))
 
 
 def share_by_cone_program(at_rest: np.ndarray, inertial: np.ndarray, lip: Lip) -> float:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import ast
+import sys
+import tomllib
 from collections.abc import Iterator
+from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[2]
 FORBIDDEN = {
@@ -49,6 +54,41 @@ def test_a_folder_imports_only_what_lies_below_it(folder: str) -> None:
         str(path.relative_to(ROOT)): sorted(found)
         for path in (ROOT / folder).rglob("*.py")
         if (found := imported_packages(path) & FORBIDDEN[folder])
+    }
+    assert bad == {}
+
+
+def plainly_installed() -> set[str]:
+    """What `pip install liftwright[postgres]` brings: the run-time dependencies and what they need in turn."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["postgres"]]
+    found: set[str] = set()
+    while asked:
+        wanted = Requirement(asked.pop())
+        name = canonicalize_name(wanted.name)
+        if name not in found and (wanted.marker is None or wanted.marker.evaluate({"extra": ""})):
+            found.add(name)
+            asked += requires(name) or ()
+    return found
+
+
+@pytest.mark.parametrize("folder", ["app", "workers", "planners"])
+def test_what_the_product_imports_comes_with_a_plain_install(folder: str) -> None:
+    """A package that only the dev extra brings is missing on every machine but the developers'."""
+    # Pinocchio installs itself below a prefix, where the index of packages does not look.
+    brought_by = {"pinocchio": ["pin"], **packages_distributions()}
+    installed = plainly_installed()
+    ours = set(sys.stdlib_module_names) | {"app", "workers", "planners", "assets"}
+    bad = {
+        str(path.relative_to(ROOT)): missing
+        for path in (ROOT / folder).rglob("*.py")
+        if (
+            missing := [
+                package
+                for package in imported_packages(path) - ours
+                if not installed & {canonicalize_name(name) for name in brought_by.get(package, ())}
+            ]
+        )
     }
     assert bad == {}
 

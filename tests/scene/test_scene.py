@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -18,15 +19,17 @@ from planners.contract.document_bodies import document_bodies
 from planners.contract.plan_document import BodyDocument
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
+from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import frame_from_z, from_pose7, rotation_angle
 from planners.scene.cell import known_cells, load_cell
-from planners.scene.clashes import BodiesOverlap, placed_arms
+from planners.scene.clashes import BodiesOverlap, BodyInCell, depth, gap, placed_arms, placed_body
 from planners.scene.scene import build_scene
 
 ALL_TASKS = sorted((Path(__file__).parents[2] / "assets/tasks").glob("*.json"))
 TASKS = [path for path in ALL_TASKS if json.loads(path.read_text())["kind"] == "plate_lift"]
 AB1 = json.loads((Path(__file__).parents[2] / "assets/tasks/ab1.json").read_text())
 AB3 = json.loads((Path(__file__).parents[2] / "assets/tasks/ab3.json").read_text())
+DOMINO_PILE = json.loads((Path(__file__).parents[2] / "assets/tasks/domino_pile.json").read_text())
 TABLE_TOP = 1.094
 
 
@@ -108,13 +111,13 @@ def test_arms_start_at_home_unless_told_otherwise(build, cells):
     assert build({**AB1, "start_positions": positions}).start_positions.tolist() == positions
 
 
-def test_static_bodies_may_overlap_one_another_and_the_table(build):
-    pair = [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.1]), obstacle("b", [0.1] * 3, [0.72, 0.62, 1.1])]
+def test_obstacles_may_overlap_one_another(build):
+    pair = [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.144]), obstacle("b", [0.1] * 3, [0.72, 0.62, 1.144])]
     assert [body.name for body in build({**AB1, "obstacles": pair}).obstacles] == ["a", "b"]
 
 
 def test_the_document_lists_every_body_once_and_as_the_contract_says(build):
-    scene = build({**AB3, "obstacles": [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.1])]})
+    scene = build({**AB3, "obstacles": [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.144])]})
     bodies = document_bodies(scene)
     assert {*bodies} >= {"table", "plate", "support", "cup", "cable", "a"}
     for document in bodies.values():
@@ -152,16 +155,81 @@ def test_a_block_overlaps_at_the_start_exactly_when_fcl_says_so(build):
     placed = [body.collision_body_in_world() for body in scene.bodies()]
     others = [as_fcl(shape) for body in [*arms, *placed] for shape in body.shapes]
     rng = np.random.default_rng(0)
-    verdicts = []
-    for _ in range(150):
-        position = rng.uniform([-0.1, -0.7, 1.15], [0.6, 0.7, 2.0])
-        block = obstacle("block", rng.uniform(0.02, 0.15, 3), position)
-        box = fcl.CollisionObject(fcl.Box(*block["shape"]["size"]), fcl.Transform(position))
-        touched = any(fcl.collide(box, other, fcl.CollisionRequest(), fcl.CollisionResult()) for other in others)
-        verdicts.append(touched)
-        with pytest.raises(BodiesOverlap) if touched else nullcontext():
-            build({**AB1, "obstacles": [block]})
-    assert 10 < sum(verdicts) < 140
+    verdicts = Counter()
+    for _ in range(200):
+        size, position = rng.uniform(0.02, 0.15, 3), rng.uniform([-0.2, -0.7, 1.08], [0.6, 0.7, 2.0])
+        box = fcl.CollisionObject(fcl.Box(*size), fcl.Transform(position))
+        refused = None
+        if any(fcl.collide(box, other, fcl.CollisionRequest(), fcl.CollisionResult()) for other in others):
+            refused = BodiesOverlap
+        if max(depth_of_boxes(size, position, part.size, part.center) for part in scene.cell.boxes) > 1e-3:
+            refused = BodyInCell
+        verdicts[refused] += 1
+        with pytest.raises(refused) if refused else nullcontext():
+            build({**AB1, "obstacles": [obstacle("block", size, position)]})
+    assert min(verdicts[BodiesOverlap], verdicts[BodyInCell], verdicts[None]) > 10
+
+
+def depth_of_boxes(size, center, other_size, other_center):
+    """How deep two boxes along the world's axes are in one another: the least of their overlaps; negative if none."""
+    return float((0.5 * (size + other_size) - np.abs(center - other_center)).min())
+
+
+@pytest.mark.parametrize("task", [AB1, DOMINO_PILE], ids=["lift", "suction tool"])
+@pytest.mark.parametrize("deep", [-0.0001, 0.0, 0.0009, 0.0011, 0.02])
+@pytest.mark.parametrize(
+    ("part", "center", "out"),
+    [("table", [0.7, 0.6, 1.094], [0, 0, 0.05]), ("platform_column", [-0.05, 0.0, 1.4], [-0.05, 0, 0])],
+)
+def test_an_obstacle_may_touch_a_part_of_the_cell_and_reach_a_millimetre_into_it(build, task, deep, part, center, out):
+    """Beyond that it is pointed at, with the part's name and the millimetres."""
+    out = np.array(out)
+    position = center + out * (1.0 - deep / np.linalg.norm(out))
+    body = {**task, "obstacles": [obstacle("block", [0.1] * 3, position.tolist())]}
+    if deep <= 1e-3:
+        assert build(body).obstacles[0].name == "block"
+        return
+    with pytest.raises(BodyInCell) as caught:
+        build(body)
+    assert caught.value.pointers == ("/obstacles/0/pose",)
+    assert f"block is {1e3 * deep:.4g} mm deep in {part}" in str(caught.value)
+
+
+def test_a_support_may_touch_the_column_and_not_reach_into_it(build):
+    """The column ends at x = 0.05 m."""
+    for deep in (-1e-4, 0.0, 0.9e-3, 1.1e-3, 0.03):
+        x = 0.05 - deep + 0.3
+        support = {**AB3["support"], "shape": {"type": "box", "size": [0.6, 0.5, 0.044]}}
+        support["pose"] = [x, *AB3["support"]["pose"][1:]]
+        body = {**AB3, "support": support, "plate_pose": [x, *AB3["plate_pose"][1:]]}
+        if deep <= 1e-3:
+            assert build(body).support.name == "support"
+            continue
+        with pytest.raises(BodyInCell, match=f"support is {1e3 * deep:.4g} mm deep in platform_column") as caught:
+            build(body)
+        assert caught.value.pointers == ("/support/pose",)
+
+
+def test_the_depth_of_shapes_is_the_shortest_way_that_parts_them():
+    """Parted by a little more than their depth along some of many directions, and by none with much less."""
+    rng = np.random.default_rng(4)
+    directions = rng.normal(size=(5000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    seen = 0
+    while seen < 40:
+        sizes = rng.integers(1, 9, 2)
+        shapes = [ConvexShape(rng.normal(size=(n, 3)) * 0.05, float(rng.uniform(0, 0.02))) for n in sizes]
+        a, b = (placed_body(CollisionBody("body", "cell", "world", (shape,)), np.eye(4), None) for shape in shapes)
+        deep = depth(a, b)
+        assert (deep > 0.0) == (gap(a, b) < 0.0)
+        if deep <= 0.0:
+            continue
+        seen += 1
+        p, q = (shape.vertices for shape in shapes)
+        radii = shapes[0].radius + shapes[1].radius
+        ways = (directions @ p.T).max(axis=1) - (directions @ q.T).min(axis=1) + radii
+        assert deep <= ways.min() + 1e-6
+        assert deep >= 0.9 * ways.min() - 2e-3
 
 
 WORTH_TRYING = [

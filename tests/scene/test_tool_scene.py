@@ -19,7 +19,7 @@ from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tool
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
-NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool")
+NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool", "lid_under_roof", "lid_too_heavy")
 TABLE_TOP = 1.094
 QUARTER = [0.5**0.5, 0, 0, 0.5**0.5]
 

@@ -150,9 +150,13 @@ def test_the_document_says_all_that_the_contract_lists(cell):
     assert set(document) == {"name", "hash", "gravity", "arms", "hands"}
     for name, arm in document["arms"].items():
         limits = {"position_min", "position_max", "velocity_max", "acceleration_max", "payload"}
-        assert set(arm) == {"base", "dh"} | limits
+        assert set(arm) == {"base", "dh", "torque_max", "links"} | limits
         np.testing.assert_allclose(from_pose7(arm["base"]), cell.arms[name].T_world_base, atol=1e-12)
         np.testing.assert_array_equal(arm["dh"], cell.arms[name].dh)
+        assert arm["torque_max"] == [54.0, 54.0, 28.0, 9.0, 9.0, 9.0]
+        assert arm["links"][1] == {"mass": 3.4445, "com": [0.13, 0.0, 0.1157]}
+        mass, *com = cell.arms[name].masses[6]
+        assert (document["hands"][name]["mass"], document["hands"][name]["com"]) == (mass, com)
     assert len(cell.joint_names) == len(set(cell.joint_names)) == 12
     assert cell.joint_names[0] == "left_shoulder_pan_joint"
     assert cell.joint_names[-1] == "right_wrist_3_joint"
@@ -231,6 +235,14 @@ WRONG = {
     ),
     "an arm of another family": ("robots/ur3e", ["joints", 1, "alpha_deg"], 90, "joints: alpha_deg must be"),
     "links in another order": ("robots/ur3e", ["links", 0, "name"], "forearm", "links must be named base, shoulder"),
+    "a link without a centre of mass": (
+        "robots/ur3e",
+        ["masses", 2],
+        {"name": "forearm", "mass": 1.437},
+        "masses.2.com: is required",
+    ),
+    "links without masses": ("robots/ur3e", ["masses"], [], "masses: "),
+    "masses in another order": ("robots/ur3e", ["masses", 5, "name"], "base", "masses must be named shoulder, upper"),
     "a mesh that is not there": (
         "robots/ur3e",
         ["links", 4, "mesh", "path"],

@@ -97,6 +97,14 @@ def test_a_simplified_hull_contains_any_cloud_of_points(vertices):
         assert outside(points, of=simple).max() < 1e-9
 
 
+@pytest.mark.parametrize("robot", ["ur3e", "ur3"])
+def test_a_links_centre_of_mass_lies_well_within_it(robot):
+    """In another frame, or with another sign, it would not: links are longer than they are thick."""
+    made = load_robot(robot, shipped_shelf(), "test")
+    for link, (_, *com) in zip(made.links[1:], made.masses, strict=True):
+        assert outside(np.array([com]), of=link.points)[0] < -0.015, link.name
+
+
 def test_the_ur3_has_its_own_table_and_the_links_of_the_ur3e(ur3e):
     ur3 = load_robot("ur3", shipped_shelf(), "test")
     assert ur3.dh[3, 2] == 0.11235

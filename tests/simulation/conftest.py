@@ -16,7 +16,9 @@ from planners.progress import silent
 from planners.scene.scene import PlateLiftScene, build_scene
 from workers.simulation.simulate import simulate
 
-TASK = Path(__file__).resolve().parents[2] / "assets" / "tasks" / "pb1.json"
+TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
+SHORTEST = "pb1"
+"""Of the papers' lifts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +29,11 @@ class Run:
     stages: list[tuple[str, float]]
 
 
-def execute(**changes: Any) -> Run:
-    """Plan PB1, the shortest of the papers' tasks, with changes, and lift it."""
-    task = read_task(json.loads(TASK.read_text()) | changes)
+def execute(name: str = SHORTEST, **changes: Any) -> Run:
+    """Plan a task of the papers with changes, and lift it."""
+    task = read_task(json.loads((TASKS / f"{name}.json").read_text()) | changes)
     scene = build_scene(task)
-    document = plan(task, scene, silent, perf_counter) | {"id": "pb1"}
+    document = plan(task, scene, silent, perf_counter) | {"id": name}
     seen: list[tuple[str, float]] = []
     simulation = simulate(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
     return Run(scene, document, simulation, seen)

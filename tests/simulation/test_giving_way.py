@@ -25,7 +25,8 @@ def curve(simulation: dict[str, Any], name: str, since: float = 0.0) -> np.ndarr
 def ends_there(simulation: dict[str, Any]) -> bool:
     """Whether nothing is told of the time after something gave way."""
     last = simulation["force_curves"][0]["time"][-1]
-    return simulation["time"] - SETTINGS.record_period < last <= simulation["time"]
+    # What gives way at the moment of a record ends before it is written: then a whole period is missing.
+    return simulation["time"] - SETTINGS.record_period <= last + 1e-9 <= simulation["time"] + 2e-9
 
 
 def test_a_cup_that_bears_less_than_planned_is_lost_over_what_it_bears(run) -> None:
@@ -49,8 +50,9 @@ def test_hands_that_slide_on_the_plate_have_slipped(run) -> None:
 
 @pytest.fixture(scope="module")
 def alone(run) -> dict[str, Any]:
-    """The hands rise blindly, and the lifter does not."""
-    return simulate(run.document, run.scene, silent, 3, replace(SETTINGS, controlled=False, winch=LATE))
+    """The hands rise blindly, and the lifter does not; nothing slides."""
+    rough = ContactSettings(friction_factor=3.0)
+    return simulate(run.document, run.scene, silent, 3, replace(SETTINGS, controlled=False, winch=LATE, contact=rough))
 
 
 def test_hands_that_rise_without_the_lifter_are_overloaded(alone) -> None:
@@ -59,17 +61,17 @@ def test_hands_that_rise_without_the_lifter_are_overloaded(alone) -> None:
     assert ends_there(alone)
 
 
-def test_the_pushing_hand_is_no_stiffer_than_its_gains_were_laid_out_for(run, alone) -> None:
-    """Its force over the way that the hands rise against a lifter that stands; see the tests of the gains."""
+def test_the_hands_are_no_stiffer_than_their_gains_were_laid_out_for(run, alone) -> None:
+    """Their force over the way that they rise against a lifter that stands; see the tests of the gains."""
     begin = alone["lift"]["begin"]
     rise = np.cumsum(curve(alone, "commanded velocity", begin)) * SETTINGS.record_period
-    force = curve(alone, "pushing hand", begin)
+    force = curve(alone, "both hands", begin)
     slope = np.polyfit(rise, force, 1)[0]
-    assert 0.0 < slope < 15.0 * run.scene.cup.max_force
+    assert 0.0 < slope < 32.0 * run.scene.cup.max_force
 
 
 def test_hands_that_follow_wait_for_a_lifter_that_is_late(run) -> None:
-    """They rise by some millimetres, until the force on them has grown by B_d V_d."""
+    """They move by what noise in their sensors moves them, and no further than the force on them allows."""
     low = replace(SETTINGS, winch=replace(LATE, hold_chance=0.0), headroom=0.25)
     simulation = simulate(run.document, run.scene, silent, 3, low)
     begin = simulation["lift"]["begin"]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import subprocess
 import sys
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from simulation.conftest import execute
 
 from planners.contract.plan_document import LiftSimulation
 from planners.progress import silent
+from tests.simulation.node_tolerance import largest_excess
 from workers.simulation.reference import PlanReference
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.simulate import simulate
@@ -47,7 +51,7 @@ def test_simulated_forces_at_the_nodes_are_those_of_the_plan(run) -> None:
     manipulation = run.simulation["manipulation"]
     transfers = [i for i, segment in enumerate(run.document["segments"]) if segment["kind"] == "transfer"]
     assert [node["segment"] for node in manipulation["nodes"]] == transfers
-    assert manipulation["largest_difference_of_weight"] < 0.25
+    assert largest_excess(manipulation) < 1.0
 
 
 def test_all_simulated_forces_together_bear_the_plate(run) -> None:
@@ -114,7 +118,35 @@ def test_a_plate_on_a_cable_is_lifted_as_it_was_planned(cable_run) -> None:
     simulation = cable_run.simulation
     assert simulation["outcome"] == "lifted"
     assert simulation["lift"]["height"] > 0.15
-    assert simulation["manipulation"]["largest_difference_of_weight"] < 0.25
+    assert largest_excess(simulation["manipulation"]) < 1.0
     assert max(curve(cable_run, "plate tilt")) > 10.0
     for node in simulation["manipulation"]["nodes"]:
         assert node["simulated"]["cup"][:2] == [0.0, 0.0]
+
+
+def test_fingers_squeeze_as_the_plan_commands(run) -> None:
+    """With 2 N at each finger the gripping hand cannot bear its part, and the plate slides."""
+    loosely = copy.deepcopy(run.document)
+    for segment in loosely["segments"]:
+        if segment["hold"] is not None and segment["hold"]["grip"] is not None:
+            segment["hold"]["grip"]["squeeze"] = 2.0
+    simulation = simulate(loosely, run.scene, silent, 3)
+    assert simulation["outcome"] == "slipped"
+
+
+def test_fingers_squeeze_with_a_stated_force_where_an_older_plan_commands_none(run) -> None:
+    short = replace(SimulationSettings(), settle=0.3, rest=0.1, headroom=0.25)
+    plans = [copy.deepcopy(run.document) for _ in range(2)]
+    for document, squeeze in zip(plans, (None, short.contact.squeeze), strict=True):
+        for segment in document["segments"]:
+            if segment["hold"] is not None and segment["hold"]["grip"] is not None:
+                segment["hold"]["grip"]["squeeze"] = squeeze
+    assert simulate(plans[0], run.scene, silent, 5, short) == simulate(plans[1], run.scene, silent, 5, short)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ab1", "ab2", "ab3", "pb1", "pb2"])
+def test_every_lift_of_the_paper_goes_as_it_was_planned(name: str) -> None:
+    lifted = execute(name)
+    assert lifted.simulation["outcome"] == "lifted", lifted.simulation["cause"]
+    assert largest_excess(lifted.simulation["manipulation"]) < 1.0

@@ -122,6 +122,17 @@ def test_fingers_too_weak_lose_the_tool(tool_run: ToolRun) -> None:
     assert "3 N" in simulation["cause"]
 
 
+def test_fingers_squeeze_as_the_plan_commands_and_with_the_tasks_friction(tool_run: ToolRun) -> None:
+    loosely = copy.deepcopy(tool_run.document)
+    for segment in loosely["segments"]:
+        if segment["hold"] is not None:
+            segment["hold"]["grip"]["squeeze"] = 4.0
+    for simulation, squeeze in ((execute(tool_run, loosely), 4.0), (execute(tool_run, grip_friction=0.05), None)):
+        squeeze = squeeze or tool_run.document["segments"][-1]["hold"]["grip"]["squeeze"]
+        assert simulation["outcome"] == "tool_slipped"
+        assert f"squeeze with {squeeze:.0f} N" in simulation["cause"]
+
+
 def test_a_plan_that_lets_the_object_go_too_early_is_found(tool_run: ToolRun) -> None:
     tampered = copy.deepcopy(tool_run.document)
     begin, _ = span(tool_run, carried(tool_run)[-1:])

@@ -1,7 +1,8 @@
 """A solver process whose answers are made up: the real machinery of processes around a function of a few lines.
 
 What it does is told by the task's `external_id`: `steps-5` takes five steps, `hang` never ends, `die` kills itself,
-`fail` raises, `eat` takes 64 GiB, `child` starts a process of its own and hangs; anything else is answered at once.
+`fail` raises, `eat` takes 64 GiB, `child` starts a process of its own and hangs; `infeasible` is answered so at once,
+anything else is solved. Documents say which process made them.
 An argument `fail` has every task fail.
 """
 
@@ -45,7 +46,8 @@ def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[s
     return {
         "schema_version": "1.0",
         "id": request["id"],
-        "outcome": "solved",
+        "outcome": "infeasible" if wish == "infeasible" else "solved",
+        "process": os.getpid(),
         "task": request["task"],
         "meshes": sorted(request.get("meshes", {})),
         "noise": "x" * 5000,

@@ -9,7 +9,7 @@ from planners.certify import CellReference
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
-from planners.plan import plan
+from planners.plan import HandoverSource, plan
 from planners.progress import Progress, silent
 from planners.regrasp.grasps import ToolGraspSettings
 from planners.regrasp.handover_place import HandoverPlaceSettings
@@ -41,12 +41,21 @@ def block(**members: Any) -> dict[str, Any]:
     } | members  # fmt: skip
 
 
-def planned(body: dict[str, Any], uploads: dict[str, SolidMesh] | None = None) -> Document:
-    """Return the document of a task, without its certificate; its clock counts calls."""
+def answered(
+    body: dict[str, Any], uploads: dict[str, SolidMesh] | None = None, handovers: HandoverSource = few_handovers
+) -> Document:
+    """Return what the planner makes of a task; its clock counts calls."""
     task = read_task({"kind": "suction_tool", **body})
     scene = build_scene(task, uploads=(uploads or {}).get)
     ticks = count()
-    document = plan(task, scene, silent, lambda: float(next(ticks)), few_handovers)
+    return plan(task, scene, silent, lambda: float(next(ticks)), handovers)
+
+
+def planned(
+    body: dict[str, Any], uploads: dict[str, SolidMesh] | None = None, handovers: HandoverSource = few_handovers
+) -> Document:
+    """Return the document of a task that has a plan, without its certificate."""
+    document = answered(body, uploads, handovers)
     assert document["outcome"] == "solved", document["explanation"]
     return document | {"id": "probe", "software": {"name": "liftwright", "version": "0", "commit": None}}
 

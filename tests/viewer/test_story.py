@@ -91,3 +91,15 @@ def test_a_cause_without_a_plan_tells_how_much_is_missing(document: dict[str, An
     cause = {"reason": "No forces balance it.", "needed": 20.55, "available": 0.0, "unit": "N", "where": "face"}
     document |= {"outcome": "not_found", "explanation": {"summary": "None.", "causes": [cause]}}
     assert story(document)["causes"] == [{"reason": "No forces balance it", "numbers": "short by 20.55 N"}]
+
+
+@pytest.mark.parametrize(("asked", "told"), [(0.1, "less than the 10 % asked for"), (0.04, ""), (None, "")])
+def test_a_reserve_below_what_was_asked_for_says_so(planned: dict[str, Any], asked: float | None, told: str) -> None:
+    where = {"limited_by": "cup: pull", "body": "plate", "segment": 1, "sample": 3}
+    planned["statistics"]["reserve"] = {"value": 0.04, **where}
+    planned["task"].setdefault("options", {}).pop("reserve", None)
+    if asked is not None:
+        planned["task"]["options"]["reserve"] = asked
+    least = story(planned)["least_reserve"]
+    assert least["asked"] == told
+    assert least["time"] == pytest.approx(1.3)

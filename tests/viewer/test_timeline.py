@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 from viewer.conftest import contact, segment
 
-from app.viewer.timeline import Timeline
+from app.viewer.timeline import Timeline, by_hand
 
 
 def wavy_segment(start: float, n: int, rng: np.random.Generator) -> dict[str, Any]:
@@ -73,6 +73,21 @@ def test_a_contact_that_both_sets_list_is_drawn_between_them(document: dict[str,
     (touch,) = timeline(document, segment(0.0, 3, contacts=contacts)).at(0.05).touches
     assert touch.force == pytest.approx([0.0, 1.0, 3.0])
     assert touch.point == pytest.approx([0.05, 0.0, 1.1])
+
+
+def test_a_hands_fingers_are_drawn_as_what_the_hand_bears(document: dict[str, Any]) -> None:
+    """A squeeze of 60 N is in the fingers' forces and not in the arm's."""
+    contacts = [
+        contact(0, "right", "soft_finger", (1.0, 0.5, 64.0), finger=0, point=[0.1, 0.0, 1.10]),
+        contact(0, "right", "soft_finger", (2.0, -0.5, -56.0), finger=1, point=[0.1, 0.0, 1.14]),
+        contact(0, "left", "point", (0.0, 0.0, 2.0)),
+    ]
+    touches = timeline(document, segment(0.0, 3, contacts=contacts)).at(0.0).touches
+    drawn = {touch.by: touch for touch in by_hand(touches)}
+    assert drawn.keys() == {"left", "right"}
+    assert drawn["right"].force == pytest.approx([3.0, 0.0, 8.0])
+    assert drawn["right"].point == pytest.approx([0.1, 0.0, 1.12])
+    assert drawn["left"].force == pytest.approx([0.0, 0.0, 2.0])
 
 
 def test_between_sets_of_different_contacts_the_earlier_one_counts(document: dict[str, Any]) -> None:

@@ -102,7 +102,7 @@ def test_the_cup_is_used_by_the_contracts_cones(planned: dict[str, Any], wrench:
     assert chart["series"][0]["values"] == pytest.approx([used], abs=1e-3)
 
 
-def test_the_squeeze_of_a_hand_is_that_of_its_harder_finger_and_has_a_gap_without_it(planned: dict[str, Any]) -> None:
+def test_the_force_of_a_hand_is_that_of_its_harder_finger_and_has_a_gap_without_it(planned: dict[str, Any]) -> None:
     planned["segments"][4]["contacts"] = [finger(0, "right", 0, 7.0), finger(0, "right", 1, 9.0)]
     planned["segments"][5]["contacts"] = [suction(0, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])]
     chart = story(planned)["sources"]["plan"]["charts"][1]

@@ -100,6 +100,24 @@ def test_a_watcher_gets_a_room_and_is_told_of_plans_that_are_not_there(service: 
         assert json.loads(socket.recv()) == {"type": "done", "request": "time"}
 
 
+def test_a_fault_of_the_service_is_told_as_one_and_the_connection_stays(
+    service: ServiceProcess, client: httpx.Client
+) -> None:
+    # What the fake solver answers is no plan document: a fault that nobody thought of.
+    plan = finished(client, client.post("/v1/plans", json=task()).json())
+    with connect(watch_address(service)) as socket:
+        socket.recv()
+        told = []
+        for _ in range(2):
+            socket.send(json.dumps({"type": "open", "plan": plan["id"]}))
+            told.append(json.loads(socket.recv()))
+        assert {(each["type"], each["request"]) for each in told} == {("fault", "open")}
+        assert all("could not show this plan" in each["detail"] and "KeyError" in each["detail"] for each in told)
+        assert told[0]["detail"] != told[1]["detail"], "each fault is found in the log by a name of its own"
+        socket.send(json.dumps({"type": "time", "source": "plan", "time": 1.0}))
+        assert json.loads(socket.recv()) == {"type": "done", "request": "time"}
+
+
 @pytest.mark.parametrize(
     "request_",
     ["{", '{"type":"time","source":"plan","time":-1}', '{"type":"dance"}', '{"type":"time","source":"dream","time":1}'],
@@ -114,6 +132,17 @@ def test_a_request_that_makes_no_sense_ends_the_connection_and_nothing_else(
             socket.recv()
         assert closed.value.rcvd is not None
         assert closed.value.rcvd.code == 1007
+    assert httpx.get(f"{service.address}/readyz").status_code == 200
+
+
+def test_a_request_that_is_no_text_ends_the_connection_and_nothing_else(service: ServiceProcess) -> None:
+    with connect(watch_address(service)) as socket:
+        socket.recv()
+        socket.send(b'{"type": "view", "view": "close"}')
+        with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
+            socket.recv()
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1003
     assert httpx.get(f"{service.address}/readyz").status_code == 200
 
 

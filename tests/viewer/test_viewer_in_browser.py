@@ -107,7 +107,7 @@ def document_of(service: ServiceProcess, plan: dict[str, Any]) -> dict[str, Any]
 
 def test_the_slider_moves_robot_and_curves(page: Page) -> None:
     before, lines = settled(page), now_lines(page)
-    assert len(lines) == 3
+    assert len(lines) == 4
     drag_to(page, 0.6)
     wait_until_it_differs(page, before)
     assert all(later > earlier + 20 for earlier, later in zip(lines, now_lines(page), strict=True))
@@ -293,7 +293,12 @@ def test_a_suction_tool_plan_plays_with_its_object_and_curves(suction_page: Page
     before, lines = settled(page), now_lines(page)
     assert text(page, "#states").strip() == "domino 1"
     titles = page.eval_on_selector_all(".chart h3", "found => found.map((title) => title.firstChild.textContent)")
-    assert titles == ["Suction cup, used of what it bears", "Finger squeeze needed", "Fastest joint, of its limit"]
+    assert titles == [
+        "Suction cup, used of what it bears",
+        "Finger force",
+        "Force reserve",
+        "Fastest joint, of its limit",
+    ]
     page.evaluate("player.seek(player.source.segments.find(({ words }) => words.includes('lifts domino')).end)")
     assert "domino 1" in text(page, "#now")
     wait_until_it_differs(page, before)

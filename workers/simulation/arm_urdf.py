@@ -17,6 +17,8 @@ TOUCHING_PARTS = ("pad", "finger", "tip")
 """Parts of hands that touch the plate on purpose: their contact is modelled apart, see `touch`."""
 _LEAST_INERTIA = 1e-4
 """[kg m^2]"""
+_BASE_MASS = 2.0
+"""Not published, and without effect: the base is fixed [kg]."""
 
 
 def write_arm_urdf(arm: Arm, folder: Path) -> Path:
@@ -48,7 +50,9 @@ def flange_from_link(arm: Arm) -> Transform:
 def _link(arm: Arm, number: int, T_link_frame: Transform, folder: Path) -> str:
     link = arm.robot.links[number]
     hulls: dict[str, Hull] = {link.name: hull_with_faces(link.points)}
-    masses = [(link.mass or 2.0, link.points.mean(axis=0))]
+    masses = [(_BASE_MASS, link.points.mean(axis=0))]
+    if number > 0:
+        masses = [(float(arm.robot.masses[number - 1, 0]), arm.robot.masses[number - 1, 1:])]
     if number == 6:
         hulls |= {name: hull_with_faces(points) for name, points in _hand_points(arm)}
         masses.append((arm.hand.mass, arm.hand.com))

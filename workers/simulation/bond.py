@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.geometry.pose import Array, Transform, inverse
+from planners.geometry.pose import Array, Transform, inverse, small_motion
 from workers.simulation.free_body import FreeBody
 
 
@@ -73,10 +73,8 @@ class Bond:
     def displacement(self) -> Array:
         """Return how far (6,) the parent is ahead of the child, world axes [m, rad]."""
         T_world_rest = self.child.T_world_body @ self._T_child_parent
-        turn = self.T_world_parent[:3, :3] @ T_world_rest[:3, :3].T
         # The sine of the angle times the axis: holds give way by few degrees.
-        turned = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        return np.concatenate([self.T_world_parent[:3, 3] - T_world_rest[:3, 3], turned])
+        return small_motion(T_world_rest, self.T_world_parent)
 
     def lead(self, gained: Array) -> Array:
         """Return how fast (6,) the parent moves ahead, where free bodies have gained a velocity (3,) by themselves."""

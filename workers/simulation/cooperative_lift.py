@@ -1,4 +1,4 @@
-"""The cooperative lift: the winch goes up as it likes, and the hands follow what the pushing one feels."""
+"""The cooperative lift: the winch goes up as it likes, and both hands follow what they feel."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ import numpy as np
 
 from planners.balance.contacts import GripContacts, PushContact
 from planners.collision.placement import Attached
+from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import flange_pose
+from planners.lifting.felt_mass import box_inertia, felt_mass
 from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_goal import LiftGoal, lift_goal
-from planners.lifting.lift_path import LiftPath, LiftPathSettings, lift_path
-from planners.manipulation.workcell import LiftWorkcell
+from planners.lifting.lift_loop import HungPlate, design_gains, moved_stiffness
+from planners.lifting.lift_path import LiftPath, lift_path
+from planners.manipulation.workcell import PLATE_FRAME, LiftWorkcell
 from planners.scene.scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand
 from workers.simulation.settings import SimulationSettings
@@ -36,13 +39,25 @@ class LiftForces:
     """By arm and "cup": (6,) on the plate about the middle of the contacts, world axes [N, Nm]."""
     push: float
     """Vertical force of the pushing hand [N]."""
+    both: float
+    """Vertical force of both hands together [N]."""
+    gains: FollowerGains
+    """With which both hands follow."""
 
     @classmethod
     def find(
-        cls, scene: PlateLiftScene, R_world_plate: Array, gripping: GrippingHand, pushing: PushingHand
+        cls, scene: PlateLiftScene, R_world_plate: Array, gripping: GrippingHand, pushing: PushingHand, com: Array
     ) -> Self | None:
-        """Solve (5) for the plate hanging in this orientation; None: hands and cup cannot bear it."""
-        com, touch = scene.plate.com, gripping.touch
+        """Solve (5) for the plate hanging in this orientation; None: hands and cup cannot bear it.
+
+        Args:
+            scene: plate and cup as they are known.
+            R_world_plate: how the plate hangs.
+            gripping: as it has got hold of the plate.
+            pushing: likewise.
+            com: (3,) where the plate's centre of mass really is, from which the hands' contacts are told [m].
+        """
+        touch = gripping.touch
         pads = np.array([touch.anchors[:4].mean(axis=0), touch.anchors[4:].mean(axis=0)]) + com
         grip = GripContacts(pads, touch.normals[[0, 4]])
         push = PushContact(pushing.touch.anchors[0] + com, pushing.touch.normals[0])
@@ -54,11 +69,13 @@ class LiftForces:
         total = fingers.sum(axis=0)
         total[3:] += np.cross((pads - pads.mean(axis=0)) @ R_world_plate.T, fingers[:, :3]).sum(axis=0)
         wrenches = {gripping.arm.name: total, pushing.arm.name: each["push"], "cup": each["cup"]}
-        return cls(goal, wrenches, float(each["push"][2]))
+        push = float(each["push"][2])
+        gains = _gains(scene, R_world_plate[2], gripping, pushing, com)
+        return cls(goal, wrenches, push, push + float(total[2]), gains)
 
 
 class CooperativeLift:
-    """Eq. (11) on the pushing hand's vertical force; both hands rise with the same velocity along their path."""
+    """Eq. (11) on the vertical force of both hands; both rise with the same velocity along their path."""
 
     def __init__(
         self,
@@ -86,31 +103,36 @@ class CooperativeLift:
         """[s]"""
         self.velocity, self.height = 0.0, 0.0
         """Of the hands, commanded [m/s, m]."""
-        gains = settings.follower or FollowerGains.for_lift(scene.plate.mass or 1.0, scene.cup.max_force)
+        self._goal_velocity, self._left = 0.0, 0.0
+        gains = settings.follower or forces.gains
         limits = np.concatenate([arm.velocity_max for arm in scene.cell.arms.values()])
         self._usual_speed = settings.winch.usual_speed
-        # With V_d = 0 hands that follow always bear less than F_goal, and the cup more: the lifter's usual speed would
-        # use its reserve up. With V_d at that speed F_goal holds there, and the reserve is for what is uneven.
-        fastest = _LIMIT_SHARE * path.largest_speed(limits)
-        self._law = LeaderFollower(gains, min(self._usual_speed, fastest), fastest)
+        self._law = LeaderFollower(gains)
+        self._fastest = _LIMIT_SHARE * path.speed_limits(limits)
         self._motion = FollowerMotion()
         self._controlled = settings.controlled
 
-    def command(self, push_reading: float) -> None:
-        """Take the pushing hand's vertical force [N] and set the velocity until the next reading.
+    def command(self, reading: float) -> None:
+        """Take the vertical force of both hands together [N] and set the velocity until the next reading.
 
         Without the controller the hands rise at the speed that such lifters usually have, as far as was agreed.
         """
+        self._left = self._law.gains.period
         if self._controlled:
-            self._motion = self._law.follow(self._motion, self.forces.push, push_reading)
-            self.velocity = self._motion.velocity
+            fastest = float(np.interp(self.height, self.path.heights, self._fastest))
+            self._motion = self._law.follow(self._motion, self.forces.both, reading, fastest)
+            self._goal_velocity = self._motion.velocity
         else:
-            self.velocity = self._usual_speed if self.height < self.winch.heights[-1] else 0.0
+            self._goal_velocity = self._usual_speed if self.height < self.winch.heights[-1] else 0.0
 
     def advance(self, step: float) -> tuple[Array, Array]:
         """Rise for one step [s] and return the (12,) joint positions and velocities to be at then [rad, rad/s]."""
         if self.height >= self.path.height:
-            self.velocity, self._motion = 0.0, replace(self._motion, velocity=0.0)
+            self.velocity = self._goal_velocity = 0.0
+            self._motion = replace(self._motion, velocity=0.0)
+        self._left = max(self._left, step)
+        self.velocity += (self._goal_velocity - self.velocity) * step / self._left
+        self._left -= step
         self.height += self.velocity * step
         positions = self.path.at(self.height)
         slope = (self.path.at(self.height + _SLOPE_STEP) - positions) / _SLOPE_STEP
@@ -119,6 +141,32 @@ class CooperativeLift:
     def lifter(self, time: float) -> tuple[float, float]:
         """Return the winch's height [m] and speed [m/s] at a time [s]."""
         return self.winch.at(time - self.begin)
+
+
+def _gains(scene: PlateLiftScene, up: Array, gripping: GrippingHand, pushing: PushingHand, com: Array) -> FollowerGains:
+    """Return gains for a plate that hangs with `up` (3,) in its axes; `com` (3,) as the hands' contacts are told."""
+    plate, cup = scene.plate, scene.cup
+    mass = plate.mass or 1.0
+    inertia = box_inertia(np.ptp(plate.solid.convex.vertices, axis=0), mass)
+    places = [hand.touch.anchors.mean(axis=0) + com - plate.com for hand in (gripping, pushing)]
+    hands = sum(
+        (moved_stiffness(hand.touch.stiffness(), at) for hand, at in zip((gripping, pushing), places, strict=True)),
+        start=np.zeros((6, 6)),
+    )
+    # A cable holds along itself alone.
+    along = np.outer(up, up) if scene.lifter_model == "cable" else np.eye(3)
+    pull = np.zeros((6, 6))
+    pull[:3, :3] = gripping.settings.cup.stiffness(cup.max_force) * along
+    hung = HungPlate(
+        mass,
+        inertia,
+        hands,
+        gripping.settings.contact.damping_time,
+        moved_stiffness(pull, cup.T_plate_cup[:3, 3] - plate.com),
+        gripping.settings.cup.damping_time,
+        up,
+    )
+    return design_gains(hung, felt_mass(np.array(places), up, mass, inertia), cup.max_force)
 
 
 def way_up(
@@ -135,15 +183,15 @@ def way_up(
     """
     gripper = scene.cell.arms[arms[0]]
     workcell = LiftWorkcell(scene, *arms)
+    real = start + corrections
     first = 6 * list(scene.cell.arms).index(arms[0])
-    T_world_flange = flange_pose(gripper.dh, gripper.T_world_base, start[first : first + 6].copy())
-    query = workcell.query(
-        workcell.holding,
-        lambda a, b: bool({a.group, b.group} & set(arms)) or workcell.lifted(a, b),
-        Attached(gripper.name, inverse(T_world_flange) @ T_world_plate),
-        hands=arms,
-    )
-    planned = lift_path(scene.cell.arms, start, query)
-    # The hands start some millimetres off the plan; for collisions they are where it has them.
-    reach = LiftPathSettings(largest_height=planned.height)
-    return replace(lift_path(scene.cell.arms, start + corrections, None, reach), end=planned.end)
+    T_world_flange = flange_pose(gripper.dh, gripper.T_world_base, real[first : first + 6].copy())
+    # Hands, plate and cup go up alike: between them nothing changes, and pads give way further than hands look alone.
+    risen = {*(f"{arm}/6" for arm in arms), PLATE_FRAME, workcell.cable_frame}
+
+    def chosen(a: CollisionBody, b: CollisionBody) -> bool:
+        moves = bool({a.group, b.group} & set(arms)) or workcell.lifted(a, b)
+        return moves and not risen >= {a.frame, b.frame}
+
+    held = Attached(gripper.name, inverse(T_world_flange) @ T_world_plate)
+    return lift_path(scene.cell.arms, real, workcell.query(workcell.holding, chosen, held, hands=arms))

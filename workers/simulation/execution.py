@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from workers.simulation.node_forces import NodeComparison
 from workers.simulation.outcome import Failure, SimulationOutcome
 from workers.simulation.recorder import Recorder
 from workers.simulation.reference import Moment, PlanReference, Stage
-from workers.simulation.settings import SimulationSettings
+from workers.simulation.settings import SimulationSettings, WinchSettings
 from workers.simulation.watch import Watch
 from workers.simulation.world import World
 
@@ -35,17 +36,20 @@ class Execution:
         world: World,
         settings: SimulationSettings,
         rng: np.random.Generator,
+        known: PlateLiftScene,
     ) -> None:
         """Prepare hands, cup and what the plan wants.
 
         Args:
             document: solved.
-            scene: that it was planned in.
+            scene: as everything really is.
             world: the physics, at the start.
             settings: see there.
             rng: sensor noise, the lifter's force error, and the winch.
+            known: the scene that it was planned in, and that the lift is prepared for.
         """
         self.scene, self.world, self.settings, self._rng = scene, world, settings, rng
+        self._known = known
         self.reference = PlanReference.of(document, scene.cup.T_plate_cup[:3, 3])
         friction = scene.friction
         grip_arm, push_arm = scene.cell.gripper_arms[0], scene.cell.pusher_arms[0]
@@ -83,6 +87,19 @@ class Execution:
         progress("simulate", 1, 1)
         return failure
 
+    def prepare(self) -> Failure[SimulationOutcome] | None:
+        """Execute everything until the lifter begins to rise; return what gave way, None when the plate hangs still."""
+        return self._manipulate(_untold) or self._settle(_untold)
+
+    def lift_behind(self, winch: WinchSettings, seed: int) -> Failure[SimulationOutcome] | None:
+        """After `prepare`: lift behind a lifter that is drawn anew; return what gave way, None when lifted."""
+        lift = self.lift
+        assert lift is not None
+        self._rng.bit_generator.state = np.random.default_rng(seed).bit_generator.state
+        self.settings = replace(self.settings, winch=winch)
+        self.lift = CooperativeLift(self._known, lift.forces, lift.path, self.time, self.settings, self._rng)
+        return self._follow(_untold)
+
     def _part_done(self) -> float:
         """Return how much is done: half of it until the lift, whose length is not known before, and half for it."""
         if self.lift is None:
@@ -103,7 +120,8 @@ class Execution:
     def _settle(self, report: Callable[[], None]) -> Failure[SimulationOutcome] | None:
         """Let the hands take on the goal forces of the lift while the plate hangs still, and prepare the lift."""
         moment = self.reference.at(self.reference.duration)
-        forces = LiftForces.find(self.scene, moment.rotation_world_plate, self.gripping, self.pushing)
+        com = self.scene.plate.com
+        forces = LiftForces.find(self._known, moment.rotation_world_plate, self.gripping, self.pushing, com)
         if forces is None:
             return Failure(SimulationOutcome.OVERLOAD, self.time, "hands and cup cannot bear the plate in the air")
         begin, seconds = self.time, self.settings.settle
@@ -126,7 +144,7 @@ class Execution:
             for hand in self.hands:
                 hand.track(wanted[hand.arm.name], moment.rotation_world_plate)
                 self._corrections[hand.joints] = hand.correction(ahead.positions[hand.joints])
-                hand.sense()
+                hand.sense(plate[0])
         cup = wanted["cup"]
         assert cup is not None
         wrench = self.lifter.give(cup, moment.cup_point, moment.cup_velocity, plate, step)
@@ -141,7 +159,7 @@ class Execution:
         T_world_plate = moment.reference.T_world_plate[moment.low]
         arms = (self.gripping.arm.name, self.pushing.arm.name)
         path = way_up(self.scene, moment.positions, self._corrections, T_world_plate, arms)
-        self.lift = CooperativeLift(self.scene, forces, path, self.time, self.settings, self._rng)
+        self.lift = CooperativeLift(self._known, forces, path, self.time, self.settings, self._rng)
         plate = self.world.plate_motion()
         self.lifter.hang(plate, forces.wrenches["cup"][3:])
         self._place0, self._R0 = self.lifter.place(plate)[0], plate[0]
@@ -153,9 +171,10 @@ class Execution:
         while self.time < lift.end:
             if self._steps % self._tick == 0:
                 # The law gets the reading before: it takes one period from the sensor to the arms.
-                lift.command(float(self.pushing.reading[2]))
+                lift.command(sum(float(hand.reading[2]) for hand in self.hands))
+                rotation = self.world.plate_motion()[0]
                 for hand in self.hands:
-                    hand.sense()
+                    hand.sense(rotation)
             height, speed = lift.lifter(self.time)
             wrench = self.lifter.hoist(height, speed, self.world.plate_motion())
             failure = self._step(*lift.advance(self.settings.step), wrench, self.reference.stages[-1])
@@ -215,6 +234,10 @@ class Execution:
             plate_tilt=float(np.degrees(np.arccos(np.clip(plate[0][2, 2], -1.0, 1.0)))),
         )
         self.motion.append((self.time, self.world.positions.copy(), self.world.plate_pose()))
+
+
+def _untold() -> None:
+    """Tell nobody how far it is."""
 
 
 def _blend(first: Array | None, last: Array, part: float) -> Array:

@@ -1,4 +1,4 @@
-"""The force sensor in a wrist: noise, an offset, and taring."""
+"""The force-torque sensor in a wrist: noise, an offset, and taring."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from workers.simulation.settings import SensorSettings
 
 
 class ForceSensor:
-    """FT300: reads the contact force of its hand at its own rate.
+    """FT300: reads the contact wrench of its hand at its own rate.
 
     The weight of the hand itself is compensated by the robot from the hand's known mass; what remains of that is part
     of the offset that taring takes away.
@@ -18,16 +18,16 @@ class ForceSensor:
     def __init__(self, rng: np.random.Generator, settings: SensorSettings) -> None:
         """Switch it on: its offset is unknown until it is tared."""
         self._rng, self._settings = rng, settings
-        self._offset = rng.normal(scale=settings.force_bias, size=3)
-        self._tare = np.zeros(3)
+        self._noise = np.repeat([settings.force_noise, settings.torque_noise], 3)
+        self._offset = rng.normal(scale=np.repeat([settings.force_bias, settings.torque_bias], 3))
+        self._tare = np.zeros(6)
         self.tare()
 
     def tare(self) -> None:
         """Average some readings while the hand bears nothing, and subtract them from now on."""
-        noise = self._rng.normal(scale=self._settings.force_noise, size=(self._settings.tare_readings, 3))
+        noise = self._rng.normal(scale=self._noise, size=(self._settings.tare_readings, 6))
         self._tare = self._offset + noise.mean(axis=0)
 
-    def read(self, force: Array) -> Array:
-        """Return the (3,) reading for a true force (3,) of the hand on what it touches, world axes [N]."""
-        noise = self._rng.normal(scale=self._settings.force_noise, size=3)
-        return force + self._offset + noise - self._tare
+    def read(self, wrench: Array) -> Array:
+        """Return the (6,) reading for a true wrench (6,) of the hand on what it touches, world axes [N, Nm]."""
+        return wrench + self._offset + self._rng.normal(scale=self._noise) - self._tare

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from planners.geometry.pose import Array, Transform, inverse
+from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, small_motion, transform
 from planners.kinematics.forward import flange_pose, jacobian
 from planners.scene.arm import Arm
 from planners.scene.hand import Gripper, Pusher
@@ -20,6 +20,7 @@ from workers.simulation.touch import PlateMotion, Touch
 
 _FADE = 0.05
 """How fast a feed-forward correction is taken on [s]."""
+_NEWTON_STEPS = 3
 _CLEAR = 0.004
 """A stick further than this from the plate has left it [m]."""
 
@@ -28,19 +29,24 @@ class SimulatedHand(ABC):
     """One arm's hand. Subclasses say how it gets hold of the plate.
 
     Admittance: the hand is commanded to where it should be by the plan, plus how far its compliance gives way under
-    the planned wrench, plus an integral of the measured force error over a damping, which leaks.
+    the planned wrench, plus an integral of the measured wrench's error over a damping, which leaks.
     """
+
+    turns: bool
+    """Whether the hand can exert a torque on the plate, which its admittance then follows."""
 
     def __init__(self, arm: Arm, first_joint: int, settings: SimulationSettings, rng: np.random.Generator) -> None:
         self.arm, self.settings = arm, settings
         self.joints = slice(first_joint, first_joint + 6)
         self.sensor = ForceSensor(rng, settings.sensor)
-        self.reading = np.zeros(3)
-        """(3,) last reading of the sensor: force on the plate, world axes [N]."""
+        self.reading = np.zeros(6)
+        """(6,) last reading of the sensor: wrench on the plate about the contacts' middle, world axes [N, Nm]."""
         self.touch: Touch
         self.T_flange_hand: Transform
-        self._forward, self._trim = np.zeros(6), np.zeros(3)
+        self._forward, self._trim = np.zeros(6), np.zeros(6)
         self._away = 0.0
+        turning = 1.0 / settings.hand.torsional_damping if self.turns else 0.0
+        self._admittance = np.repeat([1.0 / settings.hand.damping, turning], 3)
 
     @property
     def force(self) -> Array:
@@ -61,9 +67,9 @@ class SimulatedHand(ABC):
     def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
         """Get hold of the plate, or let it go, as the plan says at a time [s]."""
 
-    def sense(self) -> None:
-        """Take a reading."""
-        self.reading = self.sensor.read(self.force)
+    def sense(self, R_world_plate: Array) -> None:
+        """Take a reading, with the plate's orientation (3, 3) of now."""
+        self.reading = self.sensor.read(self.touch.wrench(R_world_plate))
 
     def track(self, wrench: Array | None, R_world_plate: Array) -> None:
         """Take one period of the admittance towards a planned wrench (6,), world axes; None: bear nothing."""
@@ -71,23 +77,19 @@ class SimulatedHand(ABC):
         wanted = np.zeros(6)
         if wrench is not None and self.touch.engaged:
             wanted = _give_way(self.touch.stiffness(), wrench, R_world_plate)
-            self._trim += period * ((wrench[:3] - self.reading) / s.damping - s.leak * self._trim)
-            size = float(np.linalg.norm(self._trim))
-            self._trim *= min(1.0, s.largest_correction / size) if size > 0.0 else 1.0
+            self._trim += period * ((wrench - self.reading) * self._admittance - s.leak * self._trim)
+            self._trim[:3] = _at_most(s.largest_correction, self._trim[:3])
+            self._trim[3:] = _at_most(s.largest_turning, self._trim[3:])
         else:
             self._trim *= 1.0 - period / 0.2
         self._forward += (1.0 - math.exp(-period / _FADE)) * (wanted - self._forward)
 
     def correction(self, positions: Array) -> Array:
         """Return the (6,) joint corrections at the planned joint positions (6,) [rad]."""
-        twist = self._forward.copy()
-        twist[:3] += self._trim
-        if not np.any(twist):
+        away = self._forward + self._trim
+        if not np.any(away):
             return np.zeros(6)
-        q = np.ascontiguousarray(positions)
-        T = flange_pose(self.arm.dh, self.arm.T_world_base, q) @ self.T_flange_hand
-        J = jacobian(self.arm.dh, self.arm.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
-        return J.T @ np.linalg.solve(J @ J.T + 1e-5 * np.eye(6), twist)
+        return moved_joints(self.arm, self.T_flange_hand, positions, away) - positions
 
     def lost(self, expected: bool, step: float) -> str | None:
         """Say how the hand has lost the plate, None while it has not; `expected`: whether it should have it now."""
@@ -106,6 +108,8 @@ class SimulatedHand(ABC):
 class GrippingHand(SimulatedHand):
     """Two pads with four points each; the fingers close on the plate wherever it is, and squeeze."""
 
+    turns = True
+
     def __init__(
         self,
         arm: Arm,
@@ -118,6 +122,7 @@ class GrippingHand(SimulatedHand):
         """Take the plan's friction coefficient and eccentricity [1, m], and the plate's thickness [m]."""
         super().__init__(arm, first_joint, settings, rng)
         contact, (mu, eps) = settings.contact, friction
+        self._squeeze = contact.squeeze
         assert isinstance(arm.hand, Gripper)
         self.T_flange_hand = arm.hand.T_flange_tcp(width)
         along = eps / math.hypot(1.0, 1.0 / contact.pad_aspect)
@@ -143,18 +148,23 @@ class GrippingHand(SimulatedHand):
             squeeze = 1.0
         if holds and not self.touch.engaged:
             R, com = plate[0], plate[1]
-            T_plate_hand = inverse(_frame(R, com)) @ T_world_hand
+            T_plate_hand = inverse(transform(R, com)) @ T_world_hand
             y = T_plate_hand[:3, 1]
             self.touch.engage(T_plate_hand, np.repeat([y, -y], 4, axis=0))
         elif not holds and self.touch.engaged:
             self.touch.release()
             self.sensor.tare()
+        if stage.grip is not None:
+            commanded = stage.grip.get("squeeze")
+            self._squeeze = self.settings.contact.squeeze if commanded is None else float(commanded)
         if self.touch.engaged:
-            self.touch.preload[:] = 0.25 * self.settings.contact.squeeze * squeeze
+            self.touch.preload[:] = 0.25 * self._squeeze * squeeze
 
 
 class PushingHand(SimulatedHand):
     """A round tip against one face of the plate."""
+
+    turns = False
 
     def __init__(
         self,
@@ -186,7 +196,7 @@ class PushingHand(SimulatedHand):
         if stage.push is not None and stage.push is not self._hold:
             normal = np.array(stage.push["normal"])
             if self._hold is None or stage.push["point"] != self._hold["point"]:
-                T_plate_hand = inverse(_frame(R, com)) @ T_world_hand
+                T_plate_hand = inverse(transform(R, com)) @ T_world_hand
                 face = np.array(stage.push["point"]) - self._com
                 tip = T_plate_hand[:3, 3] + self._radius * normal
                 self.touch.engage_at((tip + ((face - tip) @ normal) * normal)[None], normal[None])
@@ -212,6 +222,27 @@ class PushingHand(SimulatedHand):
         super().track(wrench, R_world_plate)
 
 
+def moved_joints(arm: Arm, T_flange_hand: Transform, positions: Array, away: Array) -> Array:
+    """Return the joint positions (6,) that put a hand somewhere else, near [rad].
+
+    Newton's method, as one step of it would be millimetres off: soft pads are turned by a tenth of a radian.
+
+    Args:
+        arm: whose hand.
+        T_flange_hand: (4, 4).
+        positions: (6,) from where [rad].
+        away: (6,) translation of the hand's origin, then rotation vector about it, world axes [m, rad].
+    """
+    q = np.array(positions)
+    T = flange_pose(arm.dh, arm.T_world_base, q) @ T_flange_hand
+    wanted = transform(rotation_from_vector(away[3:]) @ T[:3, :3], T[:3, 3] + away[:3])
+    for _ in range(_NEWTON_STEPS):
+        J = jacobian(arm.dh, arm.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
+        q += J.T @ np.linalg.solve(J @ J.T + 1e-5 * np.eye(6), small_motion(T, wanted))
+        T = flange_pose(arm.dh, arm.T_world_base, q) @ T_flange_hand
+    return q
+
+
 def _give_way(stiffness: Array, wrench: Array, R_world_plate: Array) -> Array:
     """Return the (6,) small motion by which a compliance gives way to a wrench, world axes."""
     R = np.zeros((6, 6))
@@ -219,7 +250,6 @@ def _give_way(stiffness: Array, wrench: Array, R_world_plate: Array) -> Array:
     return R @ (np.linalg.pinv(stiffness, rcond=1e-8) @ (R.T @ wrench))
 
 
-def _frame(R: Array, position: Array) -> Transform:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, position
-    return T
+def _at_most(largest: float, vector: Array) -> Array:
+    size = float(np.linalg.norm(vector))
+    return vector * (largest / size) if size > largest else vector

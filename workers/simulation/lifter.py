@@ -34,7 +34,7 @@ class SuctionLifter:
         self._bending = math.pi * cup.radius * cup.kappa / math.sqrt(2.0)
         self.limit = cup.max_force
         """[N]"""
-        self.stiffness = cup.max_force / settings.travel
+        self.stiffness = settings.stiffness(cup.max_force)
         """[N/m]"""
         self.pull = 0.0
         """Outward along the pad's normal; for a cable its tension [N]."""

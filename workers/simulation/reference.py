@@ -13,7 +13,7 @@ from planners.geometry.pose import Array, from_pose7
 from workers.simulation.sampled_plan import SampledPlan, between
 
 LEAD = 0.3
-"""The lifter begins to change its pull so long before the plan has it change [s]."""
+"""Hands and lifter begin to change what they bear so long before the plan has it change [s]."""
 
 
 BEARERS = ("left", "right", "cup", "support")
@@ -45,7 +45,7 @@ class PlanReference(SampledPlan):
     planned: Mapping[str, Array]
     """By `BEARERS`: (n, 6) on the plate about the middle of its contacts, world axes; NaN: touches nothing."""
     wrenches: Mapping[str, Array]
-    """What hands and lifter are told: as planned, but the lifter changes its pull before the plan does."""
+    """What hands and lifter are told: as planned, but what changes from one hold to the next begins to before."""
     cup_points: Array
     """(n, 3) where the cup pulls, world [m]."""
 
@@ -62,7 +62,8 @@ class PlanReference(SampledPlan):
             plate = poses[-1][-1]
         T_world_plate = np.concatenate(poses)
         planned = {name: np.concatenate([_wrenches(segment, name) for segment in segments]) for name in BEARERS}
-        wrenches = planned | {"cup": _begun_before(samples.time, planned["cup"], np.cumsum(sizes)[:-1])}
+        borders = np.cumsum(sizes)[:-1]
+        wrenches = {name: _begun_before(samples.time, planned[name], borders) for name in (*BEARERS[:2], "cup")}
         return cls(
             time=samples.time,
             positions=samples.positions,
@@ -181,10 +182,13 @@ def _total(contacts: Sequence[Mapping[str, Any]]) -> Array:
 
 
 def _begun_before(time: Array, wrenches: Array, borders: NDArray[np.int64]) -> Array:
-    """Let the lifter change its pull before a segment that begins with another, not at its first instant."""
+    """Let a bearer change its wrench before a segment that begins with another, not at its first instant.
+
+    Both balance the plate as it is at the border, so all that lies between them does: friction cones are convex.
+    """
     result = wrenches.copy()
     for border in borders:
-        jump = wrenches[border] - wrenches[border - 1]
+        jump = np.nan_to_num(wrenches[border] - wrenches[border - 1])
         part = np.clip((time[:border] - (time[border] - LEAD)) / LEAD, 0.0, 1.0)
         result[:border] += part[:, None] * jump
     return result

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 from planners.lifting.leader_follower import FollowerGains
 
@@ -16,11 +17,12 @@ class ContactSettings:
     """True friction over the one planned with, of all contacts [1]: rubber on acrylic has 0.6, planned with 0.5. A
     plan of least effort lies on the border of its friction cones, so that any disturbance would make it slip."""
     squeeze: float = 60.0
-    """Force of the gripper's fingers [N]: internal, no load of the arm; a 2F-85 gives 20 to 235 N."""
+    """Force of each of the gripper's fingers where the plan commands none [N]: internal, no load of the arm."""
     pad_normal_stiffness: float = 30e3
     """Of one pad with its finger [N/m]."""
-    pad_tangential_stiffness: float = 15e3
-    """[N/m]"""
+    pad_tangential_stiffness: float = 40e3
+    """[N/m]. A pad is four points at the soft finger's eccentricity of 7.5 mm, so that friction bears the planned
+    torque and no more. Rubber of 15e3 N/m all over 22 x 37.5 mm resists turning as these four points do at 40e3."""
     tip_normal_stiffness: float = 20e3
     """Of the stick's rubber tip [N/m]."""
     tip_tangential_stiffness: float = 10e3
@@ -54,6 +56,10 @@ class CupSettings:
     burst: float = 1.3
     """Or at once above this multiple of its limit [1]."""
 
+    def stiffness(self, max_force: float) -> float:
+        """Return the stiffness of a cup with its suspension, by the cup's largest force [N/m]."""
+        return max_force / self.travel
+
 
 @dataclass(frozen=True)
 class WinchSettings:
@@ -68,13 +74,20 @@ class WinchSettings:
     hold_chance: float = 0.5
     """That a move is followed by a hold instead of another speed [1]."""
     acceleration: float = 0.5
-    """When the switch is pressed or let go [m/s^2]."""
+    """When the switch is pressed [m/s^2]."""
+    deceleration: float = 0.5
+    """When it is let go [m/s^2]."""
     jerk_chance: float = 0.3
     """That a move begins with a jerk [1]."""
     jerk_speed: float = 0.08
     """[m/s]"""
     jerk_time: float = 0.06
     """[s]"""
+
+    def times(self, factor: float) -> Self:
+        """Return a lifter that is so many times as fast; its motor pulls and brakes as hard as ever."""
+        low, high = self.speed
+        return replace(self, speed=(factor * low, factor * high), jerk_speed=factor * self.jerk_speed)
 
     @property
     def usual_speed(self) -> float:
@@ -94,6 +107,10 @@ class SensorSettings:
     """Standard deviation [N]."""
     force_bias: float = 5.0
     """Standard deviation of the offset before taring [N]."""
+    torque_noise: float = 0.02
+    """Standard deviation [Nm]."""
+    torque_bias: float = 0.2
+    """Standard deviation of the offset before taring [Nm]."""
     tare_readings: int = 50
     """Readings that are averaged when the hand bears nothing [1]."""
 
@@ -104,10 +121,14 @@ class HandSettings:
 
     damping: float = 1500.0
     """Of the admittance: a force error of 15 N moves the hand by 10 mm/s [Ns/m]."""
+    torsional_damping: float = 3.0
+    """Of the gripping hand's admittance about its pads: an error of 0.3 Nm turns it by 0.1 rad/s [Nms/rad]."""
     leak: float = 0.3
     """Rate at which a correction dies away [1/s]: what cannot be tracked does not wander off."""
     largest_correction: float = 0.012
     """Of the hand's place by feedback [m]."""
+    largest_turning: float = 0.15
+    """Of the gripping hand's orientation by feedback [rad]."""
     servo_gain: float = 0.4
     """Part of a joint's position error that is made good in one period of the robot [1]."""
     largest_slip: float = 0.012

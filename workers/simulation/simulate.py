@@ -21,8 +21,8 @@ MODEL = (
     "Plate, table, support and obstacles are rigid bodies in PyBullet; arms are chains of links driven by servos.",
     "True friction is a stated factor above the planned coefficients, at all contacts; a plan of least effort lies on "
     "the border of its friction cones.",
-    "Pads and tip are springs and dampers within Coulomb friction; the gripper squeezes with a constant force of its "
-    "own, which is no load of the arm.",
+    "Pads and tip are springs and dampers within Coulomb friction; the gripper squeezes with the force that the plan "
+    "commands, which is no load of the arm.",
     "In the manipulation hands track the planned wrenches by admittance on a noisy, tared sensor; the stick never "
     "presses less than a stated force.",
     "In the manipulation the lifter is a force source: the planned cup force with a seeded error, at most the cup's "
@@ -30,8 +30,8 @@ MODEL = (
     "The cup gives the torque that is planned for it, in the lift that of F_goal, as far as its pad bears it: bending "
     "up to pi r kappa / sqrt(2) about each of its axes, by (5g), and twist by friction. On a cable it gives none.",
     "In the lift the lifter is an independent winch with an uneven profile, drawn from the seed before the lift "
-    "begins; both hands follow the pushing hand's vertical force by eq. (11), with V_d the speed "
-    "that such lifters usually have. Without control they rise at that speed, blind.",
+    "begins; both hands follow the vertical force that they bear together by eq. (11), with V_d estimated from their "
+    "own speed: nothing is known of the lifter. Without control they rise at the speed that such lifters usually have.",
     "The paper's lifter pulls in all directions and its cup holds by friction; on a cable the trolley keeps above the "
     "cup, which bears a pull from any side and does not slide.",
 )
@@ -47,6 +47,7 @@ def simulate(
     progress: Progress,
     seed: int,
     settings: SimulationSettings | None = None,
+    actual: PlateLiftScene | None = None,
 ) -> dict[str, Any]:
     """Execute a plan in physics, then lift; that something gives way is an answer.
 
@@ -56,13 +57,15 @@ def simulate(
         progress: told of stage "simulate".
         seed: of sensor noise, of the lifter's force error and of its profile.
         settings: what is assumed.
+        actual: how plate, friction and cup really are, which neither plan nor controller know; None: as in `scene`.
 
     Returns:
         The `simulation` member of a plan document.
     """
     settings = settings or SimulationSettings()
-    with World(scene, settings) as world:
-        execution = Execution(document, scene, world, settings, np.random.default_rng(seed))
+    actual = actual or scene
+    with World(actual, settings) as world:
+        execution = Execution(document, actual, world, settings, np.random.default_rng(seed), scene)
         failure = execution.run(progress)
     return _document(execution, failure, seed)
 

@@ -35,23 +35,23 @@ class FingerHold:
         self.arm, self._width = planned.arm, planned.width
         self.T_flange_tcp = T_flange_tcp
         self.bond = Bond(tool, None, T_world_tcp, settings.fingers)
-        self.limit = settings.truth.grip_strength * scene.grip_force_limit
-        """What a finger can press [N]."""
-        self._mu = scene.friction.grip
+        self.limit = settings.truth.grip_strength * planned.squeeze
+        """With which the fingers squeeze, as the plan commands it [N]."""
+        self._mu = settings.truth.grip_friction * scene.friction.grip
         self._endurance = Endurance(settings.endurance)
 
     @property
     def squeeze(self) -> float:
-        """The least force with which the fingers must press for what they do now [N]."""
-        return float(least_squeeze(self.bond.wrench_in_parent()[None], self._width, self._mu, EPS).normal[0])
+        """The least squeeze with which the fingers do what they do now [N]."""
+        return float(least_squeeze(self.bond.wrench_in_parent()[None], self._width, self._mu, EPS)[0])
 
     def lets_go(self, squeeze: float, period: float) -> str | None:
         """Say why the fingers lose the tool after a period [s] of needing a squeeze [N]; None while they do not."""
         if not self._endurance.lets_go(squeeze / self.limit, period):
             return None
         return (
-            f"the tool slipped in the {self.arm} hand: {squeeze:.0f} N of squeeze were needed, the fingers have "
-            f"{self.limit:g} N"
+            f"the tool slipped in the {self.arm} hand: {squeeze:.0f} N of squeeze were needed, the fingers "
+            f"squeeze with {self.limit:.0f} N"
         )
 
 

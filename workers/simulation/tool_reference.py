@@ -21,6 +21,8 @@ class PlannedGrip:
     T_tool_tcp: Transform
     width: float
     """[m]"""
+    squeeze: float
+    """As commanded [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,11 @@ def _grips(segment: Mapping[str, Any]) -> tuple[PlannedGrip, ...]:
     if hold is None:
         return ()
     given = (hold["grip"], hold.get("second_grip"))
-    return tuple(PlannedGrip(one["arm"], from_pose7(one["pose"]), one["width"]) for one in given if one is not None)
+    return tuple(
+        PlannedGrip(one["arm"], from_pose7(one["pose"]), one["width"], one["squeeze"])
+        for one in given
+        if one is not None
+    )
 
 
 def _suction(segments: Sequence[Mapping[str, Any]], index: int) -> PlannedSuction | None:

@@ -21,7 +21,9 @@ class TruthSettings:
     cup_strength: float = 1.0
     """What the cup bears of its stated limits [1]."""
     grip_strength: float = 1.0
-    """What fingers can squeeze of the stated limit [1]."""
+    """With which fingers squeeze, of what the plan commands [1]."""
+    grip_friction: float = 1.0
+    """Of fingers on the tool over the planned [1]."""
     object_mass: float = 1.0
     """Mass of all objects over the stated [1]."""
 

@@ -19,7 +19,7 @@ MODEL = (
     "centres of mass; what lies on what rests there by gravity and friction. Arms are chains of links driven by servos "
     "along the timed plan; fingers collide with nothing.",
     "Fingers hold the tool by a compliant joint in all six directions, tied as the tool is found when they close. They "
-    "lose it when the least squeeze that two soft fingers need for it is over the limit.",
+    "lose it when the least squeeze that two soft fingers need for it is over the one that the plan commands.",
     "The cup holds an object by a compliant joint at the lip, tied as the object is found when the vacuum comes on; "
     "pressing loads it with nothing. It lets go when pull, shear, twist or bending leave its cones.",
     "A hold gives way when it is over its limit for a stated time, or at once above a stated multiple of it. Then the "

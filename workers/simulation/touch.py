@@ -62,6 +62,11 @@ class Touch:
             K += G @ k @ G.T
         return K
 
+    def wrench(self, R_world_plate: Array) -> Array:
+        """Return the (6,) wrench that it exerts on the plate about the middle of its points, world axes [N, Nm]."""
+        arms = (self.anchors - self.anchors.mean(axis=0)) @ R_world_plate.T
+        return np.concatenate([self.forces.sum(axis=0), np.cross(arms, self.forces).sum(axis=0)])
+
     def act(self, T_world_hand: Array, hand_twist: Array, plate: PlateMotion) -> Array:
         """Compute all forces and return their (6,) total on the plate about its centre of mass, world axes.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -22,14 +23,16 @@ class WinchProfile:
 
     @classmethod
     def draw(cls, travel: float, step: float, rng: np.random.Generator, settings: WinchSettings) -> Self:
-        """Draw moves, holds and jerks until the lifter has risen by `travel` [m]; it stops there."""
+        """Draw moves, holds and jerks until the lifter has risen by `travel` [m]; it stops as it does anywhere."""
         speed, heights = 0.0, [0.0]
         wanted = [0.0] * round(rng.uniform(*settings.hold) / step)
         while heights[-1] < travel:
             if not wanted:
                 wanted = _next_press(step, rng, settings)
-            change = settings.acceleration * step
-            speed += min(max(wanted.pop() - speed, -change), change)
+            # Who operates it lets go in time, so that it comes to rest at the top as it does anywhere else.
+            last = math.sqrt(2.0 * settings.deceleration * (travel - heights[-1]))
+            faster, slower = speed + settings.acceleration * step, speed - settings.deceleration * step
+            speed = max(min(wanted.pop(), last, faster), slower)
             heights.append(min(heights[-1] + speed * step, travel))
         return cls(step, np.array(heights))
 

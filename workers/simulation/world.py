@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, to_pose7
+from planners.lifting.felt_mass import box_inertia
 from planners.scene.scene import PlateLiftScene
 from workers.simulation.bullet_shapes import convex_shape
 from workers.simulation.cell_world import CellWorld
@@ -74,8 +75,7 @@ class World(CellWorld):
             plate.mass or 1.0, convex_shape(plate, -plate.com, client), basePosition=center,
             baseOrientation=[*pose[4:], pose[3]], physicsClientId=client,
         )  # fmt: skip
-        x, y, z = np.ptp(plate.solid.convex.vertices, axis=0)
-        inertia = (plate.mass or 1.0) / 12.0 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
+        inertia = box_inertia(np.ptp(plate.solid.convex.vertices, axis=0), plate.mass or 1.0)
         self.surface(body)
         bullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, physicsClientId=client)
         return body

@@ -24,6 +24,8 @@ class Charts {
     const legend = element("ul");
     const values = chart.series.map((line) => {
       const value = element("b");
+      // As wide as its longest reading: a legend that wraps anew while it plays would move the scene.
+      value.style.minWidth = `${Math.max(...line.values.map((each) => (each === null ? 0 : readable(each).length)))}ch`;
       const mark = element("i", { className: line.dashed ? "dashed" : "" });
       mark.style.borderColor = this.colours[line.colour];
       legend.append(element("li", {}, mark, line.name, value));

@@ -2,6 +2,10 @@
 "use strict";
 
 const POLL_MILLISECONDS = 3000;
+/** Close code (RFC 6455) of who may not be here. */
+const POLICY_VIOLATION = 1008;
+/** Codes (RFC 6455) with which a side closes that cannot go on: a request that makes no sense, an error of its own. */
+const FAULT_CODES = [1007, 1011];
 
 /** A room on the service: one connection for what we ask, one (viser's own) for the scene. */
 class Room {
@@ -13,6 +17,7 @@ class Room {
   }
 
   connect() {
+    this.broken = false;
     this.socket = new WebSocket(new URL("watch", location.href.replace(/^http/, "ws")));
     this.socket.onmessage = (event) => this.receive(JSON.parse(event.data));
     this.socket.onclose = (event) => this.lost(event);
@@ -43,6 +48,8 @@ class Room {
   }
 
   ask(request) {
+    // The new room asks for what is wanted then.
+    if (this.broken) return this.connect();
     this.queue.push(request);
     this.pump();
   }
@@ -65,13 +72,20 @@ class Room {
       if (answer.type === "story") this.onstory(answer.story);
       if (answer.type === "perceived") this.onperceived(answer.story);
       if (answer.type === "refused") this.onrefused(answer);
+      if (answer.type === "fault") this.onfault(answer.detail);
     }
     this.pump();
   }
 
-  /** The service went away or was restarted: ask for a new room until there is one. */
+  /** The service went away or was restarted: ask for a new room until there is one. After a fault there would be
+   *  the same again, so that it is told instead; and who may not have one may not ask. */
   lost(event) {
     Object.assign(this, { ready: false, busy: false, queue: [], waiting: null });
+    if (event.code === POLICY_VIOLATION) return this.onlost(event.reason);
+    if (FAULT_CODES.includes(event.code)) {
+      this.broken = true;
+      return this.onfault(event.reason || "It ended the connection and did not say why.");
+    }
     this.onlost(event.reason || "The connection to the service is lost; trying again.");
     setTimeout(() => this.connect(), 1500);
   }
@@ -86,6 +100,8 @@ let wanted = new URLSearchParams(location.search).get("plan");
 /* A watcher wants a plan or a perceived scene, never both. */
 let wantedScene = wanted ? null : new URLSearchParams(location.search).get("scene");
 let loaded = null;
+/** The plan at which the service met a fault: it is shown again when somebody chooses it, not by itself. */
+let faulty = null;
 let plans = [];
 let sceneAddress = "";
 
@@ -123,6 +139,11 @@ room.onrefused = ({ plan, scene, detail }) => {
   if (scene && scene === wantedScene) say("Nothing to show", detail);
   if (plan && plan === wanted) say(...whyNot(plans.find(({ id }) => id === plan), detail));
 };
+room.onfault = (detail) => {
+  faulty = wanted;
+  player.play(false);
+  say("A fault of the service", detail, "Choose the plan again to try once more.");
+};
 room.onlost = (words) => say("No connection", words);
 
 VIEWS.forEach((view, index) =>
@@ -134,7 +155,7 @@ function showFrame() {
 }
 
 function choose(plan) {
-  [wanted, wantedScene, loaded] = [plan, null, null];
+  [wanted, wantedScene, loaded, faulty] = [plan, null, null, null];
   history.replaceState(null, "", `?plan=${plan}`);
   mark();
   perceived.close();
@@ -145,7 +166,7 @@ function choose(plan) {
 }
 
 function choosePerceived(scene) {
-  [wanted, wantedScene, loaded] = [null, scene, null];
+  [wanted, wantedScene, loaded, faulty] = [null, scene, null, null];
   history.replaceState(null, "", `?scene=${scene}`);
   mark();
   perceived.close();
@@ -210,7 +231,7 @@ function showList(newest) {
     return;
   }
   const mine = plans.find(({ id }) => id === wanted);
-  if (!mine || loaded === wanted || room.busy) return;
+  if (!mine || [loaded, faulty].includes(wanted) || room.busy) return;
   if (mine.state === "succeeded") choose(wanted);
   else {
     player.close(nameOf(mine));
@@ -236,13 +257,7 @@ function listItem(plan) {
   item.setAttribute("role", "option");
   item.setAttribute("aria-selected", String(plan.id === wanted));
   item.onclick = () => choose(plan.id);
-  item.onkeydown = (event) => {
-    const neighbour = { ArrowUp: item.previousElementSibling, ArrowDown: item.nextElementSibling }[event.key];
-    if (event.key === "Enter") choose(plan.id);
-    else if (neighbour) neighbour.focus();
-    else return;
-    event.preventDefault();
-  };
+  item.onkeydown = (event) => listKey(event, () => choose(plan.id));
   return item;
 }
 

@@ -2,7 +2,7 @@
 "use strict";
 
 const LAYERS = [
-  ["forces", "Contact forces", "F", true],
+  ["forces", "Contact forces", "F", true, "Of a gripper what it bears, without its squeeze; with friction cones, each finger's force"],
   ["cones", "Friction cones", "C", false],
   ["frames", "Frames of hands, body", "A", false],
   ["start", "Ghost of the start", "S", false],
@@ -19,9 +19,12 @@ const KEYS = [
 const CAMERA_KEYS = ["camera", "1 to 5"];
 
 class Panel {
-  /** @param setLayer called with a layer's name and whether it is visible; null if layers are fixed */
-  constructor(setLayer) {
-    this.setLayer = setLayer;
+  /**
+   * @param setLayer called with a layer's name and whether it is visible; null if layers are fixed
+   * @param visit    called with a time of the plan that somebody wants to see
+   */
+  constructor(setLayer, visit) {
+    Object.assign(this, { setLayer, visit });
     this.visible = Object.fromEntries(LAYERS.map(([name, , , first]) => [name, first]));
     this.tabs = { View: (s) => this.view(s), Regrasp: (s) => this.regrasp.panel(s), Lift: (s) => this.executed(s), Physics: (s) => this.executed(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
     this.current = "View";
@@ -60,7 +63,9 @@ class Panel {
 
   view(story) {
     const meanings = element("ul", { className: "legend pairs" });
-    for (const { colour, words } of Object.values(story.legend.meanings)) {
+    const entries = Object.values(story.legend.meanings);
+    meanings.style.setProperty("--rows", Math.ceil(entries.length / 2));
+    for (const { colour, words } of entries) {
       const mark = element("i");
       mark.style.borderColor = colour;
       meanings.append(element("li", {}, mark, words));
@@ -76,20 +81,30 @@ class Panel {
     const keys = element("div", { className: "keys" });
     for (const [words, key] of this.setLayer ? [...KEYS, CAMERA_KEYS] : KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
     return [
+      ...this.leastReserve(story),
       ...(this.setLayer ? [heading("Show"), this.layers()] : []),
       heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), heading("Keys"), keys,
     ];
   }
 
+  /** How much of the force limits is kept back where least is, and what would give way; pressed, it goes there. */
+  leastReserve({ least_reserve: least }) {
+    if (!least) return [];
+    const button = element("button", { id: "least-reserve", title: "Go there", onclick: () => this.visit(least.time) },
+      element("b", { textContent: `${least.value} at ${least.time.toFixed(1)} s` }), element("span", { textContent: least.asked }),
+      element("span", { textContent: least.of }), element("small", { textContent: least.where }));
+    return [heading("Smallest reserve"), button];
+  }
+
   layers() {
     const list = element("div", { className: "layers" });
-    for (const [name, words, key] of this.layerRows) {
+    for (const [name, words, key, , about = ""] of this.layerRows) {
       const scale = name === "forces" ? `, ${this.story.force_scale} mm/N` : "";
       const box = element("input", { type: "checkbox", id: `layer-${name}`, checked: this.visible[name] });
       box.onchange = () => this.toggle(name);
       // Of a pointer, not of a key: the next press of Space is to play.
       box.onclick = (event) => event.detail && box.blur();
-      list.append(element("label", {}, box, words + scale, element("kbd", { textContent: key })));
+      list.append(element("label", { title: about }, box, words + scale, element("kbd", { textContent: key })));
     }
     return list;
   }

@@ -107,7 +107,7 @@ class Perceived {
     item.setAttribute("role", "option");
     item.setAttribute("aria-selected", String(id === wanted));
     item.onclick = () => choose(id);
-    item.onkeydown = (event) => event.key === "Enter" && choose(id);
+    item.onkeydown = (event) => listKey(event, () => choose(id));
     return item;
   }
 }
@@ -125,4 +125,14 @@ function facts(rows) {
 
 function clockTime(moment) {
   return new Date(moment).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
+}
+
+/** Keys of an item in a list: Enter takes it, arrows go to its neighbours; all others do what they always do. */
+function listKey(event, take) {
+  const { previousElementSibling: above, nextElementSibling: below } = event.currentTarget;
+  const neighbour = { ArrowUp: above, ArrowDown: below }[event.key];
+  if (event.key === "Enter") take();
+  else if (neighbour) neighbour.focus();
+  else return;
+  event.preventDefault();
 }

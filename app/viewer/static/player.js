@@ -14,7 +14,7 @@ class Player {
     this.time = 0;
     this.playing = false;
     this.score = new Score((time) => this.seek(time));
-    this.panel = new Panel(scene.layer ? (name, visible) => scene.layer(name, visible) : null);
+    this.panel = new Panel(scene.layer ? (name, visible) => scene.layer(name, visible) : null, (time) => this.visit(time));
     document.getElementById("play").onclick = () => this.play(!this.playing);
     document.getElementById("previous").onclick = () => this.jump(-1);
     document.getElementById("next").onclick = () => this.jump(1);
@@ -43,9 +43,7 @@ class Player {
     document.body.classList.toggle("still", !story.sources.plan.duration);
     this.time = 0;
     this.play(false);
-    this.colours = {};
-    for (const group of Object.values(story.legend))
-      for (const [name, { colour }] of Object.entries(group)) this.colours[name] = colour;
+    this.colours = story.colours;
     this.charts ??= new Charts(document.getElementById("charts"), this.colours, (time) => this.seek(time));
     this.panel.show(story);
     this.headline();
@@ -68,7 +66,7 @@ class Player {
     const { story } = this;
     document.title = `${story.title} · Liftwright`;
     Object.assign(document.getElementById("title"), { textContent: story.title, title: story.title });
-    document.getElementById("subtitle").textContent = story.subtitle;
+    Object.assign(document.getElementById("subtitle"), { textContent: story.subtitle, title: story.subtitle });
     const badge = document.getElementById("outcome");
     Object.assign(badge, { hidden: false, className: `badge ${story.outcome}`, textContent: story.outcome_words });
     const { simulation } = story;
@@ -122,6 +120,13 @@ class Player {
     if (!this.story) return;
     this.time = Math.min(Math.max(time, 0), this.source.duration);
     this.refresh();
+  }
+
+  /** Go to a time of the plan. */
+  visit(time) {
+    this.play(false);
+    this.choose("plan");
+    this.seek(time);
   }
 
   /** Go to a neighbouring segment's start; back first goes to the start of the one that runs. */
@@ -217,6 +222,6 @@ class Player {
 function explanation(story) {
   const causes = story.causes.map(({ reason, numbers }) =>
     element("li", {}, reason, ...(numbers ? [element("em", { textContent: numbers })] : [])));
-  return [element("h3", { textContent: capitalised(story.outcome_words) }),
+  return [element("h3", {}, capitalised(story.outcome_words), element("small", { textContent: story.outcome_meaning })),
     element("p", { textContent: story.summary }), element("ul", {}, ...causes)];
 }

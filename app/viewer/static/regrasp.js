@@ -11,6 +11,8 @@ const COLUMN_TITLES = {
   goal: ["Object at its goal", ""],
 };
 const UNASKED = "#e3e8ee";
+/** Distance of columns at which their captions would overlap [px]. */
+const NARROW_PITCH = 135;
 
 class Regrasp {
   /** @param box element over the scene that the graph is drawn in */
@@ -144,7 +146,7 @@ class Regrasp {
   /** Divide the picture: a block of dots for each column and arm. */
   lay(width, height) {
     const [left, top, gap] = [64, 46, 18];
-    const pitch = (width - left - 20) / this.columns.length;
+    const pitch = (width - left - 26) / this.columns.length;
     const block = { width: Math.min(0.52 * pitch, 170), height: (height - top - gap - 6) / 2 };
     const cell = Math.min(Math.sqrt((block.width * block.height) / this.considered.grasps), 13);
     const across = Math.max(1, Math.floor(block.width / cell));
@@ -167,8 +169,10 @@ class Regrasp {
   column(svg, graph, column) {
     const [title, small] = COLUMN_TITLES[column];
     const x = this.place(column, 0)[0] + 0.5 * (this.grid.across - 1) * this.grid.step;
-    draw(svg, "text", { x, y: 14, class: "title" }, title);
-    draw(svg, "text", { x, y: 29, class: "small" }, small || this.goalWords(graph));
+    // Where columns are narrow, titles take turns between two lines.
+    const narrow = this.grid.pitch < NARROW_PITCH;
+    draw(svg, "text", { x, y: narrow && this.columns.indexOf(column) % 2 ? 29 : 14, class: "title" }, title);
+    if (!narrow) draw(svg, "text", { x, y: 29, class: "small" }, small || this.goalWords(graph));
     const radius = 0.5 * this.grid.step;
     const nodes = graph.arms.length * this.considered.grasps;
     const asked = this.asked(graph, column);

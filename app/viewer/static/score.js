@@ -6,7 +6,6 @@ class Score {
     this.seek = seek;
     this.slider = document.getElementById("time");
     this.slider.oninput = () => seek(Number(this.slider.value));
-    this.slider.onkeydown = (event) => event.preventDefault();
     this.states = document.getElementById("states");
     new ResizeObserver(() => this.name()).observe(this.states);
   }
@@ -24,7 +23,6 @@ class Score {
       button.style.background = colours[segment.kind];
       button.style.width = share(segment.start, segment.end);
       button.onclick = () => this.seek(segment.start);
-      button.onkeydown = (event) => event.key === " " && event.preventDefault();
       return button;
     });
     document.getElementById("segments").replaceChildren(...this.buttons);

@@ -86,16 +86,29 @@ def state_balance(
     limits += [pull >= 0, pull <= f_plus_s, f_plus_s <= plate.cup.max_force]
     # (5i) and the hard caps; (5j) is in the cones
     hands = [name for name in frames if name.startswith(("grip", "push"))]
-    limits += [F[name][2] <= f_plus_gp for name in hands]
     limits += [f_plus_gp >= 0, f_plus_gp <= plate.limits.normal]
-    for hand in ("grip", "push"):
+    squeeze = plate.limits.squeeze
+    limits += [F[name][2] <= f_plus_gp for name in hands if name == "push" or squeeze is None]
+    for hand, most in (("grip", plate.limits.grip), ("push", plate.limits.push)):
         net = [frames[name][:3, :3] @ F[name][:3] for name in hands if name.startswith(hand)]
-        limits += [cp.norm(sum(net)) <= plate.limits.net] if net else []
+        limits += [cp.norm(sum(net)) <= most] if net else []
+    if grip is not None and squeeze is not None:
+        # The load of a squeezing gripper is its net force: one pad presses as much more as the other presses less.
+        limits += [F["grip_0"][2] + F["grip_1"][2] == 2.0 * squeeze]
+        limits += [cp.norm(sum(frames[name][:3, :3] @ F[name][:3] for name in ("grip_0", "grip_1"))) <= f_plus_gp]
     # (5a)
     objective = cp.Minimize(K_HAND * f_plus_gp + K_SUCTION * f_plus_s)
     # (5b)
     balance = total + Omega_g == 0
     return Statement(cp.Problem(objective, [balance, *limits]), total, limits, F, f_plus_gp, pull)
+
+
+def solve_stated(problem: cp.Problem) -> float:
+    """Solve a stated program; where the answer is called inaccurate, once more with data scaled with more care."""
+    try:
+        return float(problem.solve(solver="CLARABEL"))
+    except UserWarning:
+        return float(problem.solve(solver="CLARABEL", equilibrate_max_iter=50))
 
 
 def contact_frames(

@@ -1,4 +1,4 @@
-"""Edges of an arm that carries the tool: free of collision, about level, and borne by cup and fingers all along."""
+"""Edges of an arm that carries the tool: free of collision, about level, and borne by joints, fingers and cup."""
 
 from __future__ import annotations
 
@@ -8,19 +8,24 @@ from itertools import pairwise
 from planners.geometry.pose import Array
 from planners.motion.checker import EdgeChecker
 from planners.regrasp.bearing import CarryingHand
+from planners.regrasp.joint_torque import LadenArm
 
 STEP = 0.05
 """Joint step between the places of an edge at which the load is looked at [rad]: it is no matter of collision."""
 
 
 @dataclass(frozen=True, eq=False)
-class LevelChecker:
-    """An `EdgeChecker` that also bounds the tilt of the tool, and asks whether cup and fingers bear it at rest."""
+class LadenChecker:
+    """An `EdgeChecker` that also bounds the tilt of the tool, and asks whether the load is borne at rest."""
 
     inner: EdgeChecker
     hand: CarryingHand
     least_cosine: float
     """Of the angle between the tool's axis and the vertical."""
+    arm: LadenArm
+    """The same arm, with the same load."""
+    most_torque: float
+    """Part of each joint's largest torque that may be used [1]."""
 
     def state_free(self, q: Array) -> bool:
         """Whether q (6,) [rad] is level enough, borne, and touches nothing."""
@@ -35,4 +40,5 @@ class LevelChecker:
         return all(self._borne(a, b) for a, b in pairwise(path)) and self.inner.path_free(path)
 
     def _borne(self, q_from: Array, q_to: Array) -> bool:
-        return self.hand.bears(q_from, q_to, STEP, self.least_cosine)
+        held = self.hand.bears(q_from, q_to, STEP, self.least_cosine)
+        return held and self.arm.largest_share(q_from, q_to, STEP) <= self.most_torque

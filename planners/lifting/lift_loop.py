@@ -1,0 +1,225 @@
+"""The loop of law (11) and what it feels: whether it swings, and gains for which it does not, found without trying."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from planners.geometry.pose import Array, skew
+from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
+
+SERVO = 0.0035
+"""Lag of the arms behind their commanded velocity [s]: a robot's servos at 500 Hz."""
+BRAKE, BRAKED = 0.5, 0.3
+"""What gains are compared by: a lifter that changes its speed by so much [m/s^2] for so long [s]."""
+_SEEN = 0.8
+"""How long the forces are looked at from then on [s]."""
+STIFFNESS_DOUBTS = (0.85, 1.0, 1.2)
+"""Contacts may be so much stiffer than they are said to be: no loop may swing [1]."""
+GAIN_MARGIN = 1.2
+"""With contacts as they are said to be, all forces may grow so much before the loop swings [1]."""
+SENSOR_NOISE = 0.5 * math.sqrt(2.0)
+"""Of a reading of two FT300 together: standard deviation [N]."""
+RESTLESSNESS = 0.015
+"""The noise moves the hands by no more: usual lifters move at 0.02 m/s and more [m/s]."""
+
+_SQUARINGS = 18
+"""A quarter of a million steps: what does not grow by then never does."""
+
+_INERTIAS = (0.33, 0.45, 0.6, 0.8, 1.0, 1.4, 2.0)
+"""M_d over the mass that the hands accelerate, to choose from [1]."""
+_CARRIED = (0.0, 0.5, 0.7, 0.9)
+"""Part of that mass whose inertia is taken off the readings, to choose from [1]."""
+_READINGS = (5, 7, 8)
+"""Readings that are averaged, to choose from [1]."""
+_DAMPING = 1.1
+"""B_d over the cup's largest force [s/m]: a stronger cup is stiffer."""
+
+
+def moved_stiffness(stiffness: Array, arm: Array) -> Array:
+    """Return a (6, 6) stiffness against small motions about a point as one about the place that is `arm` (3,) from."""
+    to_point = np.eye(6)
+    to_point[:3, 3:] = -skew(arm)
+    return to_point.T @ stiffness @ to_point
+
+
+@dataclass(frozen=True, eq=False)
+class HungPlate:
+    """A plate that hangs on a lifter's cup and on both hands, for small motions about where it is at rest.
+
+    All in the plate's axes, about its centre of mass; velocity before angular velocity.
+    """
+
+    mass: float
+    """[kg]"""
+    inertia: Array
+    """(3,) principal moments [kg m^2]."""
+    hands: Array
+    """(6, 6) stiffness of pads and tip [N/m, N, Nm]."""
+    hands_damping_time: float
+    """Their damping over their stiffness [s]."""
+    cup: Array
+    """(6, 6) stiffness of cup and suspension."""
+    cup_damping_time: float
+    """[s]"""
+    up: Array
+    """(3,) unit vector."""
+
+    @cached_property
+    def rising(self) -> Array:
+        """(6,) motion of hands, lifter and plate that all rise with 1 m/s."""
+        return np.concatenate([self.up, np.zeros(3)])
+
+
+class LiftLoop:
+    """Plate, hands and lifter from one reading of the sensors to the next; exact for velocities that change linearly.
+
+    The state x has the plate's motion and velocity (6 + 6), the hands' height and velocity, the velocity that the arms
+    are told, and the lifter's height and velocity. The law knows of none but the force.
+    """
+
+    _HANDS, _LIFTER = 12, 15
+    TOLD, STATES = 14, 17
+    """Place in x of the velocity that the arms are told, and how many x has; the reading of a period ago comes next."""
+
+    def __init__(self, plate: HungPlate, period: float, stiffer: float = 1.0) -> None:
+        """Discretise for a period of the sensors [s], with contacts so much stiffer than they are said to be [1]."""
+        up, hands, cup = plate.rising, stiffer * plate.hands, plate.cup
+        damped, hung = plate.hands_damping_time * hands, plate.cup_damping_time * cup
+        mobility = 1.0 / np.concatenate([np.full(3, plate.mass), plate.inertia])[:, None]
+        h, told, lifter, size = self._HANDS, self.TOLD, self._LIFTER, self.STATES
+        # d/dt of x, then of the two accelerations that are held over a period: of what is told, and of the lifter.
+        A = np.zeros((size + 2, size + 2))
+        A[:6, 6:12] = np.eye(6)
+        A[6:12, :6], A[6:12, 6:12] = -mobility * (hands + cup), -mobility * (damped + hung)
+        A[6:12, h], A[6:12, h + 1] = (mobility * hands) @ up, (mobility * damped) @ up
+        A[6:12, lifter], A[6:12, lifter + 1] = (mobility * cup) @ up, (mobility * hung) @ up
+        A[h, h + 1] = A[lifter, lifter + 1] = 1.0
+        A[h + 1, [h + 1, told]] = -1.0 / SERVO, 1.0 / SERVO
+        A[told, size] = A[lifter + 1, size + 1] = 1.0
+        stepped = expm(A * period)
+        self._step, self._accelerated = stepped[:size, :size], stepped[:size, size:]
+        self._up = up
+        self._force = np.zeros(size)
+        """(17,) both hands' vertical force on the plate, off its goal, over the state."""
+        self._force[:6], self._force[6:12] = -up @ hands, -up @ damped
+        self._force[h], self._force[h + 1] = up @ hands @ up, up @ damped @ up
+
+    def closed(self, gains: FollowerGains, gain: float = 1.0) -> Array:
+        """Return the (n, n) step of the whole loop, all forces being so much larger [1].
+
+        After x come the reading of a period ago, what the law remembers of readings, V_d, and the accelerations of the
+        last two periods, the newest first.
+        """
+        size, told = self.STATES, self.TOLD
+        reading, errors, estimate = size, size + 1, size + gains.readings
+        newest, before = estimate + 1, estimate + 2
+        every = np.eye(before + 1)
+        error = gain * (gains.carried * every[before] - every[reading])
+        mean = (error + every[errors:estimate].sum(axis=0)) / gains.readings
+        law = LeaderFollower(gains).discrete @ np.array([every[told], every[estimate], mean])
+        acceleration = (law[0] - every[told]) / gains.period
+        step = np.zeros_like(every)
+        step[:size, :size] = self._step
+        step[:size] += np.outer(self._accelerated[:, 0], acceleration)
+        step[reading, :size] = self._force
+        step[errors:estimate] = np.vstack([error, every[errors : estimate - 1]])[: gains.readings - 1]
+        step[estimate], step[newest], step[before] = law[1], acceleration, every[newest]
+        return step
+
+    def reading(self, state: Array) -> float:
+        """Return both hands' vertical force on the plate, off its goal, in a state [N]."""
+        return float(self._force @ state[: self.STATES])
+
+    def disturbance(self, size: int, acceleration: float) -> Array:
+        """Return what a lifter's acceleration during a period [m/s^2] adds to a state of `size`."""
+        added = np.zeros(size)
+        added[: self.STATES] = acceleration * self._accelerated[:, 1]
+        return added
+
+    def growth(self, gains: FollowerGains, gain: float = 1.0) -> float:
+        """Return the largest factor by which any motion grows in a period, but those of a lifter that goes on [1]."""
+        return _spectral_radius(self._without_lifter(gains, gain)[0])
+
+    def restlessness(self, gains: FollowerGains) -> float:
+        """Return how fast the sensors' noise alone moves the hands: standard deviation [m/s]."""
+        closed, kept = self._without_lifter(gains)
+        heard = np.where(kept == self.STATES, SENSOR_NOISE, 0.0)
+        spread, power = np.outer(heard, heard), closed
+        for _ in range(_SQUARINGS):
+            # Covariance after twice as many steps.
+            spread, power = spread + power @ spread @ power.T, power @ power
+        return float(np.sqrt(spread[self.TOLD, self.TOLD]))
+
+    def deviation(self, gains: FollowerGains) -> float:
+        """Return how far the hands' force gets off its goal when a lifter brakes to rest as `BRAKE` says [N].
+
+        The hands do not go down: what they have risen too far stays.
+        """
+        law, size, told = LeaderFollower(gains), self.STATES, self.TOLD
+        speed = BRAKE * BRAKED
+        state, motion, reading, largest = np.zeros(size), FollowerMotion(speed, speed), 0.0, 0.0
+        state[6:12] = speed * self._up
+        state[[self._HANDS + 1, told, self._LIFTER + 1]] = speed
+        for number in range(round(_SEEN / gains.period)):
+            motion = law.follow(motion, 0.0, reading)
+            reading = self.reading(state)
+            accelerations = (motion.velocity - state[told]) / gains.period, -BRAKE * (number * gains.period < BRAKED)
+            state = self._step @ state + self._accelerated @ accelerations
+            largest = max(largest, abs(reading))
+        return largest
+
+    def _without_lifter(self, gains: FollowerGains, gain: float = 1.0) -> tuple[Array, NDArray[np.int64]]:
+        """Return the loop behind a lifter that stands, and which of its states those are."""
+        closed = self.closed(gains, gain)
+        kept = np.delete(np.arange(len(closed)), [self._LIFTER, self._LIFTER + 1])
+        return closed[np.ix_(kept, kept)], kept
+
+
+def _spectral_radius(A: Array) -> float:
+    """Return the largest modulus of the eigenvalues, by squaring: many times faster than they for small matrices."""
+    logarithm = 0.0
+    for number in range(_SQUARINGS):
+        size = float(np.linalg.norm(A))
+        logarithm += math.log(size) / 2**number
+        A = A / size
+        A = A @ A
+    return math.exp(logarithm + math.log(float(np.linalg.norm(A))) / 2**_SQUARINGS)
+
+
+def design_gains(plate: HungPlate, felt_mass: float, cup_force: float) -> FollowerGains:
+    """Return the gains with which the hands follow best of all that stay away from swinging.
+
+    They follow from plate, hands, cup and sensor, and from no lifter. The first of those that follow best for which no
+    motion grows, with `GAIN_MARGIN`, and with contacts that are stiffer or softer than they are said to be, and whose
+    hands keep still at the sensors' noise.
+
+    Args:
+        plate: as it hangs.
+        felt_mass: that the hands accelerate at most [kg].
+        cup_force: largest force of the cup [N].
+    """
+    usual = FollowerGains()
+    loops = [LiftLoop(plate, usual.period, stiffer) for stiffer in STIFFNESS_DOUBTS]
+    said = loops[STIFFNESS_DOUBTS.index(1.0)]
+
+    def worst_growth(gains: FollowerGains) -> float:
+        return max(said.growth(gains, GAIN_MARGIN), *(loop.growth(gains) for loop in loops))
+
+    sharpest_first = sorted(_candidates(usual, felt_mass, cup_force), key=said.deviation)
+    steady = (gains for gains in sharpest_first if worst_growth(gains) < 1.0)
+    calm = next((gains for gains in steady if said.restlessness(gains) < RESTLESSNESS), None)
+    return calm or min(sharpest_first, key=worst_growth)
+
+
+def _candidates(usual: FollowerGains, felt_mass: float, cup_force: float) -> Iterator[FollowerGains]:
+    for share, carried, readings in itertools.product(_INERTIAS, _CARRIED, _READINGS):
+        inertia, known = share * felt_mass, carried * felt_mass
+        yield replace(usual, inertia=inertia, carried=known, readings=readings, damping=_DAMPING * cup_force)

@@ -1,0 +1,157 @@
+"""Plan a plate lift as a person would who does not give up at once: more densely, then with less kept back.
+
+One sampling of poses and holds, searched with one reserve, is `PlateLiftPlanner`. That it finds nothing says little
+about the lift: another sampling may, and so may a smaller share of the limits kept back. So before "not found" is
+said, denser samplings are tried; and where nothing but the reserve is too much, how much there can be.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from planners.graph.rejections import Rejection
+from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.reserves import STEPS
+from planners.progress import Progress
+from planners.scene.scene import PlateLiftScene
+
+_ROUNDING = 1e-6
+"""Part of a step by which a reserve may miss it."""
+
+
+def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress) -> LiftPlan:
+    """Plan a plate lift; that there is no plan is an answer, with its reasons.
+
+    Args:
+        scene: what is to be lifted, and where.
+        settings: budgets and choices.
+        progress: told what is being done; may raise `PlanningCancelled`.
+    """
+    planner = PlateLiftPlanner(scene, settings, progress)
+    plan = planner.plan(explained=settings.reserve == 0.0)
+    if plan.outcome is LiftOutcome.SOLVED and settings.most_reserve:
+        return _keeping_most(planner, plan, settings, progress, below=settings.largest_reserve)
+    if plan.outcome is not LiftOutcome.NOT_FOUND or not planner.fits:
+        return plan
+    below = settings.reserve
+    if settings.reserve > 0.0:
+        plan, below = _keeping_less(planner, settings, progress)
+    for number, (contacts, holds) in enumerate(settings.denser, start=1):
+        if plan.outcome is LiftOutcome.SOLVED:
+            break
+        progress("denser", number, len(settings.denser))
+        denser = PlateLiftPlanner(scene, replace(settings.scaled(contacts, holds), reserve=0.0), progress)
+        tried = denser.plan()
+        if not denser.fits:
+            break
+        # More may be kept back than was asked for before.
+        planner, plan, below = denser, tried, settings.largest_reserve
+    if plan.outcome is not LiftOutcome.SOLVED:
+        return _blaming_tolerances(planner, plan, progress)
+    return _keeping_most(planner, plan, settings, progress, below=below)
+
+
+def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: Progress) -> tuple[LiftPlan, float]:
+    """Plan where what is asked for cannot be kept back.
+
+    What speaks against a reserve is found out faster than a plan that keeps it, so that one search is mostly enough:
+    for the plan that keeps most back.
+
+    Returns:
+        The plan, and a reserve that no plan of its kind is found with [1].
+    """
+    progress("reserve", 0, settings.reserve_searches)
+    most = _most_passable(planner, 0.0, settings.reserve - 1.0 / STEPS, low=False)
+    if most is not None:
+        plan = planner.plan_keeping(most, low=False, explained=False)
+        if plan.outcome is LiftOutcome.SOLVED:
+            return plan, most + 1.0 / STEPS
+    plan = planner.plan_keeping(0.0)
+    if not planner.rises:
+        return plan, settings.reserve
+    return plan, 1.0 / STEPS if most is None else most
+
+
+def _most_passable(planner: PlateLiftPlanner, kept: float, top: float, *, low: bool) -> float | None:
+    """Return the largest reserve that nothing speaks against, a whole multiple of 1 / STEPS, or None if there is none.
+
+    Args:
+        planner: whose reach and merged graph are kept.
+        kept: a smaller one; the one returned is larger [1].
+        top: none larger is asked for [1].
+        low: whether the plan may end where the lift cannot go on.
+    """
+    known, beyond = math.floor(kept * STEPS + _ROUNDING), math.floor(top * STEPS + _ROUNDING) + 1
+    best = None
+    while beyond - known > 1:
+        middle = (known + beyond) // 2
+        if planner.may_keep(middle / STEPS, low=low):
+            known, best = middle, middle / STEPS
+        else:
+            beyond = middle
+    return best
+
+
+def _blaming_tolerances(planner: PlateLiftPlanner, plan: LiftPlan, progress: Progress) -> LiftPlan:
+    """Say so where the plate as stated could be lifted, and only what is not known of it stands in the way."""
+    scene = planner.scene
+    if scene.mass_tolerance == scene.com_tolerance == 0.0:
+        return plan
+    progress("tolerances", 0, 1)
+    if planner.plan_as_stated().outcome is not LiftOutcome.SOLVED:
+        return plan
+    reason = (
+        "The plate as stated can be lifted, but not every plate within its tolerances of "
+        f"{100 * scene.mass_tolerance:.3g} % of the mass (plate.mass_tolerance) and {1e3 * scene.com_tolerance:.3g} mm "
+        "of the centre of mass (plate.com_tolerance)"
+    )
+    cause = Rejection("balance", reason, "the plate")
+    return replace(plan, summary=f"{reason}: state smaller ones if you know it better.", causes=(cause, *plan.causes))
+
+
+def _keeping_most(
+    planner: PlateLiftPlanner, plan: LiftPlan, settings: LiftSettings, progress: Progress, *, below: float
+) -> LiftPlan:
+    """Search for a plan that keeps as much back as is asked for, or else the most there can be.
+
+    Args:
+        planner: whose reach and merged graph are kept.
+        plan: the best so far.
+        settings: how often is searched.
+        progress: told of the searches.
+        below: no plan is looked for with this much kept back, or none was found [1].
+    """
+    low, high = _kept(plan), below
+    enough = settings.largest_reserve if settings.most_reserve else settings.reserve
+    ends_low = not planner.rises
+    top = min(high - 1.0 / STEPS, enough)
+    for number in range(settings.reserve_searches):
+        if low >= enough or high - low < settings.reserve_step:
+            break
+        progress("reserve", number, settings.reserve_searches)
+        tried = _most_passable(planner, low, top, low=ends_low)
+        if tried is None:
+            break
+        found = planner.plan_keeping(tried, low=ends_low, explained=False)
+        if found.outcome is LiftOutcome.SOLVED:
+            plan, low = found, max(tried, _kept(found))
+            break
+        high, top = tried, 0.5 * (low + tried)
+    return plan if low >= settings.reserve else replace(plan, summary=f"{plan.summary} {_told(plan, settings)}")
+
+
+def _kept(plan: LiftPlan) -> float:
+    return 0.0 if plan.reserve is None else plan.reserve.value
+
+
+def _told(plan: LiftPlan, settings: LiftSettings) -> str:
+    """Say how much is kept back where that is not what was asked for."""
+    assert plan.reserve is not None
+    kept, limit = plan.reserve.value, plan.reserve.limited_by
+    return (
+        f"With {100 * settings.reserve:.3g} % of every limit kept back there is no plan among those tried; this one "
+        f"keeps back {100 * kept:.1f} %. What limits it: {limit}."
+    )

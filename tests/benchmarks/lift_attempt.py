@@ -1,0 +1,103 @@
+"""One random lift, planned and certified; one that was not found is tried once more among many more holds and poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+from tests.benchmarks.certified_plan import BROKEN, SOLVED, certified_plan
+from tests.benchmarks.random_lifts import drawn
+from workers.pipeline import Pipeline
+
+NOT_FOUND, INFEASIBLE = "not_found", "infeasible"
+DENSITIES = (3.0, 2.5, 2.0, 1.5)
+"""Of contacts and of holds, for the second look: the first whose graph is not too large."""
+
+
+@dataclass(frozen=True)
+class LiftAttempt:
+    """What came of one random lift. Seconds."""
+
+    seed: int
+    dense: bool
+    """Whether this is the second look."""
+    outcome: str
+    """As in the plan document, or that its certificate failed, or that the planner broke."""
+    summary: str = ""
+    """Of the explanation."""
+    reason: str = ""
+    """Why it is not solved and certified, in full."""
+    density: float = 1.0
+    """At which it was searched; 0: even the least dense graph was too large."""
+    planning: float = 0.0
+    """Spec to document, wall clock."""
+    planning_cpu: float = 0.0
+    certificate: float = 0.0
+    certificate_cpu: float = 0.0
+    reserve: float | None = None
+    """Share of all force limits that the plan keeps back [1], where its document says so."""
+    length: int | None = None
+    """Nodes of the sequence."""
+    contact_changes: int | None = None
+
+    @classmethod
+    def broken(cls, key: tuple[int, bool], error: BaseException) -> Self:
+        """Return the attempt at which the planner raised what it should not raise."""
+        return cls(*key, BROKEN, reason=f"{type(error).__name__}: {error}")
+
+    @property
+    def key(self) -> tuple[int, bool]:
+        """Seed, and whether it is the second look."""
+        return self.seed, self.dense
+
+    @property
+    def solved(self) -> bool:
+        """Whether it was planned and the plan passed its certificate."""
+        return self.outcome == SOLVED
+
+    def told(self) -> str:
+        """Say in a line what came of it."""
+        density = f", ×{self.density:g}" if self.dense else ""
+        return f"seed {self.seed}{density}: {self.outcome} in {self.planning:.2f} s. {self.summary}".strip()
+
+
+def attempt(pipeline: Pipeline, seed: int) -> LiftAttempt:
+    """Plan and certify the lift of a seed as a user would have it planned."""
+    return _attempt(pipeline, seed, None)
+
+
+def dense_attempt(pipeline: Pipeline, seed: int) -> LiftAttempt:
+    """Look for a plan of the same lift among as many poses and holds as fit into memory."""
+    for density in DENSITIES[:-1]:
+        found = _attempt(pipeline, seed, density)
+        if found.density > 0.0:
+            return found
+    return _attempt(pipeline, seed, DENSITIES[-1])
+
+
+def _attempt(pipeline: Pipeline, seed: int, density: float | None) -> LiftAttempt:
+    body = drawn(seed)
+    if density is not None:
+        body["options"] = {"contact_density": density, "hold_density": density}
+    plan = certified_plan(pipeline, body)
+    explanation, statistics = plan.document["explanation"], plan.document["statistics"]
+    searched = 1.0 if density is None else 0.0 if _too_large(plan.document) else density
+    reserve = statistics.get("reserve")
+    return LiftAttempt(
+        seed,
+        density is not None,
+        plan.outcome,
+        explanation["summary"],
+        plan.reason,
+        searched,
+        reserve=None if reserve is None else reserve["value"],
+        length=statistics["search"].get("length"),
+        contact_changes=statistics["search"].get("contact_changes"),
+        **plan.seconds,
+    )
+
+
+def _too_large(document: Mapping[str, Any]) -> bool:
+    """Whether no search was begun although nothing was proven: the graph did not fit into memory."""
+    return document["outcome"] == NOT_FOUND and not document["statistics"]["search"]

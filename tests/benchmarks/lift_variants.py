@@ -1,0 +1,94 @@
+"""The planner that people run, and the same with what is ours and not the paper's left out, one thing at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.geometry.polyhedron import Prism
+from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
+from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.planner import PlateLiftPlanner
+from planners.plan import lift_settings
+from planners.progress import silent
+from planners.scene.cell import Cell, load_cell
+from planners.scene.scene import PlateLiftScene, build_scene
+from tests.benchmarks.paper_tables import PAPER
+from tests.benchmarks.tasks import task_body
+
+Change = Callable[[PlateLiftScene, LiftSettings], LiftSettings]
+STRONG = 1e4
+"""What a hand may bear where its limits are left out [N]."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A planner that leaves out what the paper does not have."""
+
+    name: str
+    settings: tuple[Change, ...] = ()
+    """What is changed of the settings that the planner has for a task's options."""
+    strong: bool = False
+    """Whether hands bear whatever they are asked to: limits of the task and the arms' payload are left out."""
+    options: Mapping[str, Any] | None = None
+    """Of the task, beside its own."""
+
+    def planner(self, name: str, **options: Any) -> PlateLiftPlanner:
+        """Return the planner of a shipped task, which has sampled poses and holds and nothing more."""
+        body = task_body(name, **(self.options or {}), **options)
+        if self.strong:
+            body["hand_force_limit"] = {"normal": STRONG, "net": STRONG}
+        task = read_task(body)
+        assert isinstance(task, PlateLiftTask)
+        scene = build_scene(task, {task.cell: _strong(load_cell(task.cell))} if self.strong else None)
+        settings = lift_settings(task.options)
+        for change in self.settings:
+            settings = change(scene, settings)
+        return PlateLiftPlanner(scene, settings, silent)
+
+
+def _strong(cell: Cell) -> Cell:
+    """Return a cell whose arms have any payload."""
+    arms = {name: replace(arm, robot=replace(arm.robot, payload=STRONG)) for name, arm in cell.arms.items()}
+    return replace(cell, arms=arms)
+
+
+def _no_rise(_scene: PlateLiftScene, settings: LiftSettings) -> LiftSettings:
+    """Let any pose off the support be a goal, wherever the hands can go from there."""
+    return replace(settings, rises=(), cup_reserve=0.0)
+
+
+def _no_rotation_rule(_scene: PlateLiftScene, settings: LiftSettings) -> LiftSettings:
+    """Join poses by the displacement of the centre of mass alone, with our threshold."""
+    return replace(settings, sampling=replace(settings.sampling, rotation_threshold=math.pi))
+
+
+def _paper_threshold(scene: PlateLiftScene, settings: LiftSettings) -> LiftSettings:
+    """Join poses by the displacement of the centre of mass alone, with a threshold that gives the paper's edges."""
+    wanted = PAPER["ab1"].dcsg_edges
+    prism = Prism.from_outline(scene.plate.outline, scene.plate.height)
+
+    def sampling(thousandths: int) -> ContactSampling:
+        return replace(settings.sampling, rotation_threshold=math.pi, com_threshold_per_size=1e-3 * thousandths)
+
+    def miss(thousandths: int) -> int:
+        poses = DenseContactStateGraph.build(prism, scene.plate.com, scene.T_world_plate, sampling(thousandths))
+        return abs(len(poses.edges) - wanted)
+
+    return replace(settings, sampling=sampling(min(range(90, 160), key=miss)))
+
+
+OURS = Variant("ours")
+VARIANTS = (
+    OURS,
+    Variant("ours without reserve", options={"reserve": 0.0}),
+    Variant("ours without the rise", (_no_rise,)),
+    Variant("ours without limits of hands", strong=True),
+    Variant("ours without the rotation rule", (_no_rotation_rule,)),
+    Variant("ours, the paper's number of DCSG edges", (_paper_threshold,)),
+    Variant("all of these", (_no_rise, _paper_threshold), strong=True, options={"reserve": 0.0}),
+)
+"""What each leaves out of ours; the last is as near to the paper as our planner goes."""

@@ -1,0 +1,61 @@
+"""The planner's loop: hands within their arms' payloads, whatever is asked for; a failure that teaches nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planners.errors import PlanningFaultError
+from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.planner import PlateLiftPlanner
+from tests.manipulation.lift_probe import planner_of, task_body
+
+
+def planned(**limits: float) -> tuple[PlateLiftPlanner, LiftPlan]:
+    planner = planner_of({**task_body("ab1"), "hand_force_limit": limits})
+    return planner, planner.plan()
+
+
+def payloads(planner: PlateLiftPlanner) -> dict[str, float]:
+    """What each arm's payload leaves beside its hand [N], of what a document states."""
+    cell = planner.scene.cell.document()
+    return {name: 9.81 * (arm["payload"] - cell["hands"][name]["mass"]) for name, arm in cell["arms"].items()}
+
+
+def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
+    """The fault of before: with 100 N allowed, 40 N on the gripping hand and 36 N on the pushing one."""
+    planner, generous = planned(normal=100.0, net=100.0)
+    most = payloads(planner)
+    assert most[planner.workcell.gripper] == pytest.approx(17.6, abs=0.1)
+    assert most[planner.workcell.pusher] == pytest.approx(25.5, abs=0.1)
+    largest = max(most.values())
+    _, true = planned(normal=largest, net=largest)
+    assert generous.outcome is true.outcome is LiftOutcome.SOLVED
+    assert len(generous.segments) == len(true.segments)
+    for ours, theirs in zip(generous.segments, true.segments, strict=True):
+        assert ours.kind is theirs.kind
+        assert np.array_equal(ours.trajectory.positions, theirs.trajectory.positions)
+        for one, other in zip(ours.contact_sets, theirs.contact_sets, strict=True):
+            assert one.sample == other.sample
+            assert one.balance.objective == pytest.approx(other.balance.objective, abs=1e-4)
+            forces = np.linalg.norm(one.balance.hand_wrenches[:, :3], axis=1)
+            assert forces[0] <= most[planner.workcell.gripper]
+            assert forces[1] <= most[planner.workcell.pusher]
+
+
+def test_a_task_may_allow_less() -> None:
+    _, plan = planned(normal=16.0, net=16.0)
+    assert plan.outcome is LiftOutcome.SOLVED
+    for segment in plan.segments:
+        for each in segment.contact_sets:
+            assert np.linalg.norm(each.balance.hand_wrenches[:, :3], axis=1).max() <= 16.0
+
+
+def test_a_failure_that_forbids_nothing_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    planner, tries = planner_of(task_body("pb1", hold_density=0.5)), list[Any]()
+    monkeypatch.setattr(planner, "_realise", tries.append)
+    with pytest.raises(PlanningFaultError, match="nothing was forbidden"):
+        planner.plan()
+    assert len(tries) == 1
