@@ -11,7 +11,7 @@ import structlog
 from dbos import run_dbos_database_migrations
 from sqlalchemy import event
 
-from workers.database_loss import DATABASE_GONE, said_by, tell_read_only_as_loss
+from workers.database_loss import DATABASE_GONE, said_by, tell_refusal_as_loss
 from workers.migrations import migrate
 from workers.settings import WorkerSettings
 from workers.tables import TOTALS
@@ -27,8 +27,13 @@ SERVER_PATIENCE = {
     "keepalives_interval": "5",
     "keepalives_count": "2",
     "tcp_user_timeout": "15000",
+    "options": "-c idle_in_transaction_session_timeout=10000",
 }
-"""When a connection counts as lost: libpq's own limits are hours."""
+"""When a connection counts as lost: libpq's own limits are hours.
+
+A process that is frozen within a transaction still answers for its connection, and holds the rows that it has locked:
+the server ends that session, so that others can take its jobs over.
+"""
 POOL_SIZE = 20
 POOL_SECONDS = 5.0
 """How long a request waits for a connection to be free [s]."""
@@ -61,7 +66,7 @@ def open_database(settings: WorkerSettings) -> Database:
     Raises:
         DatabaseTooNew: A newer version of this software has used it.
     """
-    tell_read_only_as_loss()
+    tell_refusal_as_loss()
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     if settings.database_url is None:
         path = settings.data_dir.resolve() / SQLITE_FILE

@@ -14,9 +14,11 @@ FIRST_PAUSE_SECONDS = 0.2
 LONGEST_PAUSE_SECONDS = 5.0
 DATABASE_GONE = (exc.OperationalError, exc.InterfaceError, exc.TimeoutError)
 """What the database layer raises if the server is away, has no connection to spare, has no room on its disk, or takes
-no writes (`tell_read_only_as_loss`)."""
+no writes or has ended the session (`tell_refusal_as_loss`)."""
 READ_ONLY = "25006"
 """SQLSTATE of a write that a server refuses which is no primary, or is none any more after a failover."""
+SILENT_TOO_LONG = "25P03"
+"""SQLSTATE of a session that the server has ended because it was silent within a transaction for too long."""
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -28,17 +30,18 @@ def said_by(error: exc.SQLAlchemyError) -> str:
     return str(error.args[0] if error.args else error)
 
 
-def tell_read_only_as_loss() -> None:
-    """Have a server that takes no writes count as one that is away: its connections are closed, and made anew.
+def tell_refusal_as_loss() -> None:
+    """Have a server that takes no writes, or has ended our session, count as one that is away.
 
-    After a failover a name leads to another server, while connections to the one before may live on.
+    Its connections are closed, and made anew. After a failover a name leads to another server, while connections to the
+    one before may live on; and a process that was frozen in a transaction finds its session ended.
     """
     # On the class: the job engine makes database engines of its own, and waits for lost connections as we do.
-    event.listen(sa.Engine, "handle_error", _lose_read_only)
+    event.listen(sa.Engine, "handle_error", _lose)
 
 
-def _lose_read_only(context: sa.engine.ExceptionContext) -> exc.OperationalError | None:
-    if getattr(context.original_exception, "sqlstate", None) != READ_ONLY:
+def _lose(context: sa.engine.ExceptionContext) -> exc.OperationalError | None:
+    if getattr(context.original_exception, "sqlstate", None) not in {READ_ONLY, SILENT_TOO_LONG}:
         return None
     context.is_disconnect = True
     original = context.original_exception

@@ -59,3 +59,23 @@ def test_a_server_that_takes_no_writes_counts_as_gone_and_its_connections_are_no
         database.require_writable()
         own.dispose()
         database.close()
+
+
+@needs_postgres
+def test_a_session_that_is_silent_within_a_transaction_is_ended_and_others_have_its_rows(tmp_path: Path) -> None:
+    """A frozen process still answers for its connection: else nobody could ever take its jobs over."""
+    with running_postgres() as server:
+        database = open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))
+        with database.engine.begin() as transaction:
+            transaction.execute(sa.insert(TOTALS).values(name="a", label="b", count=1, seconds=0.0))
+        change = sa.update(TOTALS).values(count=2)
+        frozen = sa.create_engine(database.engine.url).connect()
+        frozen.execute(change)
+        with database.engine.begin() as transaction:
+            # It waits for the row, as one that takes a job over does.
+            transaction.execute(sa.text("SET LOCAL lock_timeout = '60s'"))
+            transaction.execute(change)
+        with pytest.raises(DATABASE_GONE):
+            frozen.execute(change)
+        frozen.invalidate()
+        database.close()
