@@ -116,7 +116,7 @@ class NodeExamination:
         self.arms = [PinocchioArm(hand.arm.dh) for hand in self.hands]
         self.alone = [FreeCheck(hand.alone) for hand in self.hands]
         self.between = FreeCheck(pair.between)
-        program = planner.balance_program
+        program = planner.stated
         self.plate = Plate(
             scene.plate.mass, scene.plate.com, program.cup, program.friction, program.limits, scene.lifter_model
         )
