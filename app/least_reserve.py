@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from planners.contract.plan_document import LeastReserve
+from planners.plan.verdicts import LeastReserve
 
 
 def least_reserve(document: Mapping[str, Any]) -> tuple[LeastReserve, float] | None:

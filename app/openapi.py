@@ -13,9 +13,9 @@ from fastapi.openapi.utils import get_openapi
 from app.access.door import COOKIE
 from app.access.gate import needed_scope
 from app.errors import MEDIA_TYPE as PROBLEM_MEDIA_TYPE
-from planners.contract.plan_document import document_schema
 from planners.contract.scan_spec import scan_schema
 from planners.contract.task_spec import task_schema
+from planners.plan.plan import plan_schema
 
 CHECKED_IN = Path(__file__).resolve().parents[1] / "docs" / "openapi.json"
 COMPONENTS = "#/components/schemas/"
@@ -43,7 +43,7 @@ def _describe(app: FastAPI) -> dict[str, Any]:
         title=app.title, version=app.version, description=app.description, routes=app.routes, tags=app.openapi_tags
     )
     schemas = description.setdefault("components", {}).setdefault("schemas", {})
-    for name, schema in (("PlanDocument", document_schema()), ("TaskSpec", task_schema()), ("ScanSpec", scan_schema())):
+    for name, schema in (("PlanDocument", plan_schema()), ("TaskSpec", task_schema()), ("ScanSpec", scan_schema())):
         component = _into_components(schema)
         schemas.update(component.pop("$defs", {}))
         schemas[name] = component

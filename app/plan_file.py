@@ -144,6 +144,6 @@ def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: 
             begun.add(stage)
             bar.show(stage, scale.advance(stage, done, total))
 
-        document = pipeline.solve({"id": name, "task": task}, show)
+        plan = pipeline.solve({"id": name, "task": task}, show)
         bar.show("done", 1.0)
-    return document
+    return plan.document()

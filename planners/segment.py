@@ -4,33 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import Enum
 
 from planners.balance.balanced import Balanced
 from planners.geometry.pose import Array, Transform
 from planners.manipulation.contacts import PrincipalContact
 from planners.motion.trajectory import Trajectory
-
-
-class SegmentKind(Enum):
-    """What happens in a segment; the value is its name in the plan document."""
-
-    TRANSIT = "transit"
-    """A free hand moves while the body rests."""
-    TRANSFER = "transfer"
-    """The body moves, the hold is kept."""
-    APPROACH = "approach"
-    RETREAT = "retreat"
-    GRIP = "grip"
-    """The fingers close."""
-    RELEASE = "release"
-    """The fingers open."""
-    HANDOVER = "handover"
-    """Both hands hold the body, and nothing moves."""
-    ATTACH = "attach"
-    """The vacuum goes on."""
-    DETACH = "detach"
-    """The vacuum goes off."""
+from planners.plan.segment import SegmentKind
 
 
 @dataclass(frozen=True, eq=False)

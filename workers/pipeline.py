@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -18,7 +18,10 @@ from planners.contract.task_spec import read_task
 from planners.errors import LiftwrightError
 from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
-from planners.plan import HandoverSource, plan
+from planners.plan.plan import Plan
+from planners.plan.simulation import Simulation
+from planners.plan.verdicts import Check
+from planners.planning import HandoverSource, plan
 from planners.progress import Progress, silent
 from planners.regrasp.handovers import find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -29,7 +32,7 @@ from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptio
 from workers.handover_store import HandoverStore
 from workers.simulation.stage import simulate_plan
 from workers.software import describe_software
-from workers.solver_protocol import REJECTED_VARIABLE, Request
+from workers.solver_protocol import REJECTED_VARIABLE, Answer, Request
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel that a plate lift needs."""
@@ -42,8 +45,8 @@ FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
 class CertificateFailed(LiftwrightError):
     """A plan was found and did not stand its independent re-check. The fault is ours."""
 
-    def __init__(self, checks: list[Mapping[str, Any]]) -> None:
-        failed = [f"{check['name']} (margin {check['margin']} {check['unit']} at {check['where']})" for check in checks]
+    def __init__(self, checks: Sequence[Check]) -> None:
+        failed = [f"{check.name} (margin {check.margin} {check.unit} at {check.where})" for check in checks]
         super().__init__(f"the plan that was found failed its certificate: {'; '.join(failed)}")
 
 
@@ -55,9 +58,9 @@ class Pipeline:
     surfaces: RobotSurfaces
     """The robots' meshes, which the certificate checks against."""
     tools: Mapping[str, SuctionTool]
-    plan: Callable[..., dict[str, Any]] = plan
+    plan: Callable[..., Plan] = plan
     certify: Callable[..., Certificate | None] = certify
-    simulate: Callable[..., dict[str, Any]] = simulate_plan
+    simulate: Callable[..., Simulation] = simulate_plan
     clock: Callable[[], float] = time.perf_counter
     """[s]"""
     handovers: HandoverSource = find_handovers
@@ -92,10 +95,18 @@ class Pipeline:
             for settings in (standing, standing.with_fingertips()):
                 self.handovers(self.cells[tasks[0]["cell"]], tool, settings.handovers, silent)
 
-    def solve(self, request: Request, progress: Progress) -> dict[str, Any]:
-        """Return the certified and simulated plan document of a task, or the document that says why there is no plan.
+    def answer(self, request: Request, progress: Progress) -> Answer:
+        """Return what `solve` finds as it is sent."""
+        plan = self.solve(request, progress)
+        seconds: dict[str, float] = {}
+        for name, each in plan.statistics.times:
+            seconds[name] = seconds.get(name, 0.0) + each
+        return Answer(plan.outcome, plan.write(), seconds)
 
-        That nothing was found is no claim: such a document has the certificate None.
+    def solve(self, request: Request, progress: Progress) -> Plan:
+        """Return the certified and simulated plan of a task, or the one that says why there is none.
+
+        That nothing was found is no claim: such a plan has the certificate None.
 
         Raises:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
@@ -107,27 +118,21 @@ class Pipeline:
         scene = build_scene(task, self.cells, uploads=_uploads(request), tools=self.tools)
         progress("scene", 1, 1)
         built = self.clock()
-        document = self.plan(task, scene, progress, self.clock, self.handovers)
-        document |= {"id": request["id"], "software": describe_software()}
+        found = self.plan(task, scene, progress, self.clock, self.handovers)
+        found = found.model_copy(update={"id": request["id"], "software": describe_software()})
         planned = self.clock()
         progress("certify", 0, 1)
-        reference = _reference(self.cells[document["cell"]["name"]])
-        certificate = self.certify(document, self.surfaces, reference)
-        document["certificate"] = None if certificate is None else certificate.to_document()
+        certificate = self.certify(found.write(), self.surfaces, _reference(self.cells[found.cell.name]))
+        found = found.model_copy(update={"certificate": certificate})
         progress("certify", 1, 1)
-        _require_passed(document)
+        _require_passed(found)
         certified = self.clock()
-        simulated = document["outcome"] == "solved" and task.options.simulate
-        if simulated:
-            document["simulation"] = self.simulate(document, scene, progress, task.seed)
-        ended = self.clock()
-        stages = document["statistics"]["stages"]
-        stages.insert(0, {"name": "scene", "seconds": built - begun})
-        stages.append({"name": "certify", "seconds": certified - planned})
-        if simulated:
-            stages.append({"name": "simulate", "seconds": ended - certified})
-        document["statistics"]["total_seconds"] = ended - begun
-        return document
+        stages = [("scene", built - begun), *found.statistics.times, ("certify", certified - planned)]
+        if found.outcome == "solved" and task.options.simulate:
+            simulation = self.simulate(found.document(), scene, progress, task.seed)
+            found = found.model_copy(update={"simulation": simulation})
+            stages.append(("simulate", self.clock() - certified))
+        return found.model_copy(update={"statistics": found.statistics.taking(stages, self.clock() - begun)})
 
 
 def reference_task() -> dict[str, Any]:
@@ -161,13 +166,12 @@ def _reference(cell: Cell) -> CellReference:
     return CellReference(cell.document(), cell.body_documents(), home, rest, tool_descriptions())
 
 
-def _require_passed(document: dict[str, Any]) -> None:
-    certificate = document["certificate"]
-    if certificate is None or certificate["passed"]:
+def _require_passed(plan: Plan) -> None:
+    if plan.certificate is None or plan.certificate.passed:
         return
     directory = os.environ.get(REJECTED_VARIABLE)
     if directory:
-        path = Path(directory) / f"{document['id']}.json"
+        path = Path(directory) / f"{plan.id}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(document))
-    raise CertificateFailed([check for check in certificate["checks"] if not check["passed"]])
+        path.write_bytes(plan.write())
+    raise CertificateFailed(plan.certificate.failures)

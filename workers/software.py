@@ -7,14 +7,16 @@ import re
 from importlib.metadata import version
 from pathlib import Path
 
+from planners.plan.verdicts import Software
+
 NAME = "liftwright"
 COMMIT_VARIABLE = "LIFTWRIGHT_COMMIT"
 """Set by an image that has no git directory."""
 
 
-def describe_software() -> dict[str, str | None]:
+def describe_software() -> Software:
     """Return name, version and commit; the commit is None when it is not known."""
-    return {"name": NAME, "version": version(NAME), "commit": _commit()}
+    return Software(name=NAME, version=version(NAME), commit=_commit())
 
 
 def _commit() -> str | None:

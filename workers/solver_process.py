@@ -21,11 +21,11 @@ from collections.abc import Callable
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, Self
+from typing import TYPE_CHECKING, BinaryIO, Self
 
 from planners.errors import LiftwrightError
 from planners.progress import Progress
-from workers.solver_protocol import HANDOVERS_VARIABLE, DocumentHeader, Message, Request
+from workers.solver_protocol import HANDOVERS_VARIABLE, Answer, DocumentHeader, Message, Request
 
 if TYPE_CHECKING:
     from workers.pipeline import Pipeline
@@ -37,8 +37,8 @@ COMPILE = "--compile"
 GZIP_LEVEL = 3
 """Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
 
-Solve = Callable[[Request, Progress], dict[str, Any]]
-"""Takes a request and a progress callback to a plan document."""
+Solve = Callable[[Request, Progress], Answer]
+"""Answers a request, telling its progress."""
 
 
 class Channel:
@@ -109,14 +109,6 @@ def _memory_limit() -> str:
     return "" if limit == resource.RLIM_INFINITY else f" ({limit // 2**20} MiB, LIFTWRIGHT_SOLVER_MEMORY_MB)"
 
 
-def _stages(document: dict[str, Any]) -> dict[str, float]:
-    """Return how long each stage of a document took, by name [s]."""
-    stages: dict[str, float] = {}
-    for stage in document.get("statistics", {}).get("stages", ()):
-        stages[stage["name"]] = stages.get(stage["name"], 0.0) + stage["seconds"]
-    return stages
-
-
 def main(prepare: Callable[[], Solve]) -> None:
     """Get ready and solve what is requested, until something was searched for."""
     channel = Channel()
@@ -134,18 +126,17 @@ def main(prepare: Callable[[], Solve]) -> None:
 
 def _answer(solve: Solve, request: Request, channel: Channel) -> bool:
     """Hand over the document of a request; return whether there may be another one."""
-    document = solve(request, ThrottledReports(channel))
-    body = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
-    packed = gzip.compress(body, GZIP_LEVEL, mtime=0)
+    answer = solve(request, ThrottledReports(channel))
+    packed = gzip.compress(answer.document, GZIP_LEVEL, mtime=0)
     header: DocumentHeader = {
-        "outcome": document["outcome"],
-        "sha256": hashlib.sha256(body).hexdigest(),
+        "outcome": answer.outcome,
+        "sha256": hashlib.sha256(answer.document).hexdigest(),
         "size": len(packed),
-        "stages": _stages(document),
-        "again": document["outcome"] == "infeasible",
+        "stages": dict(answer.seconds),
+        "again": (again := answer.outcome == "infeasible"),
     }
     channel.send({"document": header}, packed)
-    return header["again"]
+    return again
 
 
 def _listen_to_the_worker(requests: SimpleQueue[bytes]) -> None:
@@ -178,4 +169,4 @@ if __name__ == "__main__":
         threading.Thread(target=_listen_to_the_worker, args=(SimpleQueue(),), daemon=True).start()
         _load_pipeline().compile()
     else:
-        main(lambda: _load_pipeline().warm_up().solve)
+        main(lambda: _load_pipeline().warm_up().answer)

@@ -9,6 +9,8 @@ Then the child ends, unless it has said that it can be asked `again`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal, NotRequired, TypedDict
 
 MAX_LINE = 2**24
@@ -28,6 +30,18 @@ class Request(TypedDict):
     task: dict[str, object]
     meshes: NotRequired[dict[str, dict[str, object]]]
     """The uploads that the task names, by id, as `SolidMesh.document` gives them."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a request is answered with."""
+
+    outcome: Literal["solved", "infeasible", "not_found"]
+    """As in the document."""
+    document: bytes
+    """The plan, as it is stored and sent."""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """By stage [s]."""
 
 
 class Report(TypedDict):

@@ -86,5 +86,5 @@ def get_capabilities(request: Request, settings: Settings) -> Capabilities:
             worker_slots=settings.worker_slots,
         ),
         schema_versions=[SCHEMA_VERSION],
-        software=Software.model_validate(describe_software()),
+        software=Software.model_validate(describe_software().model_dump()),
     )

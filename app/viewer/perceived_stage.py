@@ -60,7 +60,7 @@ class PerceivedStage:
         self._scene, self._root = scene, root
         light_scene(scene, root)
         for name, body in cell.body_documents().items():
-            draw_body(scene, f"{root}/bodies/{name}", body)
+            draw_body(scene, f"{root}/bodies/{name}", body.model_dump(mode="json"))
         robot = add_frame(scene, f"{root}/robot", np.eye(4))
         RobotDrawing(scene, cell, meshes, f"{root}/robot").pose(cell.home, {})
         measured = points or _told_points(document)

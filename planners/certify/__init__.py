@@ -4,10 +4,10 @@ Nothing here uses the planners' kernels. Forward kinematics comes from pinocchio
 unreduced hulls of the robots' meshes, balances are assembled again in the world frame.
 """
 
-from planners.certify.certificate import Certificate, Check
 from planners.certify.certify import certify
 from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
 from planners.certify.surfaces import RobotSurfaces, load_surfaces
+from planners.plan.verdicts import Certificate, Check
 
 __all__ = ["CellReference", "Certificate", "CertifySettings", "Check", "RobotSurfaces", "certify", "load_surfaces"]

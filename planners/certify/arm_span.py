@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from planners.certify.bound import Bound
-from planners.certify.document_view import ArmView, BodyView, HandView, PlanView
+from planners.certify.plan_view import ArmView, BodyView, HandView, PlanView
 from planners.certify.surfaces import pad_face
 from planners.geometry.pose import Array
 

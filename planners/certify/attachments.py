@@ -6,11 +6,13 @@ from collections.abc import Callable, Set
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion, relative
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.scenery import ARMS
+from planners.plan.verdicts import Check
 
 
 def rotation_angles(poses: Array, T: Array) -> Array:

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, ContactView, PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import BodyView, ContactView, PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
+from planners.plan.verdicts import Check
 
 
 @dataclass(frozen=True, eq=False)

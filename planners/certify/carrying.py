@@ -9,15 +9,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
+from planners.certify.finding import Finding
 from planners.certify.inertia import InertialLoad
 from planners.certify.motion import SegmentMotion
 from planners.certify.payload import PayloadCheck
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_course import CourseStep
 from planners.certify.tool_task import TOOL
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 _RESTING = ("attach", "detach")
 """Kinds in which what is on the cup is still borne by what it stands on."""

@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from planners.certify.certificate import Certificate, Check
-from planners.certify.document_view import MalformedDocument, PlanView, read_document, read_member, read_text
 from planners.certify.evidence import Evidence
 from planners.certify.lift_checks import LiftExamination
+from planners.certify.plan_view import MalformedDocument, PlanView, read_plan
 from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
+from planners.certify.stated import require_stated
 from planners.certify.surfaces import RobotSurfaces
 from planners.certify.tool_checks import ToolExamination
-
-_EXAMINATIONS = {"plate_lift": LiftExamination, "suction_tool": ToolExamination}
+from planners.contract.task_spec import PlateLiftTask
+from planners.plan.verdicts import Certificate, Check
 
 
 def certify(
-    document: dict[str, Any],
+    document: bytes,
     surfaces: RobotSurfaces,
     reference: CellReference | None = None,
     settings: CertifySettings | None = None,
 ) -> Certificate | None:
-    """Check a finished plan document against its own words, whatever is in it.
+    """Check a finished plan against its own words, whatever is in it.
 
     Args:
-        document: A PlanDocument of schema 1.0; its members `certificate` and `simulation` are not read, of
-            `statistics` only `reserve`.
+        document: A plan as it is sent, read again here: nothing is believed that is not in it. Its members
+            `certificate` and `simulation` are not looked at, of `statistics` only `reserve`.
         surfaces: The robots' meshes, see `load_surfaces`.
         reference: What the cell is known to be; without it the document's own cell is believed.
         settings: Tolerances.
@@ -41,20 +39,26 @@ def certify(
     """
     settings = settings or CertifySettings()
     try:
-        plan = read_document(document)
-        kind = read_text(read_member(plan.task, "kind", "/task"), "/task/kind", tuple(_EXAMINATIONS))
-        examination = _EXAMINATIONS[kind](Evidence(plan, document, surfaces, reference, settings))
+        plan = read_plan(document)
+        evidence, task = Evidence(plan, surfaces, reference, settings), plan.stated.task
+        require_stated(task)
+        lifts = isinstance(task, PlateLiftTask)
+        examination = LiftExamination(evidence, task) if lifts else ToolExamination(evidence, task)
         _refuse_nonsense(plan)
     except MalformedDocument as problem:
-        return Certificate((Check("structure", False, -1.0, "1", str(problem)),))
+        return _certificate(Check(name="structure", passed=False, margin=-1.0, unit="1", where=str(problem)))
     if plan.outcome == "not_found":
         return None
-    structure = Check("structure", True, 0.0, "1", "the whole document")
+    structure = Check(name="structure", passed=True, margin=0.0, unit="1", where="the whole document")
     # Numbers that make no sense overflow to inf or nan, which fail the check that meets them.
     with np.errstate(all="ignore"):
         if plan.outcome == "infeasible":
-            return Certificate((structure, *examination.scene(), examination.proof()))
-        return Certificate((structure, *examination.scene(), *examination.motion()))
+            return _certificate(structure, *examination.scene(), examination.proof())
+        return _certificate(structure, *examination.scene(), *examination.motion())
+
+
+def _certificate(*checks: Check) -> Certificate:
+    return Certificate(passed=all(check.passed for check in checks), checks=list(checks))
 
 
 def _refuse_nonsense(plan: PlanView) -> None:
@@ -62,7 +66,7 @@ def _refuse_nonsense(plan: PlanView) -> None:
     if plan.outcome != "solved":
         if plan.segments:
             raise MalformedDocument("/segments", f"a plan that is {plan.outcome} has no segments")
-        if plan.explanation is None or not plan.explanation.summary:
+        if not plan.explanation.summary:
             raise MalformedDocument("/explanation/summary", f"a plan that is {plan.outcome} says why")
     elif not plan.segments:
         raise MalformedDocument("/segments", "a solved plan has segments")

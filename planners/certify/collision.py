@@ -16,14 +16,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.gap import gaps_along
 from planners.certify.motion import SegmentMotion, chord_lengths, relative
 from planners.certify.pairs import TouchRule, pairs_of
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.certify.solids import Frame, Solid, separation
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 _BLOCK = 16
 """Samples whose boxes are compared at once."""

@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, ContactView
+from planners.certify.finding import Finding
+from planners.certify.plan_view import ContactView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.scenery import ARMS
+from planners.plan.verdicts import Check
 
 _UP = np.array([0.0, 0.0, 1.0])
 _SQUARE = 1e-3
@@ -104,44 +106,45 @@ class ConeChecks:
             return
         if contact.kind == "inertia":
             return
-        values = contact.parameters
         pressed = float(contact.force @ contact.normal)
         sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
         turning = float(contact.torque @ contact.normal)
         other = float(np.linalg.norm(contact.torque - turning * contact.normal))
-        self._same(values["mu"], self._limits.friction.get(contact.kind), f"{where}: mu")
+        self._same(contact.mu, self._limits.friction.get(contact.kind), f"{where}: mu")
         if contact.kind == "soft_finger":
-            self._same(values["eps"], self._limits.eps, f"{where}: eps")
-            sliding = math.hypot(sliding, turning / max(values["eps"], 1e-12))
+            self._same(contact.eps, self._limits.eps, f"{where}: eps")
+            sliding = math.hypot(sliding, turning / max(contact.eps, 1e-12))
         else:
             other = math.hypot(other, turning)
         if contact.kind == "soft_finger":
-            self._same(values["limit"], self._limits.finger(contact.by, values["squeeze"]), f"{where}: limit")
+            self._same(contact.limit, self._limits.finger(contact.by, contact.squeeze), f"{where}: limit")
         elif contact.kind == "point":
-            self._same(values["limit"], self._limits.normal, f"{where}: limit")
+            self._same(contact.limit, self._limits.normal, f"{where}: limit")
         self._torque.note(self._slack - other, where)
-        self._friction.note(values["mu"] * pressed - sliding + self._slack, where)
+        self._friction.note(contact.mu * pressed - sliding + self._slack, where)
         self._normal.note(pressed + self._slack, f"{where}")
-        if values["limit"] is not None:
-            self._normal.note(values["limit"] + self._slack - pressed, where)
+        if contact.limit < math.inf:
+            self._normal.note(contact.limit + self._slack - pressed, where)
 
-    def _same(self, value: float | None, stated: float | None, where: str) -> None:
-        if value is None or stated is None:
+    def _same(self, value: float, stated: float | None, where: str) -> None:
+        if stated is None or not math.isfinite(value):
             self._parameters.require(False, where, "is not known")
         else:
             self._parameters.note(self._equal - abs(value - stated), where)
 
     def _suction_limits(self, contact: ContactView, where: str) -> None:
-        values, cup, slack = contact.parameters, self._limits.cup, self._slack
+        cup, slack = self._limits.cup, self._slack
         if cup is not None:
-            for key, stated in (("mu", cup.mu), ("radius", cup.radius), ("kappa", cup.kappa), ("limit", cup.max_force)):
-                self._same(values[key], stated, f"{where}: {key}")
+            self._same(contact.mu, cup.mu, f"{where}: mu")
+            self._same(contact.radius, cup.radius, f"{where}: radius")
+            self._same(contact.kappa, cup.kappa, f"{where}: kappa")
+            self._same(contact.limit, cup.max_force, f"{where}: limit")
         x, z = contact.x_axis, contact.normal
         axes = np.array([x, np.cross(z, x)])
         shear, bend = axes @ contact.force, axes @ contact.torque
         pull, twist = -float(contact.force @ z), float(contact.torque @ z)
-        force = values["suction_force"]
-        self._cup.note(values["limit"] + slack - force, where)
+        force = contact.suction_force
+        self._cup.note(contact.limit + slack - force, where)
         self._cup.note(force + slack, f"{where}: presses")
         if self._limits.model == "cable":
             up = float(contact.force @ _UP)
@@ -150,8 +153,8 @@ class ConeChecks:
             self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
             return
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
-        hold = values["mu"] * (force if self._limits.model == "paper" else values["limit"] - force)
-        slips, twists, peels = pad_margins(hold, shear, twist, bend, values["radius"], values["kappa"])
+        hold = contact.mu * (force if self._limits.model == "paper" else contact.limit - force)
+        slips, twists, peels = pad_margins(hold, shear, twist, bend, contact.radius, contact.kappa)
         self._suction.note(float(slips) + slack, f"{where}: shear")
         self._suction_moment.note(float(twists) + slack, f"{where}: twist")
         self._suction_moment.note(float(peels) + slack, f"{where}: peel")

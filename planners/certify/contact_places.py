@@ -10,12 +10,14 @@ import numpy as np
 
 from planners.certify.balances import ContactSet
 from planners.certify.body_shape import BodyShape
-from planners.certify.certificate import Check, Finding
 from planners.certify.cones import angle
-from planners.certify.document_view import ARMS, ContactView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import ContactView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform, inverse
+from planners.plan.scenery import ARMS
+from planners.plan.verdicts import Check
 
 Maker = Callable[[SegmentMotion, ContactSet, ContactView, str], None]
 """Checks a contact from the side of who makes it; the text names the contact."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, ContactStateView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
+from planners.plan.segment import ContactState
+from planners.plan.verdicts import Check
 
 _LOWEST = 1e-9
 """Height above a body's lowest vertex at which a vertex is as low as that [m]."""
@@ -57,8 +59,8 @@ def _heights(plan: PlanView, motion: SegmentMotion, settings: CertifySettings, f
         return
     if state.element == "none":
         return
-    if state.other != plan.support:
-        finding.require(False, segment.place(), f"plate touches {state.other}, it rests on {plan.support}")
+    if state.with_ != plan.support:
+        finding.require(False, segment.place(), f"plate touches {state.with_}, it rests on {plan.support}")
     to_corner = np.linalg.norm(state.vertices[:, None] - plate[None], axis=2).min(axis=1)
     finding.note_all(_CORNER - to_corner, lambda k: f"{segment.place()}: contact vertex {k} is no corner of plate")
     finding.note_all(
@@ -68,7 +70,7 @@ def _heights(plan: PlanView, motion: SegmentMotion, settings: CertifySettings, f
 
 
 def _unstated(
-    plan: PlanView, motion: SegmentMotion, state: ContactStateView, settings: CertifySettings, finding: Finding
+    plan: PlanView, motion: SegmentMotion, state: ContactState, settings: CertifySettings, finding: Finding
 ) -> None:
     """No other vertex touches the support, but near the ends of a motion, where the contact may still be the last one.
 
@@ -96,7 +98,7 @@ def _far_from(poses: Array, end: Transform, vertices: Array, settings: CertifySe
     return ways > max(settings.end_distance, settings.end_fraction * float(ways.max()))
 
 
-def _slip(motion: SegmentMotion, state: ContactStateView, settings: CertifySettings, finding: Finding) -> None:
+def _slip(motion: SegmentMotion, state: ContactState, settings: CertifySettings, finding: Finding) -> None:
     """The vertices in contact stay where they are: nothing balances a plate that slides."""
     segment, poses = motion.segment, motion.body_poses["plate"]
     if np.ptp(poses, axis=0).max() <= settings.join:

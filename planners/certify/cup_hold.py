@@ -6,15 +6,16 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
 from planners.certify.cones import StatedCup, pad_margins, pad_x_axes
-from planners.certify.document_view import PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.inertia import InertialLoad
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_course import CourseStep, ToolCourse
 from planners.certify.tool_task import TOOL, ToolTask
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 _SWITCHING = ("attach", "detach")
 """Kinds in which the object stands on something: what the cup bears there is not determined."""
@@ -72,8 +73,7 @@ def _believed(segment: SegmentView, name: str) -> StatedCup | None:
     """Return the cup as the first contact with the object states it."""
     for contact in segment.contacts:
         if contact.kind == "suction" and contact.body == name:
-            values = contact.parameters
-            return StatedCup(values["radius"], values["limit"], values["mu"], values["kappa"])
+            return StatedCup(contact.radius, contact.limit, contact.mu, contact.kappa)
     return None
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
-from planners.certify.certificate import Check
-from planners.certify.document_view import MalformedDocument, PlanView
+from planners.certify.plan_view import MalformedDocument, PlanView
 from planners.certify.scene_facts import CellReference, scene_checks
 from planners.certify.settings import CertifySettings
 from planners.certify.surfaces import RobotSurfaces
 from planners.geometry.pose import Array
+from planners.plan.scenery import CellDocument
+from planners.plan.verdicts import Check
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,6 @@ class Evidence:
     """One document, what is known of its robots and its cell, and how exact it has to be."""
 
     plan: PlanView
-    document: Mapping[str, Any]
     surfaces: RobotSurfaces
     reference: CellReference | None
     """What the cell is known to be; None where the document's own cell is believed."""
@@ -37,11 +36,11 @@ class Evidence:
 
     def cell_checks(self) -> list[Check]:
         """Check the cell and its hands."""
-        return scene_checks(self.plan, self.document, self.reference, self.settings)
+        return scene_checks(self.plan, self.reference, self.settings)
 
     @property
-    def known_cell(self) -> Mapping[str, Any] | None:
-        """What documents of this cell carry as `cell`; None where that is not known."""
+    def known_cell(self) -> CellDocument | None:
+        """What plans in this cell state as `cell`; None where that is not known."""
         return None if self.reference is None else self.reference.cell
 
     def start_positions(self, stated: Array | None) -> Array | None:

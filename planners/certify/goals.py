@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from planners.certify.attachments import rotation_angles
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_task import StatedObject, ToolTask
 from planners.geometry.pose import Array, Transform, inverse
+from planners.plan.verdicts import Check
 
 _SAME_SHAPE = 1e-4
 """Distance of corners within which a turn takes a shape to itself [m]."""

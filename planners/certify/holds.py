@@ -6,12 +6,14 @@ import numpy as np
 
 from planners.certify.attachments import rotation_angles
 from planners.certify.body_shape import BodyShape
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import GripView, PlanView, PushView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.lines import stretches_inside
 from planners.certify.motion import SegmentMotion, relative
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array, Transform
+from planners.plan.segment import Grip, Push
+from planners.plan.verdicts import Check
 
 
 def hold_checks(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> list[Check]:
@@ -39,7 +41,7 @@ def held_samples(segment: SegmentView, arm: str, ends: tuple[str, str]) -> slice
 def _grip(
     plan: PlanView,
     motion: SegmentMotion,
-    grip: GripView,
+    grip: Grip,
     settings: CertifySettings,
     findings: tuple[Finding, Finding, Finding],
 ) -> None:
@@ -77,7 +79,7 @@ def _thickness(shape: BodyShape, T_body_tcp: Transform, seam: float) -> tuple[fl
     return float(end - begin), float(end + begin) / 2
 
 
-def _push(plan: PlanView, motion: SegmentMotion, push: PushView, settings: CertifySettings, finding: Finding) -> None:
+def _push(plan: PlanView, motion: SegmentMotion, push: Push, settings: CertifySettings, finding: Finding) -> None:
     segment = motion.segment
     chosen = held_samples(segment, push.arm, ("approach", "retreat"))
     samples = np.arange(len(segment.time))[chosen]
@@ -90,7 +92,7 @@ def _push(plan: PlanView, motion: SegmentMotion, push: PushView, settings: Certi
     finding.note(settings.contact_distance - abs(height), f"{segment.place()}: point of the push on {push.body}")
 
 
-def push_errors(plan: PlanView, motion: SegmentMotion, push: PushView) -> Array:
+def push_errors(plan: PlanView, motion: SegmentMotion, push: Push) -> Array:
     """Return the distances between the tip's contact point and the hold's point on the body: (n,) [m]."""
     hand = plan.hands[push.arm]
     assert hand.T_flange_tip is not None

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 _NO_TURN = 1e-12
 """Sine of an angle below which it is its sine."""

@@ -17,12 +17,13 @@ import numpy as np
 from planners.certify.arm_span import body_radius, reach_bound
 from planners.certify.body_shape import BodyShape
 from planners.certify.bound import Bound
-from planners.certify.certificate import Check, Finding
 from planners.certify.cones import StatedCup
-from planners.certify.document_view import CauseView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.lift_program import stated_lift
 from planners.certify.lift_task import LiftTask
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
+from planners.plan.verdicts import Cause, Check
 
 _WEIGHTLESS = 1e-12
 """Stands for no weight at all, so that shares of it are numbers [N]."""
@@ -60,7 +61,7 @@ def proof_check(plan: PlanView, bounds: Mapping[str, Sequence[Bound]], settings:
 
 
 def _cause(
-    cause: CauseView,
+    cause: Cause,
     index: int,
     bounds: Mapping[str, Sequence[Bound]],
     finding: Finding,
@@ -80,7 +81,7 @@ def _cause(
     return True
 
 
-def _claims(cause: CauseView, bound: Bound, settings: CertifySettings) -> dict[str, float]:
+def _claims(cause: Cause, bound: Bound, settings: CertifySettings) -> dict[str, float]:
     """Return the margins by which a cause says of a bound what is so: what was needed, what there is, that it lacks."""
     assert cause.needed is not None
     assert cause.available is not None

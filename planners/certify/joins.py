@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import JOINT_NAMES, PlanView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.scenery import JOINT_NAMES
+from planners.plan.verdicts import Check
 
 
 def join_checks(

@@ -7,19 +7,21 @@ it holds, by its contacts. What bodies weigh and what moving them takes is in th
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, JOINT_NAMES, ArmView, HandView, PlanView, read_arm, read_hand
+from planners.certify.finding import Finding
 from planners.certify.kinematics import ArmDynamics
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import ArmView, HandView, PlanView
 from planners.certify.settings import CertifySettings
+from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array
+from planners.plan.scenery import ARMS, JOINT_NAMES, CellDocument
+from planners.plan.verdicts import Check
 
 NAME = "joint torque"
 
@@ -45,7 +47,7 @@ def torque_check(
     plan: PlanView,
     motions: Sequence[SegmentMotion],
     sets: Sequence[Sequence[ContactSet]],
-    known_cell: Mapping[str, Any] | None,
+    known_cell: CellDocument | None,
     settings: CertifySettings,
 ) -> Check:
     """Check |torque| of each joint at every sample against its largest torque, less a part of it.
@@ -62,7 +64,7 @@ def torque_check(
     unknown = [arm for arm, weighed in arms.items() if weighed is None]
     if unknown:
         where = f"not checked: masses and largest torques are not stated of the {' and the '.join(unknown)} arm"
-        return Check(NAME, True, None, "Nm", where)
+        return Check(name=NAME, passed=True, margin=None, unit="Nm", where=where)
     finding = Finding(NAME, "Nm")
     for motion, group in zip(motions, sets, strict=True):
         for number, (arm, weighed) in enumerate(arms.items()):
@@ -77,12 +79,11 @@ def torque_check(
     return finding.check()
 
 
-def _weighed(plan: PlanView, arm: str, known_cell: Mapping[str, Any] | None) -> _Weighed | None:
+def _weighed(plan: PlanView, arm: ArmName, known_cell: CellDocument | None) -> _Weighed | None:
     stated = _Weighed.of(plan.arms[arm], plan.hands[arm], plan.gravity)
-    if stated is not None or known_cell is None or plan.cell.get("name") != known_cell["name"]:
+    if stated is not None or known_cell is None or plan.stated.cell.name != known_cell.name:
         return stated
-    at = f"/cell/arms/{arm}"
-    known = read_arm(arm, known_cell["arms"][arm], at), read_hand(known_cell["hands"][arm], at)
+    known = ArmView.of(known_cell.arms[arm]), HandView.of(known_cell.hands[arm], f"/cell/hands/{arm}")
     return _Weighed.of(*known, plan.gravity)
 
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
 from planners.certify.settings import CertifySettings
+from planners.plan.verdicts import Check
 
 _FINGERS = {"grip": -1.0, "release": 1.0}
 """Sign of the change of an opening."""

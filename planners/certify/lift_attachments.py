@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from planners.certify.attachments import drift_checks, resting_check
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
+from planners.plan.scenery import ARMS
+from planners.plan.verdicts import Check
 
 
 def lift_attachment_checks(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> list[Check]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
+from planners.certify.finding import Finding
 from planners.certify.lift_task import LiftTask
+from planners.certify.plan_view import PlanView
 from planners.certify.scene_facts import compare_body
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import inverse
+from planners.plan.verdicts import Check
 
 _CABLE_LENGTH = 1.1
 """Contract [m]."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 
 from planners.certify.balances import balance_checks, contact_sets
-from planners.certify.certificate import Check
 from planners.certify.collision import CollisionCheck
 from planners.certify.cones import ConeChecks
 from planners.certify.contact_states import contact_state_checks, needs_sets
@@ -29,19 +28,21 @@ from planners.certify.set_spacing import spacing_check
 from planners.certify.solids import solids_of
 from planners.certify.squeeze import squeeze_check
 from planners.certify.uncertainty import uncertainty_check
+from planners.contract.task_spec import PlateLiftTask
+from planners.plan.verdicts import Check
 
 
 class LiftExamination:
     """The second opinion on one plate lift."""
 
-    def __init__(self, evidence: Evidence) -> None:
+    def __init__(self, evidence: Evidence, task: PlateLiftTask) -> None:
         """Read the task.
 
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
         self._evidence = evidence
-        self._task = read_lift_task(evidence.plan.task)
+        self._task = read_lift_task(task)
         evidence.require_bodies(("plate", evidence.plan.support))
 
     def scene(self) -> list[Check]:

@@ -10,9 +10,9 @@ from planners.certify.balances import ContactSet
 from planners.certify.cones import x_axis_error
 from planners.certify.contact_places import ContactPlaceChecks, Maker
 from planners.certify.contact_states import support_height
-from planners.certify.document_view import ContactView, PlanView
 from planners.certify.lift_task import LiftTask
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import ContactView, PlanView
 from planners.certify.settings import CertifySettings
 
 

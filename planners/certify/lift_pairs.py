@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from planners.certify.document_view import PlanView, SegmentView
 from planners.certify.pairs import TouchRule, holds_around
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.solids import Solid
 
 

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+
+import numpy as np
 
 from planners.certify.cones import ContactLimits, StatedCup
-from planners.certify.document_view import PlanView, read_member, read_number, read_shape, read_text, read_vector
 from planners.certify.load_program import ContactBounds
 from planners.certify.payload import payload_limits
-from planners.certify.stated import (
-    StatedBody,
-    object_member,
-    positive_member,
-    stated_body,
-    stated_obstacles,
-    stated_pose,
-    stated_start,
-)
+from planners.certify.plan_view import MalformedDocument, PlanView
+from planners.certify.stated import StatedBody, stated_obstacles, stated_shape, stated_start
 from planners.certify.uncertainty import Tolerances
-from planners.geometry.pose import Array
-
-LIFTER_MODELS = ("paper", "cable", "dexnet")
-CONTACT_MODELS = ("squeeze", "paper")
+from planners.contract.task_spec import PlateLiftTask
+from planners.geometry.pose import Array, from_pose7
 
 
 @dataclass(frozen=True)
@@ -82,66 +73,35 @@ class LiftTask:
         return self.bodies[0]
 
 
-def read_lift_task(task: Mapping[str, Any]) -> LiftTask:
-    """Read the task of a document.
-
-    Raises:
-        MalformedDocument: A member is missing or of the wrong type, or the task is no plate lift.
-    """
-    at = "/task"
-    read_text(read_member(task, "kind", at), "/task/kind", ("plate_lift",))
-    friction = object_member(task, "friction", at)
-    limits = object_member(task, "hand_force_limit", at)
+def read_lift_task(task: PlateLiftTask) -> LiftTask:
+    """Take from a task what is compared; where a task of 0.1.0 says nothing, what was meant then."""
+    friction, plate, cup = task.friction, task.plate, task.cup
+    x, y = cup.position
+    said = plate.model_fields_set
     return LiftTask(
         bodies=_bodies(task),
-        cup=_cup(task),
-        lifter_model=read_text(read_member(task, "lifter_model", at), "/task/lifter_model", LIFTER_MODELS),
-        friction={
-            key: read_number(read_member(friction, key, "/task/friction"), f"/task/friction/{key}")
-            for key in ("grip", "push", "environment", "eps")
-        },
-        normal_limit=positive_member(limits, "normal", "/task/hand_force_limit"),
-        net_limit=positive_member(limits, "net", "/task/hand_force_limit"),
-        contact_model=read_text(task.get("contact_model", "paper"), "/task/contact_model", CONTACT_MODELS),
-        tolerances=_tolerances(object_member(task, "plate", at)),
+        cup=LifterCup(position=(x, y), radius=cup.radius, max_force=cup.max_force, mu=cup.mu, kappa=cup.kappa),
+        lifter_model=task.lifter_model,
+        friction=friction.model_dump(),
+        normal_limit=task.hand_force_limit.normal,
+        net_limit=task.hand_force_limit.net,
+        contact_model=task.contact_model if "contact_model" in task.model_fields_set else "paper",
+        tolerances=Tolerances(
+            plate.mass_tolerance if "mass_tolerance" in said else 0.0,
+            plate.com_tolerance if "com_tolerance" in said else 0.0,
+        ),
         start_positions=stated_start(task),
-        goal_height=positive_member(object_member(task, "options", at), "goal_height", "/task/options"),
+        goal_height=task.options.goal_height,
     )
 
 
-def _tolerances(plate: Mapping[str, Any]) -> Tolerances:
-    """Read the plate's tolerances; tasks of 0.1.0 have none."""
-    read = {
-        name: read_number(plate.get(name, 0.0), f"/task/plate/{name}") for name in ("mass_tolerance", "com_tolerance")
-    }
-    return Tolerances(read["mass_tolerance"], read["com_tolerance"])
-
-
-def _cup(task: Mapping[str, Any]) -> LifterCup:
-    cup, at = object_member(task, "cup", "/task"), "/task/cup"
-    x, y = read_vector(read_member(cup, "position", at), "/task/cup/position", 2).tolist()
-    return LifterCup(
-        position=(x, y),
-        radius=positive_member(cup, "radius", at),
-        max_force=positive_member(cup, "max_force", at),
-        mu=positive_member(cup, "mu", at),
-        kappa=read_number(read_member(cup, "kappa", at), "/task/cup/kappa"),
-    )
-
-
-def _bodies(task: Mapping[str, Any]) -> tuple[StatedBody, ...]:
-    plate, at = object_member(task, "plate", "/task"), "/task/plate"
-    shape = object_member(plate, "shape", at)
-    read_text(read_member(shape, "type", "/task/plate/shape"), "/task/plate/shape/type", ("box", "prism"))
-    bodies = [
-        StatedBody(
-            name="plate",
-            shape=read_shape(shape, "/task/plate/shape"),
-            T_world_body=stated_pose(read_member(task, "plate_pose", "/task"), "/task/plate_pose"),
-            mass=positive_member(plate, "mass", at),
-            com=read_vector(read_member(plate, "com", at), "/task/plate/com", 3),
-        )
-    ]
-    if task.get("support") is not None:
-        bodies.append(stated_body("support", object_member(task, "support", "/task"), "/task/support"))
+def _bodies(task: PlateLiftTask) -> tuple[StatedBody, ...]:
+    plate = task.plate
+    if plate.com is None:
+        raise MalformedDocument("/task/plate/com", "is missing")
+    shape, T_world_plate = stated_shape(plate.shape, "/task/plate/shape"), from_pose7(task.plate_pose)
+    bodies = [StatedBody("plate", shape, T_world_plate, plate.mass, np.array(plate.com))]
+    if task.support is not None:
+        shape = stated_shape(task.support.shape, "/task/support/shape")
+        bodies.append(StatedBody("support", shape, from_pose7(task.support.pose)))
     return (*bodies, *stated_obstacles(task))

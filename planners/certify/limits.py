@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, JOINT_NAMES, PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.kinematics import HermiteCurve
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.scenery import ARMS, JOINT_NAMES
+from planners.plan.verdicts import Check
 
 _STANDING = ("grip", "release", "attach", "detach")
 _EMPTY_MOTIONS = ("transit", "approach", "retreat")

@@ -20,8 +20,9 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from planners.certify.document_view import ARMS, ContactView
+from planners.certify.plan_view import ContactView
 from planners.geometry.pose import Array
+from planners.plan.scenery import ARMS
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -138,47 +139,47 @@ class LoadProgram:
         """Fingers that squeeze press twice the squeeze together."""
         for arm in ARMS:
             fingers = [p for p in self._parts if p.contact.by == arm and p.contact.kind == "soft_finger"]
-            if fingers and fingers[0].contact.parameters["squeeze"] is not None:
+            if fingers and fingers[0].contact.squeeze is not None:
                 total = sum(self._row(part, part.basis[2]) for part in fingers)
-                self._equal(np.asarray(total)[None], np.array([2.0 * fingers[0].contact.parameters["squeeze"]]))
+                self._equal(np.asarray(total)[None], np.array([2.0 * fingers[0].contact.squeeze]))
 
     def _limits(self) -> None:
         """Normal forces and pulls within their bounds."""
         for part in self._parts:
-            values = part.contact.parameters
+            values = part.contact
             if part.contact.kind == "suction":
                 pull = self._row(part, _pull(part))
                 self._at_least_zero(pull, 0.0)
-                self._at_least_zero(-pull, values["limit"])
+                self._at_least_zero(-pull, values.limit)
                 if self._bounds.model != "cable":
                     self._pad(part, pull)
-            elif values["limit"] is not None and values.get("squeeze") is None:
-                self._at_least_zero(-self._row(part, part.basis[2]), values["limit"])
+            elif values.limit < math.inf and values.squeeze is None:
+                self._at_least_zero(-self._row(part, part.basis[2]), values.limit)
 
     def _pad(self, part: _Part, pull: Array) -> None:
         """(5f), (5g) of the paper, or Dex-Net's with the vacuum less the pull in the place of the pull."""
-        values = part.contact.parameters
-        sign, rest = (1.0, 0.0) if self._bounds.model == "paper" else (-1.0, values["mu"] * values["limit"])
-        holding = sign * values["mu"] * pull
-        for index, scale in ((0, 1.0), (1, 1.0), (5, 1.0 / values["radius"])):
+        values = part.contact
+        sign, rest = (1.0, 0.0) if self._bounds.model == "paper" else (-1.0, values.mu * values.limit)
+        holding = sign * values.mu * pull
+        for index, scale in ((0, 1.0), (1, 1.0), (5, 1.0 / values.radius)):
             across = math.sqrt(3.0) * scale * self._row(part, part.basis[index])
             self._at_least_zero(holding - across, rest)
             self._at_least_zero(holding + across, rest)
         for index in (3, 4):
-            bend = math.sqrt(2.0) / values["radius"] * self._row(part, part.basis[index])
-            self._at_least_zero(-bend, math.pi * values["kappa"])
-            self._at_least_zero(bend, math.pi * values["kappa"])
+            bend = math.sqrt(2.0) / values.radius * self._row(part, part.basis[index])
+            self._at_least_zero(-bend, math.pi * values.kappa)
+            self._at_least_zero(bend, math.pi * values.kappa)
 
     def _friction(self) -> None:
         """(5c)-(5e)."""
         for part in self._parts:
-            values = part.contact.parameters
+            values = part.contact
             if part.contact.kind == "suction":
                 continue
             rows = [self._row(part, part.basis[0]), self._row(part, part.basis[1])]
             if part.contact.kind == "soft_finger":
-                rows.append(self._row(part, part.basis[5] / values["eps"]))
-            self._norm(values["mu"] * self._row(part, part.basis[2]), 0.0, np.array(rows))
+                rows.append(self._row(part, part.basis[5] / values.eps))
+            self._norm(values.mu * self._row(part, part.basis[2]), 0.0, np.array(rows))
 
     def _nets(self) -> None:
         """What a hand bears in all."""
@@ -230,9 +231,9 @@ def stated_factors(
         if not mine:
             continue
         limits.append(cp.norm(sum(part.axes @ wrench[:3] for wrench, part in mine)) <= bounds.hands[arm])
-        squeeze = mine[0][1].contact.parameters.get("squeeze")
+        squeeze = mine[0][1].contact.squeeze
         if squeeze is not None:
-            limits.append(sum(wrench[2] for wrench, _ in mine) == 2.0 * squeeze)
+            limits.append(cp.Zero(cp.sum(cp.hstack([wrench[2] for wrench, _ in mine])) - 2.0 * squeeze))
     problem = cp.Problem(cp.Maximize(factor), [total == 0, *limits])
     factors = []
     for asked in loads:
@@ -245,27 +246,27 @@ def stated_factors(
 def _stated_limits(F, part: _Part, model: str) -> list:
     import cvxpy as cp
 
-    values, kind = part.contact.parameters, part.contact.kind
+    values, kind = part.contact, part.contact.kind
     if kind == "suction":
         pull = -F[2] if model != "cable" else cp.norm(F[:3])
         if model == "cable":
             up = part.axes.T @ np.array([0.0, 0.0, 1.0])
             tension = cp.Variable()
-            return [F[:3] == tension * up, F[3:] == 0, tension >= 0, tension <= values["limit"]]
-        pressed = pull if model == "paper" else values["limit"] - pull
+            return [F[:3] == tension * up, F[3:] == 0, tension >= 0, tension <= values.limit]
+        pressed = pull if model == "paper" else values.limit - pull
         return [
             pull >= 0,
-            pull <= values["limit"],
-            math.sqrt(3.0) * cp.abs(F[:2]) <= values["mu"] * pressed,
-            math.sqrt(3.0) * cp.abs(F[5]) <= values["radius"] * values["mu"] * pressed,
-            math.sqrt(2.0) * cp.abs(F[3:5]) <= math.pi * values["radius"] * values["kappa"],
+            pull <= values.limit,
+            math.sqrt(3.0) * cp.abs(F[:2]) <= values.mu * pressed,
+            math.sqrt(3.0) * cp.abs(F[5]) <= values.radius * values.mu * pressed,
+            math.sqrt(2.0) * cp.abs(F[3:5]) <= math.pi * values.radius * values.kappa,
         ]
     within = [F[3:5] == 0]
-    if values["limit"] is not None and values.get("squeeze") is None:
-        within.append(F[2] <= values["limit"])
+    if values.limit < math.inf and values.squeeze is None:
+        within.append(F[2] <= values.limit)
     if kind == "soft_finger":
-        return [*within, cp.norm(cp.hstack([F[0], F[1], F[5] / values["eps"]])) <= values["mu"] * F[2]]
-    return [*within, F[5] == 0, cp.norm(F[:2]) <= values["mu"] * F[2]]
+        return [*within, cp.norm(cp.hstack([F[0], F[1], F[5] / values.eps])) <= values.mu * F[2]]
+    return [*within, F[5] == 0, cp.norm(F[:2]) <= values.mu * F[2]]
 
 
 def _parts(contacts: Sequence[ContactView], model: str) -> list[_Part]:

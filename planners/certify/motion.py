@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planners.certify.document_view import ARMS, PlanView, SegmentView
 from planners.certify.kinematics import ArmKinematics, HermiteCurve
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.solids import Frame, Solid
 from planners.certify.surfaces import finger_angles, finger_poses
 from planners.geometry.pose import Array, Transform, transform
+from planners.plan.scenery import ARMS
 
 _STILL = 1e-10
 """Positions [rad, m] and velocities that differ by no more are equal: a tenth of what joins may differ by."""

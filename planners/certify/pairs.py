@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
-from planners.certify.document_view import PlanView, SegmentView
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.solids import Solid
 
 

@@ -7,10 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, PlanView
+from planners.certify.finding import Finding
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.scenery import ARMS
+from planners.plan.verdicts import Check
 
 
 def payload_limits(plan: PlanView) -> dict[str, float]:

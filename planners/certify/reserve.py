@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check
-from planners.certify.document_view import ContactView, PlanView
 from planners.certify.payload import net_forces
+from planners.certify.plan_view import ContactView, PlanView
 from planners.certify.settings import CertifySettings
+from planners.plan.verdicts import Check
 
 _NOTHING = 1e-12
 """Stands for a limit that is none [N, Nm]."""
@@ -63,8 +63,9 @@ def reserve_check(
         if margin < short:
             short, short_where = margin, complaint
     if short < -settings.stated_reserve:
-        return Check("reserve", False, float(short), "1", short_where)
-    return Check("reserve", bool(least >= -settings.stated_reserve), float(least), "1", where)
+        return Check(name="reserve", passed=False, margin=float(short), unit="1", where=short_where)
+    passed = bool(least >= -settings.stated_reserve)
+    return Check(name="reserve", passed=passed, margin=float(least), unit="1", where=where)
 
 
 def _stated(plan: PlanView, least: float, settings: CertifySettings) -> Iterator[tuple[float, str]]:
@@ -102,31 +103,31 @@ def uses(contact_set: ContactSet, hands: Mapping[str, float], model: str, slack:
 
 
 def _of_contact(contact: ContactView, slack: float) -> Iterator[Use]:
-    values, name = contact.parameters, contact.by if contact.finger is None else f"{contact.by} finger {contact.finger}"
+    values, name = contact, contact.by if contact.finger is None else f"{contact.by} finger {contact.finger}"
     pressed = float(contact.force @ contact.normal)
     sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
     if contact.kind == "soft_finger":
-        sliding = math.hypot(sliding, float(contact.torque @ contact.normal) / max(values["eps"], _NOTHING))
-    yield Use(max(0.0, sliding - slack) / max(values["mu"] * pressed, _NOTHING), f"friction of {name}")
-    if values["limit"] is not None:
-        squeeze = values.get("squeeze") or 0.0
-        room = max(values["limit"] - squeeze, _NOTHING)
+        sliding = math.hypot(sliding, float(contact.torque @ contact.normal) / max(values.eps, _NOTHING))
+    yield Use(max(0.0, sliding - slack) / max(values.mu * pressed, _NOTHING), f"friction of {name}")
+    if values.limit < math.inf:
+        squeeze = values.squeeze or 0.0
+        room = max(values.limit - squeeze, _NOTHING)
         yield Use(max(0.0, pressed - squeeze - slack) / room, f"force of {name}")
 
 
 def _of_cup(contact: ContactView, model: str, slack: float) -> Iterator[Use]:
-    values = contact.parameters
-    force, limit = max(values["suction_force"], 0.0), values["limit"]
+    values = contact
+    force, limit = max(values.suction_force, 0.0), values.limit
     yield Use(max(0.0, force - slack) / limit, "cup: pull")
     if model == "cable":
         return
     axes = np.array([contact.x_axis, np.cross(contact.normal, contact.x_axis)])
     shear, bend = np.abs(axes @ contact.force).max(), np.abs(axes @ contact.torque).max()
     twist = abs(float(contact.torque @ contact.normal))
-    peel = math.pi * values["radius"] * values["kappa"]
+    peel = math.pi * values.radius * values.kappa
     yield Use(max(0.0, math.sqrt(2.0) * bend - slack) / max(peel, _NOTHING), "cup: bending")
-    for across, what in ((shear, "cup: friction"), (twist / values["radius"], "cup: friction against twisting")):
-        needed = max(0.0, math.sqrt(3.0) * float(across) - slack) / max(values["mu"], _NOTHING)
+    for across, what in ((shear, "cup: friction"), (twist / values.radius, "cup: friction against twisting")):
+        needed = max(0.0, math.sqrt(3.0) * float(across) - slack) / max(values.mu, _NOTHING)
         if model == "paper":
             yield Use(needed / max(force, _NOTHING), what)
         else:

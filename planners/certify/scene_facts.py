@@ -10,37 +10,39 @@ import numpy as np
 
 from planners.certify.attachments import rotation_angles
 from planners.certify.body_shape import BodyShape
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, PlanView
+from planners.certify.finding import Finding
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.stated import StatedBody
 from planners.certify.surfaces import largest_width, pad_height
+from planners.contract.task_spec import CustomTool
 from planners.geometry.pose import Array, Transform
+from planners.plan.plan import Plan
+from planners.plan.scenery import BodyDocument, CellDocument
+from planners.plan.verdicts import Check
 
 
 @dataclass(frozen=True, eq=False)
 class CellReference:
     """What is known about the cell without the document."""
 
-    cell: Mapping[str, Any]
-    """The member `cell` that documents of this cell carry."""
-    bodies: Mapping[str, Any]
-    """Its static bodies, as documents carry them."""
+    cell: CellDocument
+    """As plans in this cell state it."""
+    bodies: Mapping[str, BodyDocument]
+    """Its static bodies, as plans state them."""
     home: Array
     """(12,) where the arms start when the task does not say [rad]."""
     tool_pose: Sequence[float] | None = None
     """Where a suction tool stands in the cell's rest, if it has one."""
-    tools: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    tools: Mapping[str, CustomTool] = field(default_factory=dict)
     """Shipped suction tools by name, each as a task would describe it."""
 
 
-def scene_checks(
-    plan: PlanView, document: Mapping[str, Any], reference: CellReference | None, settings: CertifySettings
-) -> list[Check]:
+def scene_checks(plan: PlanView, reference: CellReference | None, settings: CertifySettings) -> list[Check]:
     """Check the cell against what is known of it, and the hands against their kinematics."""
     checks = [_grippers(plan, settings)]
     if reference is not None:
-        checks.insert(0, _cell(document, reference, settings))
+        checks.insert(0, _cell(plan.stated, reference, settings))
     return checks
 
 
@@ -99,12 +101,18 @@ def _grippers(plan: PlanView, settings: CertifySettings) -> Check:
     return finding.check()
 
 
-def _cell(document: Mapping[str, Any], reference: CellReference, settings: CertifySettings) -> Check:
+def _cell(plan: Plan, reference: CellReference, settings: CertifySettings) -> Check:
     finding = Finding("cell", "1")
-    _compare(document["cell"], reference.cell, "/cell", finding, settings.join)
+    _compare(_members(plan.cell), _members(reference.cell), "/cell", finding, settings.join)
     for name, body in reference.bodies.items():
-        _compare(document["bodies"].get(name), body, f"/bodies/{name}", finding, settings.join)
+        stated = plan.bodies.get(name)
+        where = f"/bodies/{name}"
+        _compare(None if stated is None else _members(stated), _members(body), where, finding, settings.join)
     return finding.check()
+
+
+def _members(stated: CellDocument | BodyDocument) -> dict[str, Any]:
+    return stated.model_dump(mode="json", exclude_unset=True)
 
 
 def _compare(value: Any, known: Any, pointer: str, finding: Finding, tolerance: float) -> None:

@@ -8,11 +8,12 @@ from itertools import pairwise
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion, turns_between
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 _ROUNDING = 1e-6
 """Relative excess of the spacing that floating point may cause."""

@@ -9,10 +9,11 @@ import fcl
 import numpy as np
 
 from planners.certify.body_shape import ConvexPart
-from planners.certify.document_view import ARMS, HandView, PlanView
 from planners.certify.gap import largest_gap
+from planners.certify.plan_view import HandView, PlanView
 from planners.certify.surfaces import LINKS, RobotSurfaces, sensor_length
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
+from planners.plan.scenery import ARMS
 
 _THIN = 1e-7
 """Radius that stands for none: fcl's capsules must have one [m]."""

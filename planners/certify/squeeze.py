@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ARMS, GripView, PlanView, SegmentView
+from planners.certify.finding import Finding
+from planners.certify.plan_view import PlanView, SegmentView
 from planners.certify.settings import CertifySettings
+from planners.plan.scenery import ARMS
+from planners.plan.segment import Grip
+from planners.plan.verdicts import Check
 
 
 def squeeze_check(
@@ -51,7 +54,7 @@ def _range(plan: PlanView, finding: Finding, settings: CertifySettings, *, requi
 
 def _constancy(plan: PlanView, finding: Finding, settings: CertifySettings) -> None:
     """A hold lasts from segment to segment for as long as its hand has a grip of its body, up to a release."""
-    held: dict[str, GripView] = {}
+    held: dict[str, Grip] = {}
     for segment in plan.segments:
         grips = {grip.arm: grip for grip in segment.grips}
         for arm, grip in grips.items():
@@ -62,7 +65,7 @@ def _constancy(plan: PlanView, finding: Finding, settings: CertifySettings) -> N
         held = {arm: grip for arm, grip in grips.items() if not _lets_go(segment, grip)}
 
 
-def _lets_go(segment: SegmentView, grip: GripView) -> bool:
+def _lets_go(segment: SegmentView, grip: Grip) -> bool:
     return segment.kind == "release" and grip is segment.grip
 
 
@@ -78,7 +81,7 @@ def _contacts(contact_set: ContactSet, finding: Finding, settings: CertifySettin
                 finding.require(False, where, "no squeeze is commanded")
             continue
         for finger in fingers:
-            stated = finger.parameters["squeeze"]
+            stated = finger.squeeze
             if stated is None:
                 finding.require(False, f"{where} finger {finger.finger}", "states no squeeze")
             else:

@@ -15,14 +15,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linprog
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.level_contacts import LevelFaces, contact_points
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_course import CourseStep, ToolState
 from planners.certify.tool_task import TOOL
 from planners.geometry.pose import Array, Transform
+from planners.plan.verdicts import Check
 
 _SHIFT = 1e-4
 """Bodies count as standing if shifting centres of mass by so much would make them stand: a tenth of what objects may be

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from pydantic import BaseModel
+
 from planners.certify.body_shape import BodyShape
-from planners.certify.document_view import (
-    MalformedDocument,
-    child,
-    read_list,
-    read_member,
-    read_object,
-    read_positive,
-    read_shape,
-    read_text,
-    read_vector,
-)
+from planners.certify.plan_view import MalformedDocument, shape_of
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import Array, Transform, from_pose7
 
 
@@ -33,47 +27,46 @@ class StatedBody:
     com: Array | None = None
 
 
-def object_member(parent: Mapping[str, Any], key: str, pointer: str) -> Mapping[str, Any]:
-    """Return a member that must be an object."""
-    return read_object(read_member(parent, key, pointer), child(pointer, key))
+_OPTIONAL = frozenset(
+    {
+        *("contact_model", "mass_tolerance", "com_tolerance", "squeeze", "carry_force_limit"),
+        *("cell", "scene_id", "external_id", "seed"),
+        *("reserve", "minimise", "search", "simulate", "contact_density", "hold_density", "grips", "pushes"),
+    }
+)
+"""Members that tasks of 0.1.0 do not have, or that say nothing about the plan."""
 
 
-def positive_member(parent: Mapping[str, Any], key: str, pointer: str) -> float:
-    """Return a member that must be a number above 0."""
-    return read_positive(read_member(parent, key, pointer), child(pointer, key))
+def require_stated(stated: Any, pointer: str = "/task") -> None:
+    """Refuse a task that leaves a default to its reader: it has to hold whatever defaults there are later.
+
+    Raises:
+        MalformedDocument: a member is not stated.
+    """
+    if isinstance(stated, tuple):
+        for index, each in enumerate(stated):
+            require_stated(each, f"{pointer}/{index}")
+    elif isinstance(stated, BaseModel):
+        for name in type(stated).model_fields:
+            if name in stated.model_fields_set:
+                require_stated(getattr(stated, name), f"{pointer}/{name}")
+            elif name not in _OPTIONAL:
+                raise MalformedDocument(f"{pointer}/{name}", "is missing")
 
 
-def stated_pose(value: Any, pointer: str) -> Transform:
-    """Read a pose of a task, whose quaternion need not be exactly unit."""
-    pose = read_vector(value, pointer, 7)
-    if not 0.5 < float(pose[3:] @ pose[3:]) < 2.0:
-        raise MalformedDocument(pointer, "has no quaternion")
-    return from_pose7(pose)
+def stated_shape(shape: Box | Cylinder | Prism | Mesh | InlineMesh, pointer: str) -> BodyShape | None:
+    """Return a shape; None for a mesh that is only named."""
+    return None if isinstance(shape, Mesh) else shape_of(shape, pointer)
 
 
-def stated_shape(body: Mapping[str, Any], pointer: str) -> BodyShape | None:
-    """Read the member `shape`; None for a mesh, which tasks only name."""
-    shape = object_member(body, "shape", pointer)
-    return None if shape.get("type") == "mesh" else read_shape(shape, child(pointer, "shape"))
+def stated_obstacles(task: PlateLiftTask | SuctionToolTask) -> list[StatedBody]:
+    """Return the obstacles of a task."""
+    return [
+        StatedBody(each.name, stated_shape(each.shape, f"/task/obstacles/{i}/shape"), from_pose7(each.pose))
+        for i, each in enumerate(task.obstacles)
+    ]
 
 
-def stated_body(name: str, body: Mapping[str, Any], pointer: str) -> StatedBody:
-    """Read a body that is where it stays."""
-    T_world_body = stated_pose(read_member(body, "pose", pointer), child(pointer, "pose"))
-    return StatedBody(name, stated_shape(body, pointer), T_world_body)
-
-
-def stated_obstacles(task: Mapping[str, Any]) -> list[StatedBody]:
-    """Read the obstacles of a task."""
-    obstacles = []
-    for index, value in enumerate(read_list(task.get("obstacles", []), "/task/obstacles")):
-        at = child("/task/obstacles", index)
-        obstacle = read_object(value, at)
-        obstacles.append(stated_body(read_text(read_member(obstacle, "name", at), child(at, "name")), obstacle, at))
-    return obstacles
-
-
-def stated_start(task: Mapping[str, Any]) -> Array | None:
-    """Read where the joints start: (12,); None where the task leaves it to the cell."""
-    start = task.get("start_positions")
-    return None if start is None else read_vector(start, "/task/start_positions", 12)
+def stated_start(task: PlateLiftTask | SuctionToolTask) -> Array | None:
+    """Return where the joints start: (12,); None where the task leaves it to the cell."""
+    return None if task.start_positions is None else np.array(task.start_positions)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from planners.certify.attachments import drift_checks, resting_check
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import PlanView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_course import CourseStep, ToolCourse
 from planners.certify.tool_task import TOOL
+from planners.plan.verdicts import Check
 
 
 def tool_attachment_checks(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import BodyView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.part_cover import beyond_parts
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.scene_facts import compare_body, compare_settled
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_task import TOOL, StatedTool, ToolTask
 from planners.geometry.pose import inverse
+from planners.plan.verdicts import Check
 
 
 def tool_bodies_check(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Check:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from planners.certify.balances import balance_checks, contact_sets
 from planners.certify.carrying import carrying_check
-from planners.certify.certificate import Check
 from planners.certify.collision import CollisionCheck
 from planners.certify.cones import ConeChecks
 from planners.certify.cup_hold import CupHold
@@ -30,19 +29,21 @@ from planners.certify.tool_course import ToolCourse
 from planners.certify.tool_infeasibility import tool_infeasibility_check
 from planners.certify.tool_pairs import ToolTouchRule
 from planners.certify.tool_task import TOOL, read_tool_task
+from planners.contract.task_spec import SuctionToolTask
+from planners.plan.verdicts import Check
 
 
 class ToolExamination:
     """The second opinion on one suction-tool plan."""
 
-    def __init__(self, evidence: Evidence) -> None:
+    def __init__(self, evidence: Evidence, task: SuctionToolTask) -> None:
         """Read the task.
 
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
         self._evidence = evidence
-        self._task = read_tool_task(evidence.plan.task, evidence.reference)
+        self._task = read_tool_task(task, evidence.reference)
         evidence.require_bodies((TOOL, *(stated.body.name for stated in self._task.objects)))
 
     def scene(self) -> list[Check]:

@@ -11,8 +11,8 @@ from planners.certify.balances import ContactSet
 from planners.certify.cones import angle, x_axis_error
 from planners.certify.contact_places import ContactPlaceChecks, Maker
 from planners.certify.disc import Disc
-from planners.certify.document_view import ContactView, PlanView
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import ContactView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_task import TOOL
 from planners.geometry.pose import Array, frame_from_z, inverse
@@ -62,7 +62,7 @@ class ToolContactPlaces(ContactPlaceChecks):
             return
         self._sealed.add(key)
         where = f"{where}: the lip on {contact.body}"
-        shape, radius = self._plan.bodies[contact.body].shape, contact.parameters["radius"]
+        shape, radius = self._plan.bodies[contact.body].shape, contact.radius
         R = frame_from_z(T_object_tool[:3, 2], T_object_tool[:3, 0])
         # The cup may be beside its place by as much as a contact may.
         pad = Disc(radius + self._settings.contact_distance, self._settings.lip_give, self._settings.seam)

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ContactView, PlanView, SegmentView
+from planners.certify.finding import Finding
 from planners.certify.motion import SegmentMotion
+from planners.certify.plan_view import ContactView, PlanView, SegmentView
 from planners.certify.settings import CertifySettings
 from planners.certify.solids import Solid, signed_distance
 from planners.certify.tool_task import TOOL
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 
 @dataclass(frozen=True)

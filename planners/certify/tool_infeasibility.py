@@ -16,15 +16,15 @@ import numpy as np
 from planners.certify.arm_span import body_radius, reach_bound
 from planners.certify.body_shape import ConvexPart
 from planners.certify.bound import Bound
-from planners.certify.certificate import Check
 from planners.certify.cones import StatedCup
-from planners.certify.document_view import PlanView
 from planners.certify.goals import goal_margin, nearest_turn
 from planners.certify.infeasibility import largest_lift, proof_check
 from planners.certify.lift_program import stated_lift
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
 from planners.certify.tool_task import TOOL, StatedObject, ToolTask
 from planners.geometry.pose import inverse
+from planners.plan.verdicts import Check
 
 _WEIGHTLESS = 1e-12
 """Stands for no mass at all, so that shares of it are numbers [kg]."""

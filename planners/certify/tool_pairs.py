@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from planners.certify.document_view import PlanView
 from planners.certify.pairs import TouchRule, holds_around
+from planners.certify.plan_view import PlanView
 from planners.certify.solids import Solid
 from planners.certify.tool_course import CourseStep, ToolCourse
 from planners.certify.tool_task import TOOL

@@ -3,41 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from planners.certify.body_shape import BodyShape
 from planners.certify.cones import ContactLimits, StatedCup
-from planners.certify.document_view import (
-    PlanView,
-    child,
-    read_list,
-    read_member,
-    read_number,
-    read_object,
-    read_pose,
-    read_shape,
-    read_text,
-    read_vector,
-)
 from planners.certify.payload import payload_limits
+from planners.certify.plan_view import MalformedDocument, PlanView
 from planners.certify.scene_facts import CellReference
-from planners.certify.stated import (
-    StatedBody,
-    object_member,
-    positive_member,
-    stated_obstacles,
-    stated_pose,
-    stated_shape,
-    stated_start,
-)
-from planners.geometry.pose import Array, Transform
+from planners.certify.stated import StatedBody, stated_obstacles, stated_shape, stated_start
+from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask
+from planners.geometry.pose import Array, Transform, from_pose7
 
 TOOL = "tool"
-SYMMETRIES = ("none", "axis", "shape")
 _EPS = 0.0075
 """Torsional friction of a finger, which no suction-tool task states [m]; as in plate lifts."""
 
@@ -94,78 +73,49 @@ class ToolTask:
         return {name: min(force, stated) for name, force in payload_limits(plan).items()}
 
 
-def read_tool_task(task: Mapping[str, Any], reference: CellReference | None) -> ToolTask:
-    """Read the task of a document, and what is known of the tool that it names.
-
-    Raises:
-        MalformedDocument: A member is missing or of the wrong type.
-    """
-    at = "/task"
-    friction = object_member(task, "friction", at)
-    objects = read_list(read_member(task, "objects", at), "/task/objects")
-    pose = read_member(task, "tool_pose", at)
-    rest = None if reference is None or reference.tool_pose is None else read_pose(list(reference.tool_pose), "/cell")
+def read_tool_task(task: SuctionToolTask, reference: CellReference | None) -> ToolTask:
+    """Take from a task what is compared, and what is known of the tool that it names."""
+    rest = None if reference is None or reference.tool_pose is None else from_pose7(reference.tool_pose)
+    known = {} if reference is None else reference.tools
     return ToolTask(
-        tool=_tool(read_member(task, "tool", at), reference),
-        T_world_tool=rest if pose is None else stated_pose(pose, "/task/tool_pose"),
-        objects=tuple(_object(value, child("/task/objects", i)) for i, value in enumerate(objects)),
+        tool=_tool(known.get(task.tool) if isinstance(task.tool, str) else task.tool),
+        T_world_tool=rest if task.tool_pose is None else from_pose7(task.tool_pose),
+        objects=tuple(_object(given, f"/task/objects/{i}") for i, given in enumerate(task.objects)),
         obstacles=tuple(stated_obstacles(task)),
-        grip_friction=read_number(read_member(friction, "grip", "/task/friction"), "/task/friction/grip"),
-        environment_friction=read_number(
-            read_member(friction, "environment", "/task/friction"), "/task/friction/environment"
-        ),
-        grip_force_limit=positive_member(task, "grip_force_limit", at),
-        carry_force_limit=(
-            None if task.get("carry_force_limit") is None else positive_member(task, "carry_force_limit", at)
-        ),
+        grip_friction=task.friction.grip,
+        environment_friction=task.friction.environment,
+        grip_force_limit=task.grip_force_limit,
+        carry_force_limit=task.carry_force_limit,
         start_positions=stated_start(task),
     )
 
 
-def _object(value: Any, at: str) -> StatedObject:
-    given = read_object(value, at)
-    shape = object_member(given, "shape", at)
-    body = StatedBody(
-        name=read_text(read_member(given, "name", at), child(at, "name")),
-        shape=stated_shape(given, at),
-        T_world_body=stated_pose(read_member(given, "pose", at), child(at, "pose")),
-        mass=positive_member(given, "mass", at),
-        com=read_vector(read_member(given, "com", at), child(at, "com"), 3),
-    )
+def _object(given: ObjectToMove, at: str) -> StatedObject:
+    if given.com is None:
+        raise MalformedDocument(f"{at}/com", "is missing")
+    shape, com = stated_shape(given.shape, f"{at}/shape"), np.array(given.com)
     return StatedObject(
-        body=body,
-        T_world_goal=stated_pose(read_member(given, "goal_pose", at), child(at, "goal_pose")),
-        symmetry=read_text(read_member(given, "goal_symmetry", at), child(at, "goal_symmetry"), SYMMETRIES),
-        round=shape.get("type") == "cylinder",
+        body=StatedBody(given.name, shape, from_pose7(given.pose), given.mass, com),
+        T_world_goal=from_pose7(given.goal_pose),
+        symmetry=given.goal_symmetry,
+        round=given.shape.type == "cylinder",
     )
 
 
-def _tool(value: Any, reference: CellReference | None) -> StatedTool | None:
-    at = "/task/tool"
-    if isinstance(value, str):
-        known = None if reference is None else reference.tools.get(value)
-        if known is None:
-            return None
-        value = known
-    given = read_object(value, at)
-    cup = object_member(given, "cup", at)
-    shapes = []
-    for i, part in enumerate(read_list(read_member(given, "shapes", at), child(at, "shapes"))):
-        where = child(child(at, "shapes"), i)
-        shape = object_member(read_object(part, where), "shape", where)
-        if shape.get("type") == "mesh" and "vertices" not in shape:
-            shapes = []
-            break
-        pose = stated_pose(read_member(part, "pose", where), child(where, "pose"))
-        shapes.append((read_shape(shape, child(where, "shape")), pose))
+def _tool(given: CustomTool | None) -> StatedTool | None:
+    if given is None:
+        return None
+    if given.com is None:
+        raise MalformedDocument("/task/tool/com", "is missing")
+    shapes = [
+        (stated_shape(part.shape, f"/task/tool/shapes/{i}/shape"), from_pose7(part.pose))
+        for i, part in enumerate(given.shapes)
+    ]
+    whole = [(shape, pose) for shape, pose in shapes if shape is not None]
+    cup = given.cup
     return StatedTool(
-        shapes=tuple(shapes),
-        mass=positive_member(given, "mass", at),
-        com=np.array(read_vector(read_member(given, "com", at), child(at, "com"), 3)),
-        cup=StatedCup(
-            radius=positive_member(cup, "radius", child(at, "cup")),
-            max_force=positive_member(cup, "max_force", child(at, "cup")),
-            mu=positive_member(cup, "mu", child(at, "cup")),
-            kappa=read_number(read_member(cup, "kappa", child(at, "cup")), child(at, "cup/kappa")),
-        ),
+        shapes=tuple(whole) if len(whole) == len(shapes) else (),
+        mass=given.mass,
+        com=np.array(given.com),
+        cup=StatedCup(radius=cup.radius, max_force=cup.max_force, mu=cup.mu, kappa=cup.kappa),
     )

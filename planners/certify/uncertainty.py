@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.certify.balances import ContactSet
-from planners.certify.certificate import Check, Finding
-from planners.certify.document_view import ContactView, PlanView
+from planners.certify.finding import Finding
 from planners.certify.load_program import LARGEST_FACTOR, ContactBounds, LoadProgram, stated_factors
+from planners.certify.plan_view import ContactView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, SkipValidation, field_validator, model_validator
+import numpy as np
+from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from planners.contract.arrays import Rows
 from planners.contract.counted import Counted
 from planners.contract.quantities import Length, Name, Point2, Scale
 from planners.contract.strict_model import StrictModel
+from planners.geometry.pose import Array
 
 SHORTEST_EDGE = 1e-4
 """Outline points closer than this are one point given twice [m]."""
@@ -74,11 +77,18 @@ class InlineMesh(StrictModel):
     """A mesh of a plan document, with all its data: nothing else is needed to draw or collide it."""
 
     type: Literal["mesh"]
-    vertices: Annotated[list[list[float]], SkipValidation]
-    faces: Annotated[list[list[int]], SkipValidation]
+    vertices: Annotated[Array, Rows(3, digits=None)]
+    faces: list[tuple[int, int, int]]
     """Counter-clockwise from outside; closed."""
-    convex_parts: Annotated[list[list[list[float]]], SkipValidation]
+    convex_parts: Annotated[list[Annotated[Array, Rows(3, digits=None)]], Field(min_length=1)]
     """Vertices of each convex part."""
+
+    @model_validator(mode="after")
+    def _faces_are_of_its_vertices(self) -> Self:
+        numbers = np.array(self.faces)
+        if not len(numbers) or numbers.min() < 0 or numbers.max() >= len(self.vertices):
+            raise PydanticCustomError("faces", "faces are no triples of vertices")
+        return self
 
 
 Shape = Annotated[Box | Cylinder | Prism | Mesh, Field(discriminator="type")]

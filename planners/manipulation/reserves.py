@@ -10,23 +10,11 @@ import numpy as np
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array
+from planners.plan.verdicts import LeastReserve
 from planners.segment import ContactSet, Segment
 
 STEPS = 200
 """A reserve is found as a whole multiple of one part in so many [1]."""
-
-
-@dataclass(frozen=True)
-class LeastReserve:
-    """Where along a plan least of the limits is left."""
-
-    value: float
-    """The largest share of every limit that could be missing there [1]."""
-    limited_by: str
-    """The limit without which more could be missing."""
-    body: str
-    segment: int
-    sample: int
 
 
 class ReserveScale:
@@ -153,5 +141,6 @@ def keeping_most(
     if least is None:
         return ReservedSegments(tuple(chosen), tuple(curves), None)
     value, number, sample, held = least
-    told = LeastReserve(value, scale.limit(held, value), "plate", number, sample)
+    limit = scale.limit(held, value)
+    told = LeastReserve(value=value, limited_by=limit, body="plate", segment=number, sample=sample)
     return ReservedSegments(tuple(chosen), tuple(curves), told)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Array, Transform, to_pose7
+from planners.geometry.pose import Array, Transform, to_pose7s
 from planners.kinematics.joint_torque import WeighedArm
+from planners.plan.scenery import ArmDocument, LinkDocument
 from planners.scene.hand import Gripper, Pusher
 from planners.scene.robot import Robot
 
@@ -92,16 +92,16 @@ class Arm:
             return self.hand.bodies(self.name)
         return self.hand.bodies(self.name, self.hand.width_max if width is None else width)
 
-    def document(self) -> dict[str, Any]:
-        """Return the entry of a plan document's `cell.arms`."""
-        return {
-            "base": to_pose7(self.T_world_base),
-            "dh": self.dh.tolist(),
-            "position_min": self.position_min.tolist(),
-            "position_max": self.position_max.tolist(),
-            "velocity_max": self.velocity_max.tolist(),
-            "acceleration_max": self.acceleration_max.tolist(),
-            "torque_max": self.torque_max.tolist(),
-            "links": [{"mass": mass, "com": com} for mass, *com in self.robot.masses.tolist()],
-            "payload": self.robot.payload,
-        }
+    def document(self) -> ArmDocument:
+        """Return the entry of a plan's `cell.arms`."""
+        return ArmDocument(
+            base=to_pose7s(self.T_world_base[None])[0],
+            dh=self.dh,
+            position_min=self.position_min,
+            position_max=self.position_max,
+            velocity_max=self.velocity_max,
+            acceleration_max=self.acceleration_max,
+            torque_max=self.torque_max,
+            links=tuple(LinkDocument(mass=mass, com=np.array(com)) for mass, *com in self.robot.masses.tolist()),
+            payload=self.robot.payload,
+        )

@@ -7,14 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from planners.contract.shapes import Box
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, transform
 from planners.geometry.shapes import box
+from planners.plan.scenery import BodyDocument, CellDocument
 from planners.scene.arm import Arm
 from planners.scene.asset_files import (
     ARM_NAMES,
@@ -50,16 +51,16 @@ class StaticBox:
         shape = box(self.size).placed(transform(None, self.center))
         return CollisionBody(self.name, "cell", "world", (shape,))
 
-    def document(self) -> dict[str, Any]:
-        """Return the entry of a plan document's `bodies`."""
-        return {
-            "role": self.role,
-            "shape": {"type": "box", "size": self.size.tolist()},
-            "mass": None,
-            "com": [0.0, 0.0, 0.0],
-            "pose": [*self.center.tolist(), 1.0, 0.0, 0.0, 0.0],
-            "static": True,
-        }
+    def document(self) -> BodyDocument:
+        """Return the entry of a plan's `bodies`."""
+        return BodyDocument(
+            role=self.role,
+            shape=Box(type="box", size=tuple(self.size.tolist())),
+            mass=None,
+            com=np.zeros(3),
+            pose=np.array([*self.center, 1.0, 0.0, 0.0, 0.0]),
+            static=True,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,19 +152,19 @@ class Cell:
         pairs = itertools.combinations(bodies, 2)
         return frozenset(_sorted(a.name, b.name) for a, b in pairs if _never_collide(a.frame, b.frame))
 
-    def body_documents(self) -> dict[str, dict[str, Any]]:
-        """Return the entries of the table and the platform in a plan document's `bodies`."""
+    def body_documents(self) -> dict[str, BodyDocument]:
+        """Return the entries of the table and the platform in a plan's `bodies`."""
         return {static.name: static.document() for static in self.boxes}
 
-    def document(self) -> dict[str, Any]:
-        """Return a plan document's `cell`."""
-        return {
-            "name": self.name,
-            "hash": self.hash,
-            "gravity": self.gravity.tolist(),
-            "arms": {name: arm.document() for name, arm in self.arms.items()},
-            "hands": {name: arm.hand.document() for name, arm in self.arms.items()},
-        }
+    def document(self) -> CellDocument:
+        """Return a plan's `cell`."""
+        return CellDocument(
+            name=self.name,
+            hash=self.hash,
+            gravity=self.gravity,
+            arms={name: arm.document() for name, arm in self.arms.items()},
+            hands={name: arm.hand.document() for name, arm in self.arms.items()},
+        )
 
 
 def known_cells() -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from planners.errors import AssetError, LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
 from planners.geometry.shapes import box, capsule, cylinder
+from planners.plan.scenery import GripperDocument, StickDocument
 from planners.scene.asset_files import (
     AssetShelf,
     GripperFile,
@@ -175,15 +175,10 @@ class Gripper:
                 points[f"finger_{finger}_{name}"] = _moved(part.points, frames[name])
         return {name: hull_with_faces(corners) for name, corners in points.items()}
 
-    def document(self) -> dict[str, Any]:
-        """Return the entry of a plan document's `cell.hands`."""
-        return {
-            "kind": "gripper",
-            "mass": self.mass,
-            "com": self.com.tolist(),
-            "tcp": self.tcp_table.tolist(),
-            "force_range": [self.force_min, self.force_max],
-        }
+    def document(self) -> GripperDocument:
+        """Return the entry of a plan's `cell.hands`."""
+        forces = self.force_min, self.force_max
+        return GripperDocument(kind="gripper", mass=self.mass, com=self.com, tcp=self.tcp_table, force_range=forces)
 
     @property
     def _T_flange_base(self) -> Transform:
@@ -232,17 +227,10 @@ class Pusher:
         """Return the sensor, the stick and the tip, in the frame "<arm>/6"."""
         return _bodies(arm, {"ft300": self.sensor, "stick": self.stick, "tip": self.tip})
 
-    def document(self) -> dict[str, Any]:
-        """Return the entry of a plan document's `cell.hands`."""
-        from_flange = self.T_flange_tcp[:3, 3].tolist()
-        tcp = [*from_flange, 1.0, 0.0, 0.0, 0.0]
-        return {
-            "kind": "stick",
-            "mass": self.mass,
-            "com": self.com.tolist(),
-            "tcp": tcp,
-            "tip_radius": self.tip_radius,
-        }
+    def document(self) -> StickDocument:
+        """Return the entry of a plan's `cell.hands`."""
+        tcp = np.array([*self.T_flange_tcp[:3, 3], 1.0, 0.0, 0.0, 0.0])
+        return StickDocument(kind="stick", mass=self.mass, com=self.com, tcp=tcp, tip_radius=self.tip_radius)
 
 
 def load_hand(name: str, shelf: AssetShelf, where: str) -> Gripper | Pusher:

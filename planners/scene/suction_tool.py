@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -71,10 +70,9 @@ def load_tools() -> dict[str, SuctionTool]:
     return {name: load_tool(name) for name in known_tools()}
 
 
-def tool_descriptions() -> dict[str, dict[str, Any]]:
+def tool_descriptions() -> dict[str, CustomTool]:
     """Return every shipped tool by name, as a task would describe it."""
-    files = {name: read_tool_file(shipped_shelf().find("tools", name, "tool")) for name in known_tools()}
-    return {name: file.tool.model_dump(mode="json") for name, file in files.items()}
+    return {name: read_tool_file(shipped_shelf().find("tools", name, "tool")).tool for name in known_tools()}
 
 
 def load_tool(

@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from planners.contract.task_spec import PlateLiftTask, read_task
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.attempt_file import AttemptFile, repeated
@@ -185,7 +185,7 @@ def _prepared(name: str) -> Execution | tuple[str, str]:
     task = read_task(task_body(name))
     assert isinstance(task, PlateLiftTask)
     scene, settings = build_scene(task), SimulationSettings()
-    document = plan(task, scene, silent, process_time)
+    document = plan(task, scene, silent, process_time).document()
     if document["outcome"] != "solved":
         return NO_PLAN, document["explanation"]["summary"]
     world = ExitStack().enter_context(World(scene, settings))

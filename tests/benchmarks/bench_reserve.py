@@ -11,7 +11,7 @@ from time import process_time
 from typing import Any, Self
 
 from planners.contract.task_spec import PlateLiftTask, read_task
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.attempt_file import AttemptFile, repeated
@@ -146,4 +146,4 @@ def _planned(name: str, reserve: float) -> tuple[PlateLiftTask, dict[str, Any]]:
     """Plan a shipped task with a reserve, once in this process."""
     task = read_task(task_body(name, reserve=reserve))
     assert isinstance(task, PlateLiftTask)
-    return task, plan(task, build_scene(task), silent, process_time)
+    return task, plan(task, build_scene(task), silent, process_time).document()

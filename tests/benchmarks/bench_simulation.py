@@ -13,7 +13,7 @@ from time import process_time
 from typing import Any
 
 from planners.contract.task_spec import PlateLiftTask, read_task
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.tasks import SOLVABLE, Note, task_body
@@ -128,7 +128,7 @@ def measure(note: Note, tasks: Sequence[str] = SOLVABLE, lifters: int = LIFTERS)
         for name in tasks:
             note(f"simulation: planning {name}")
             task = _task(name)
-            document = plan(task, build_scene(task), silent, process_time)
+            document = plan(task, build_scene(task), silent, process_time).document()
             jobs |= {processes.submit(partial(_lift, name, document, seed)): name for seed in range(lifters)}
         for done in as_completed(jobs):
             lifts[jobs[done]].append(done.result())

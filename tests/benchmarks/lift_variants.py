@@ -12,7 +12,7 @@ from planners.geometry.polyhedron import Prism
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.plan import lift_settings
+from planners.planning import lift_settings
 from planners.progress import silent
 from planners.scene.cell import Cell, load_cell
 from planners.scene.scene import PlateLiftScene, build_scene

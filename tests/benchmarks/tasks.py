@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.plan import lift_settings
+from planners.planning import lift_settings
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.machine import ROOT

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from support.documents import bodies_of, cell_of
 
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.certify.solids import Solid
@@ -291,7 +292,7 @@ def build_document(cell: Cell, surfaces: RobotSurfaces, slide: float = 0.0) -> d
     down = np.array([0.0, -np.cos(np.radians(35)), -np.sin(np.radians(35))])
     R_stick = frame_from_z(down, [1.0, 0.0, 0.0])
     R_grip = np.column_stack([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    table = cell.document()["hands"]["right"]["tcp"]
+    table = cell_of(cell)["hands"]["right"]["tcp"]
     z_tcp = float(np.interp(GRIPPED, *np.array(table).T))
     T_plate_tcp = transform(R_grip, [0.0, -0.132, 0.0])
     T_plate_right = T_plate_tcp @ inverse(transform(None, [0.0, 0.0, z_tcp]))
@@ -337,13 +338,13 @@ def build_document(cell: Cell, surfaces: RobotSurfaces, slide: float = 0.0) -> d
         "software": {"name": "liftwright", "version": "0", "commit": None},
         "outcome": "solved",
         "explanation": {"summary": "made by hand", "causes": []},
-        "cell": cell.document(),
+        "cell": cell_of(cell),
         "joint_names": list(cell.joint_names),
         "bodies": bodies_document(cell, start),
         "segments": builder.segments,
         "certificate": None,
         "simulation": None,
-        "statistics": {},
+        "statistics": {"total_seconds": 0.0, "stages": [], "graph": {}, "search": {}, "rejections": {}},
     }
 
 
@@ -382,7 +383,7 @@ def bodies_document(cell: Cell, plate: Array) -> dict[str, Any]:
         return {"role": role, "shape": shape, "mass": mass, "com": [0.0] * 3, "pose": pose, "static": static}
 
     post = task["obstacles"][0]
-    return cell.body_documents() | {
+    return bodies_of(cell) | {
         "plate": body("plate", task["plate"]["shape"], rows["plate"][0], MASS),
         "support": body("support", task["support"]["shape"], task["support"]["pose"]),
         "cup": body("cup", {"type": "cylinder", "radius": CUP["radius"], "height": CUP_HEIGHT}, rows["cup"][0]),

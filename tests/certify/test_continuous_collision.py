@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import sent
 
 from planners.certify import CertifySettings, RobotSurfaces
 from planners.certify.collision import CollisionCheck, PairMotion
-from planners.certify.document_view import read_document
 from planners.certify.lift_pairs import LiftTouchRule
 from planners.certify.motion import SegmentMotion, motions_of
 from planners.certify.pairs import pairs_of
+from planners.certify.plan_view import read_plan
 from planners.certify.solids import Solid, solids_of
 from planners.geometry.pose import Transform, rotation_from_vector, to_pose7, transform
 from planners.scene.cell import Cell
@@ -54,7 +55,7 @@ def test_verdicts_are_those_of_dense_sampling(
     rng = np.random.default_rng(seed)
     document = swinging(honest_document, rng, 0.05)
     obstacle_near(document, np.array([0.26, 0.2, 1.45]) + rng.normal(size=3) * 0.12, float(rng.uniform(0.01, 0.05)))
-    plan = read_document(document)
+    plan = read_plan(sent(document))
     solids = [s for s in solids_of(plan, surfaces) if s.name == "post" or s.arm == "left"]
     (free, _) = CollisionCheck(plan, solids, partial(LiftTouchRule, plan), CertifySettings()).run(motions_of(plan))
     (motion,) = motions_of(plan)
@@ -85,7 +86,7 @@ def gap_along(
 
 
 def random_pairs(document: Document, surfaces: RobotSurfaces, rng: np.random.Generator, segment: int, count: int):
-    plan = read_document(document)
+    plan = read_plan(sent(document))
     motion, solids = motions_of(plan)[segment], solids_of(plan, surfaces)
     static = frozenset(name for name, body in plan.bodies.items() if body.static)
     pairs = pairs_of(solids, static)
@@ -154,7 +155,7 @@ def repeated(document: Document, times: int) -> Document:
 def test_a_long_plan_is_proven_as_a_short_one_is(honest_document: Document, surfaces: RobotSurfaces) -> None:
     """Every pair has distances by the step: what others took, or came before, takes none away."""
     for times in (1, 40):
-        plan = read_document(repeated(honest_document, times))
+        plan = read_plan(sent(repeated(honest_document, times)))
         settings = CertifySettings(distances_per_step=1)
         checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(LiftTouchRule, plan), settings)
         assert all(check.passed for check in checks.run(motions_of(plan)))
@@ -163,7 +164,7 @@ def test_a_long_plan_is_proven_as_a_short_one_is(honest_document: Document, surf
 def test_what_takes_too_many_distances_is_said_not_to_be_proven(
     honest_document: Document, surfaces: RobotSurfaces
 ) -> None:
-    plan = read_document(repeated(honest_document, 1))
+    plan = read_plan(sent(repeated(honest_document, 1)))
     settings = CertifySettings(distances_per_step=0)
     checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(LiftTouchRule, plan), settings)
     (free, _) = checks.run(motions_of(plan))
@@ -191,7 +192,7 @@ def test_two_bodies_that_slide_past_one_another_are_proven_however_near(
     }
     ways = np.linspace(0.0, 0.5, n)
     segment["body_poses"] = {"post": [to_pose7(T @ transform(None, [way, 0.0, 0.0])) for way in ways]}
-    plan = read_document(document)
+    plan = read_plan(sent(document))
     solids = [solid for solid in solids_of(plan, surfaces) if solid.name in ("post", "wall")]
     settings = CertifySettings(distances_per_step=1)
     (free, _) = CollisionCheck(plan, solids, partial(LiftTouchRule, plan), settings).run(motions_of(plan))
@@ -201,7 +202,7 @@ def test_two_bodies_that_slide_past_one_another_are_proven_however_near(
 
 def test_pairs_that_are_left_out_are_the_cells(cell: Cell, honest_document: Document, surfaces: RobotSurfaces) -> None:
     """Two rules found apart; ours leaves out no more than the cell's, and every pair more is of two things at rest."""
-    plan = read_document(honest_document)
+    plan = read_plan(sent(honest_document))
     static = frozenset(name for name, body in plan.bodies.items() if body.static)
     known = {body.name for body in cell.collision_bodies()}
     solids = [s for s in solids_of(plan, surfaces) if s.name in known]

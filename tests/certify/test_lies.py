@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import certified
 
-from planners.certify import CellReference, Certificate, RobotSurfaces, certify
+from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.certify.kinematics import ArmKinematics
 from planners.geometry.pose import from_pose7, inverse, rotation_x, rotation_z, to_pose7, transform
 
@@ -551,7 +552,7 @@ def failures(certificate: Certificate) -> dict[str, str]:
 
 
 def test_an_honest_plan_passes(document: Document, surfaces: RobotSurfaces, reference: CellReference) -> None:
-    certificate = certify(document, surfaces, reference)
+    certificate = certified(document, surfaces, reference)
     assert failures(certificate) == {}
     assert certificate.passed
     assert all(check.margin is None or check.margin >= 0 for check in certificate.checks)
@@ -560,7 +561,7 @@ def test_an_honest_plan_passes(document: Document, surfaces: RobotSurfaces, refe
 @pytest.mark.parametrize("name", LIES)
 def test_a_lie_fails_exactly_the_checks_it_touches(name: str, document: Document, surfaces: RobotSurfaces) -> None:
     LIES[name].tell(document)
-    certificate = certify(document, surfaces)
+    certificate = certified(document, surfaces)
     assert set(failures(certificate)) == LIES[name].fails
     assert any(LIES[name].where in where for where in failures(certificate).values())
     assert all(check.margin is not None and check.margin < 0 for check in certificate.failures)
@@ -570,7 +571,7 @@ def test_a_lie_fails_exactly_the_checks_it_touches(name: str, document: Document
 def test_a_plate_that_slides_on_its_edge_fails(
     slide: float, fails: set[str], sliding_document: Callable[[float], Document], surfaces: RobotSurfaces
 ) -> None:
-    found = failures(certify(sliding_document(slide), surfaces))
+    found = failures(certified(sliding_document(slide), surfaces))
     assert set(found) == fails
     assert all("segment 4 (transfer), sample 70" in where for where in found.values())
 
@@ -579,18 +580,18 @@ def test_a_cell_that_is_not_the_one_it_names_fails(
     document: Document, surfaces: RobotSurfaces, reference: CellReference
 ) -> None:
     document["cell"]["arms"]["left"]["velocity_max"][1] = 4.0
-    assert failures(certify(document, surfaces, reference)) == {"cell": "/cell/arms/left/velocity_max/1"}
+    assert failures(certified(document, surfaces, reference)) == {"cell": "/cell/arms/left/velocity_max/1"}
 
 
 def test_a_cell_body_that_is_left_out_fails(
     document: Document, surfaces: RobotSurfaces, reference: CellReference
 ) -> None:
     del document["bodies"]["platform_column"]
-    assert failures(certify(document, surfaces, reference)) == {"cell": "/bodies/platform_column"}
+    assert failures(certified(document, surfaces, reference)) == {"cell": "/bodies/platform_column"}
 
 
 def test_the_start_is_the_cells_home_when_the_task_names_none(
     document: Document, surfaces: RobotSurfaces, reference: CellReference
 ) -> None:
     document["task"]["start_positions"] = None
-    assert set(failures(certify(document, surfaces, reference))) == {"start"}
+    assert set(failures(certified(document, surfaces, reference))) == {"start"}

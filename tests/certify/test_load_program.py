@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Balanced
-from planners.certify.document_view import ContactView
 from planners.certify.load_program import LARGEST_FACTOR, ContactBounds, LoadProgram, stated_factors
+from planners.certify.plan_view import ContactView
 from planners.geometry.pose import Array
 from tests.support.random_holds import Lift, random_lift
 

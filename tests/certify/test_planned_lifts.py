@@ -10,17 +10,18 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 import pytest
+from support.documents import certified, sent
 
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
-from planners.certify import CellReference, RobotSurfaces, certify
+from planners.certify import CellReference, RobotSurfaces
 from planners.certify.balances import contact_sets
-from planners.certify.document_view import read_document
 from planners.certify.lift_task import read_lift_task
 from planners.certify.load_program import LoadProgram, stated_factors
 from planners.certify.motion import motions_of
+from planners.certify.plan_view import read_plan
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import from_pose7
-from planners.plan import plan
+from planners.planning import plan
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import task_body
 from tests.support.balance_statement import Plate, contact_frames, state_balance
@@ -32,7 +33,7 @@ Document = dict[str, Any]
 def planned_lift() -> Document:
     """AB1 with nothing kept back, as it is stored."""
     task = read_task(task_body("ab1"))
-    document = plan(task, build_scene(task), lambda *_: None, lambda: 0.0)
+    document = plan(task, build_scene(task), lambda *_: None, lambda: 0.0).document()
     assert document["outcome"] == "solved"
     document |= {"id": "planned", "software": {"name": "liftwright", "version": "0", "commit": None}}
     return json.loads(json.dumps(document))
@@ -44,13 +45,13 @@ def document(planned_lift: Document) -> Document:
 
 
 def failures(document: Document, surfaces: RobotSurfaces) -> dict[str, str]:
-    certificate = certify(document, surfaces)
+    certificate = certified(document, surfaces)
     assert certificate is not None
     return {check.name: check.where for check in certificate.failures}
 
 
 def test_a_planned_lift_passes(planned_lift: Document, surfaces: RobotSurfaces, reference: CellReference) -> None:
-    certificate = certify(planned_lift, surfaces, reference)
+    certificate = certified(planned_lift, surfaces, reference)
     assert certificate is not None
     assert {check.name: check.where for check in certificate.failures} == {}
     margins = {check.name: check.margin for check in certificate.checks}
@@ -255,7 +256,7 @@ def test_a_lie_fails_the_check_that_it_is_about(
 
 
 def test_both_load_programs_agree_on_the_contact_sets_of_a_planned_lift(planned_lift: Document) -> None:
-    view = read_document(planned_lift)
+    view = read_plan(sent(planned_lift))
     bounds = read_lift_task(view.task).bounds(view)
     sets = [one for motion in motions_of(view) for one in contact_sets(motion)]
     rng = np.random.default_rng(11)

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
+from support.documents import certified
 from support.tool_plans import Document, block, planned, reference_of_the_tool_cell
 
-from planners.certify import CellReference, RobotSurfaces, certify
+from planners.certify import CellReference, RobotSurfaces
 from planners.certify.body_shape import BodyShape, box, mesh, prism
-from planners.certify.document_view import BodyView
 from planners.certify.level_contacts import LevelFaces, contact_points
+from planners.certify.plan_view import BodyView
 from planners.certify.standing import least_shift
 from planners.geometry import polygon
 from planners.geometry.pose import Array, rotation_z, transform
@@ -64,7 +65,7 @@ def test_a_rider_may_weigh_what_the_beam_balances(
     balanced = honest["bodies"]["beam"]["mass"] * (0.05 - OUT) / BEYOND
     failures = {
         check.name: check.where
-        for check in certify(weighed(honest, "rider", share * balanced), surfaces, known).failures
+        for check in certified(weighed(honest, "rider", share * balanced), surfaces, known).failures
     }
     assert failures == ({} if stands else {"standing": "the start: beam and rider would fall"})
 
@@ -73,9 +74,10 @@ def test_what_is_put_down_must_not_take_others_down(surfaces: RobotSurfaces, kno
     beam = resting("beam", 0.55 + OUT - 0.02, TABLE + 0.04)
     put = block(goal_pose=[0.60 + 0.02, -0.3, TABLE + 0.07, 1, 0, 0, 0])
     document = planned({"objects": [put, beam], "obstacles": [PEDESTAL]})
-    assert certify(document, surfaces, known).passed
+    assert certified(document, surfaces, known).passed
     # 25 mm of the lighter beam balance 20 mm of the block no more.
-    failures = {check.name: check.where for check in certify(weighed(document, "beam", 0.07), surfaces, known).failures}
+    lighter = weighed(document, "beam", 0.07)
+    failures = {check.name: check.where for check in certified(lighter, surfaces, known).failures}
     assert set(failures) == {"standing"}
     assert "(detach), end" in failures["standing"]
 

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import certified
 from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
-from planners.certify import CellReference, Certificate, RobotSurfaces, certify
-from planners.contract.plan_document import check_document
+from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.geometry.pose import Array, from_pose7, rotation_x, rotation_z, to_pose7, transform
+from planners.plan.plan import Plan
 
 POST = {"name": "post", "shape": {"type": "box", "size": [0.05, 0.05, 0.05]}, "pose": [0.7, 0.7, 1.12, 1, 0, 0, 0]}
 
@@ -511,25 +512,25 @@ def failures(certificate: Certificate) -> dict[str, str]:
 
 
 def test_an_honest_plan_passes(honest: Document, surfaces: RobotSurfaces, known: CellReference) -> None:
-    check_document(honest)
-    assert failures(certify(honest, surfaces, known)) == {}
+    Plan.model_validate(honest)
+    assert failures(certified(honest, surfaces, known)) == {}
 
 
 def test_an_honest_plan_passes_in_which_the_tool_is_handed_over(surfaces: RobotSurfaces, known: CellReference) -> None:
     across = {"pose": [0.3, 0.42, 1.104, *QUARTER], "goal_pose": [0.3, -0.4, 1.104, *QUARTER]}
     document = planned({"objects": [block(**across)]})
-    check_document(document)
+    Plan.model_validate(document)
     assert "handover" in [segment["kind"] for segment in document["segments"]]
-    assert failures(certify(document, surfaces, known)) == {}
+    assert failures(certified(document, surfaces, known)) == {}
     first(document, "handover")["kind"] = "transfer"
-    assert "the tool moves, and not in one hand" in failures(certify(document, surfaces, known))["hands"]
+    assert "the tool moves, and not in one hand" in failures(certified(document, surfaces, known))["hands"]
 
 
 def test_the_reserve_of_an_honest_plan_is_found_again_at_every_sample_that_is_shown(
     honest: Document, surfaces: RobotSurfaces, known: CellReference
 ) -> None:
     shown = [s["reserve"][c["sample"]] for s in honest["segments"] for c in s["contacts"]]
-    check = next(c for c in certify(honest, surfaces, known).checks if c.name == "reserve")
+    check = next(c for c in certified(honest, surfaces, known).checks if c.name == "reserve")
     assert (check.passed, check.unit) == (True, "1")
     assert check.margin == pytest.approx(min(shown), abs=1e-6)
     limited_by = honest["statistics"]["reserve"]["limited_by"]
@@ -541,7 +542,7 @@ def test_a_lie_fails_the_checks_it_touches(
     name: str, document: Document, surfaces: RobotSurfaces, known: CellReference
 ) -> None:
     LIES[name].tell(document)
-    found = failures(certify(document, surfaces, known))
+    found = failures(certified(document, surfaces, known))
     assert LIES[name].fails in found
     assert LIES[name].where in found[LIES[name].fails], found
 
@@ -566,7 +567,7 @@ def test_a_task_is_infeasible_only_with_a_proof(
     document["task"]["objects"][0]["mass"] = document["bodies"]["block"]["mass"] = mass
     cause = {"reason": "too heavy", "needed": needed, "available": available, "unit": unit, "where": "block"}
     document |= {"outcome": "infeasible", "segments": [], "explanation": {"summary": "no", "causes": [cause]}}
-    assert certify(document, surfaces, known).passed == passes
+    assert certified(document, surfaces, known).passed == passes
 
 
 SHOULDER = np.array([0.0, 0.258485, 1.610515]) + 0.15185 * np.array([0.0, 1.0, -1.0]) / np.sqrt(2.0)
@@ -602,6 +603,6 @@ def test_a_task_is_out_of_reach_only_with_a_proof(
     far = float(np.linalg.norm(place - SHOULDER))
     cause = {"reason": "far", "needed": needed * far, "available": available, "unit": "m", "where": "block"}
     document |= {"outcome": "infeasible", "segments": [], "explanation": {"summary": "no", "causes": [cause]}}
-    certificate = certify(document, surfaces, known)
+    certificate = certified(document, surfaces, known)
     assert certificate.passed == passes, certificate.failures
     assert passes or [check.name for check in certificate.failures] == ["infeasibility"]

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import certified
 from support.pierced_plate import pierced_plate
 from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
-from planners.certify import CellReference, Certificate, RobotSurfaces, certify
-from planners.contract.plan_document import check_document
+from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z, to_pose7, transform
+from planners.plan.plan import Plan
 
 OUTLINE = np.array([[0, 0], [0.12, 0], [0.12, 0.05], [0.05, 0.05], [0.05, 0.10], [0, 0.10]])
 """Of an L [m]."""
@@ -70,9 +71,9 @@ def failures(certificate: Certificate) -> dict[str, str]:
 
 
 def test_a_plan_for_a_mesh_passes(of_a_mesh: Document, surfaces: RobotSurfaces, known: CellReference) -> None:
-    check_document(of_a_mesh)
+    Plan.model_validate(of_a_mesh)
     assert of_a_mesh["bodies"]["block"]["shape"]["type"] == "mesh"
-    assert failures(certify(of_a_mesh, surfaces, known)) == {}
+    assert failures(certified(of_a_mesh, surfaces, known)) == {}
 
 
 def test_a_mesh_with_a_dent_under_the_cup_fails(
@@ -85,7 +86,7 @@ def test_a_mesh_with_a_dent_under_the_cup_fails(
     corner = int(np.argmin(np.linalg.norm(vertices - [0, 0, HEIGHT / 2], axis=1)))
     vertices[corner, 2] -= 0.015
     shape["vertices"] = vertices.tolist()
-    found = failures(certify(document, surfaces, known))
+    found = failures(certified(document, surfaces, known))
     assert {"contact_points", "contact_normals"} & set(found)
     assert any("block" in where for where in found.values())
 
@@ -97,7 +98,7 @@ def test_a_mesh_that_sticks_out_of_its_convex_parts_fails(
     shape = document["bodies"]["block"]["shape"]
     assert len(shape["convex_parts"]) > 1
     shape["convex_parts"].pop()
-    assert "body block: convex parts" in failures(certify(document, surfaces, known))["task_bodies"]
+    assert "body block: convex parts" in failures(certified(document, surfaces, known))["task_bodies"]
 
 
 def test_a_mesh_whose_parts_leave_its_middle_out_fails(
@@ -112,10 +113,10 @@ def test_a_mesh_whose_parts_leave_its_middle_out_fails(
     halves = [np.where(corners[:, :1] * side > 0, corners, corners * [-0.3, 1, 1]) for side in (-1, 1)]
     shape: dict[str, Any] = {"type": "mesh", "vertices": corners.tolist(), "faces": faces}
     document["bodies"]["block"]["shape"] = shape | {"convex_parts": [corners.tolist()]}
-    whole = failures(certify(document, surfaces, known))
+    whole = failures(certified(document, surfaces, known))
     assert "convex parts" not in whole.get("task_bodies", "")
     document["bodies"]["block"]["shape"] = shape | {"convex_parts": [half.tolist() for half in halves]}
-    assert "body block: convex parts" in failures(certify(document, surfaces, known))["task_bodies"]
+    assert "body block: convex parts" in failures(certified(document, surfaces, known))["task_bodies"]
 
 
 @pytest.mark.parametrize(("begin", "seals"), [(0.0102, False), (-0.0072, False), (0.019, True)])
@@ -133,7 +134,7 @@ def test_an_object_with_a_hole_under_the_lip_fails_wherever_the_hole_is(
     body["shape"] = {
         "type": "mesh", "vertices": vertices.tolist(), "faces": faces.tolist(), "convex_parts": [vertices.tolist()],
     }  # fmt: skip
-    found = failures(certify(document, surfaces, known))
+    found = failures(certified(document, surfaces, known))
     assert ("contact_points" in found) == (not seals)
     if not seals:
         assert "the lip on block: nothing seals there" in found["contact_points"]
@@ -145,14 +146,14 @@ def test_a_mesh_that_is_inside_out_has_no_certificate(
     document = copy.deepcopy(of_a_mesh)
     shape = document["bodies"]["block"]["shape"]
     shape["faces"] = [face[::-1] for face in shape["faces"]]
-    assert set(failures(certify(document, surfaces, known))) == {"structure"}
+    assert set(failures(certified(document, surfaces, known))) == {"structure"}
 
 
 def test_a_plan_with_a_custom_tool_passes(
     of_a_custom_tool: Document, surfaces: RobotSurfaces, known: CellReference
 ) -> None:
-    check_document(of_a_custom_tool)
-    assert failures(certify(of_a_custom_tool, surfaces, known)) == {}
+    Plan.model_validate(of_a_custom_tool)
+    assert failures(certified(of_a_custom_tool, surfaces, known)) == {}
 
 
 def test_a_plan_with_a_shaft_in_two_halves_passes(surfaces: RobotSurfaces, known: CellReference) -> None:
@@ -160,7 +161,7 @@ def test_a_plan_with_a_shaft_in_two_halves_passes(surfaces: RobotSurfaces, known
     document = planned({"objects": [block()], "tool": TOOL | {"shapes": [TOOL["shapes"][0], *HALVES]}})
     grips = [s["hold"]["grip"] for s in document["segments"] if s["hold"] and s["hold"]["grip"]]
     assert any(abs(grip["width"] - 0.016) < 1e-6 for grip in grips)
-    assert failures(certify(document, surfaces, known)) == {}
+    assert failures(certified(document, surfaces, known)) == {}
 
 
 @pytest.mark.parametrize(
@@ -184,7 +185,7 @@ def test_a_custom_tool_is_the_one_that_the_task_describes(
     for step in member[:-1]:
         described = described[step]
     described[member[-1]] = value
-    assert fails in failures(certify(document, surfaces, known))
+    assert fails in failures(certified(document, surfaces, known))
 
 
 HALF, QUARTER_TURN = transform(rotation_z(np.pi)), transform(rotation_z(np.pi / 2))
@@ -214,7 +215,7 @@ def test_a_goal_is_reached_up_to_the_declared_symmetry_and_no_further(
     (goal,) = document["task"]["objects"]
     goal["goal_symmetry"] = symmetry
     goal["goal_pose"] = to_pose7(from_pose7(goal["goal_pose"]) @ turn)
-    found = failures(certify(document, surfaces, known))
+    found = failures(certified(document, surfaces, known))
     assert found == {} if reached else set(found) == {"goal_angles"}
 
 
@@ -224,7 +225,7 @@ def test_a_round_object_is_at_its_goal_however_it_is_turned(surfaces: RobotSurfa
     (goal,) = document["task"]["objects"]
     assert goal["goal_symmetry"] == "axis"
     T_world_end = [s["body_poses"]["block"][-1] for s in document["segments"] if "block" in s["body_poses"]][-1]
-    assert failures(certify(document, surfaces, known)) == {}
+    assert failures(certified(document, surfaces, known)) == {}
     goal["goal_symmetry"] = "none"
     goal["goal_pose"] = to_pose7(from_pose7(T_world_end) @ transform(rotation_z(0.1)))
-    assert set(failures(certify(document, surfaces, known))) == {"goal_angles"}
+    assert set(failures(certified(document, surfaces, known))) == {"goal_angles"}

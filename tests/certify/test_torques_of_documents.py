@@ -10,16 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import certified, sent
 from support.tool_plans import QUARTER, block, planned, reference_of_the_tool_cell
 
-from planners.certify import CellReference, CertifySettings, Check, certify
+from planners.certify import CellReference, CertifySettings, Check
 from planners.certify.balances import contact_sets
-from planners.certify.document_view import read_document
 from planners.certify.joint_torque import torque_check
 from planners.certify.motion import motions_of
-from planners.contract.plan_document import CellDocument
+from planners.certify.plan_view import read_plan
 from planners.geometry.pose import Array, from_pose7
 from planners.kinematics.joint_torque import WeighedArm, joint_torques
+from planners.plan.scenery import CellDocument
 
 Document = dict[str, Any]
 NAME = "joint torque"
@@ -49,7 +50,7 @@ def known(honest: Document, reference: CellReference) -> CellReference:
 
 def checked(document: Document, known_cell: dict[str, Any] | None = None) -> Check:
     """This one check; the whole certificate takes longer."""
-    plan = read_document(document)
+    plan = read_plan(sent(document))
     motions = motions_of(plan)
     sets = [contact_sets(motion) for motion in motions]
     return torque_check(plan, motions, sets, known_cell, CertifySettings())
@@ -109,7 +110,7 @@ def slacks(document: Document, share: float) -> list[tuple[float, str]]:
 
 
 def test_the_margin_is_that_of_the_worst_joint_at_the_worst_sample(honest, surfaces, known):
-    certificate = certify(honest, surfaces, known)
+    certificate = certified(honest, surfaces, known)
     assert certificate.passed
     check = next(check for check in certificate.checks if check.name == NAME)
     least, place, joint = min(slacks(honest, 0.0) + slacks(honest, 1.0))
@@ -200,7 +201,7 @@ def test_a_cell_that_is_stronger_or_lighter_than_it_is_fails(document, surfaces,
     for key in member[:-1]:
         owner = owner[key]
     owner[member[-1]] = value
-    assert {check.name: check.where for check in certify(document, surfaces, known).failures} == {"cell": pointer}
+    assert {check.name: check.where for check in certified(document, surfaces, known).failures} == {"cell": pointer}
 
 
 def without_masses(document: Document) -> Document:
@@ -219,7 +220,7 @@ def test_masses_that_a_document_of_0_1_0_lacks_are_those_of_the_cell_it_names(ho
 
 def test_without_masses_and_a_known_cell_nothing_is_claimed(document, known):
     without_masses(document)
-    for known_cell in (None, {**known.cell, "name": "another"}):
+    for known_cell in (None, known.cell.model_copy(update={"name": "another"})):
         check = checked(document, known_cell)
         assert (check.passed, check.margin) == (True, None)
         assert check.where.startswith("not checked: ")
@@ -240,6 +241,6 @@ def test_masses_that_are_none_are_pointed_at(document, surfaces, member, value, 
     for key in member[:-1]:
         owner = owner[key]
     owner[member[-1]] = value
-    (check,) = certify(json.loads(json.dumps(document)), surfaces).checks
+    (check,) = certified(json.loads(json.dumps(document)), surfaces).checks
     assert (check.name, check.passed) == ("structure", False)
     assert check.where.startswith(pointer)

@@ -18,10 +18,10 @@ from app.create_app import create_app
 from app.keys_command import issue_key
 from app.openapi import CHECKED_IN
 from app.settings import ServiceSettings
-from planners.contract.plan_document import document_schema
 from planners.contract.scan_spec import scan_schema
 from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import task_schema
+from planners.plan.plan import plan_schema
 
 HERE = Path(__file__).parent
 FIRST_VERSION = HERE / "openapi-0.1.json"
@@ -52,7 +52,7 @@ def test_every_operation_says_who_may_call_and_how_errors_are_told() -> None:
                 assert (status < "400") or list(answer["content"]) == ["application/problem+json"], where
 
 
-@pytest.mark.parametrize("schema", [document_schema(), task_schema(), scan_schema(), SceneDocument.model_json_schema()])
+@pytest.mark.parametrize("schema", [plan_schema(), task_schema(), scan_schema(), SceneDocument.model_json_schema()])
 def test_no_two_schemas_of_the_description_have_one_name(schema: dict[str, Any]) -> None:
     told = described()["components"]["schemas"]
     for name, part in schema["$defs"].items():

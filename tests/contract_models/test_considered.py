@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 from typing import Any
 
 import pytest
 from support.tool_plans import QUARTER, block, planned
 
-from planners.contract.considered import Considered
-from planners.contract.plan_document import check_document, encode_document
 from planners.geometry.pose import from_pose7
+from planners.plan.considered import Considered
+from planners.plan.plan import Plan
 
 ACROSS = {"pose": [0.3, 0.42, 1.104, *QUARTER], "goal_pose": [0.3, -0.4, 1.104, *QUARTER]}
 
@@ -39,7 +38,7 @@ def arm_and_grasp(graph: dict[str, Any], considered: dict[str, Any], node: int) 
 
 
 def test_what_was_considered_is_as_the_contract_says(document: dict[str, Any]) -> None:
-    check_document(json.loads(encode_document(document)))
+    assert Plan.model_validate(document).document() == document
     Considered.model_validate(document["statistics"]["considered"])
 
 

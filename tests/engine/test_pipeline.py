@@ -16,6 +16,9 @@ from support.service import task
 from planners.certify import Certificate, Check, load_surfaces
 from planners.errors import SceneError
 from planners.geometry.mesh_intake import take_mesh
+from planners.plan.plan import Plan
+from planners.plan.simulation import LiftSimulation
+from planners.plan.verdicts import StageTime, Statistics
 from planners.progress import silent
 from planners.scene.cell import load_cell
 from workers.pipeline import CertificateFailed, Pipeline
@@ -26,19 +29,30 @@ SURFACES = load_surfaces()
 REQUEST: Request = {"id": "p1", "task": task()}
 
 
-def a_plan(*_: Any) -> dict[str, Any]:
-    cell = {"name": "dual_ur3e_lift"}
-    statistics = {"total_seconds": 0.0, "stages": [{"name": "search", "seconds": 1.0}]}
-    return {"outcome": "solved", "cell": cell, "segments": [{}], "statistics": statistics}
+def a_plan(*_: Any) -> Plan:
+    statistics = Statistics(
+        total_seconds=0.0, stages=[StageTime(name="search", seconds=1.0)], graph={}, search={}, rejections={}
+    )
+    cell = CELLS["dual_ur3e_lift"].document()
+    return Plan.model_construct(outcome="solved", cell=cell, segments=[], statistics=statistics)
+
+
+def nothing(*_: Any) -> Plan:
+    return a_plan().model_copy(update={"outcome": "not_found"})
+
+
+def certificate_with(**check: Any) -> Certificate:
+    return Certificate(passed=check["passed"], checks=[Check(**check)])
 
 
 def verdict(*, passed: bool) -> Any:
-    return lambda *_: Certificate((Check("friction_cones", passed, -0.5, "N", "segment 3, sample 2"),))
+    where = "segment 3, sample 2"
+    return lambda *_: certificate_with(name="friction_cones", passed=passed, margin=-0.5, unit="N", where=where)
 
 
-def a_slip(_document: Any, _scene: Any, progress: Any, seed: int) -> dict[str, Any]:
+def a_slip(_document: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
     progress("simulate", 1, 1)
-    return {"outcome": "slipped", "seed": seed}
+    return LiftSimulation.model_construct(outcome="slipped", seed=seed)
 
 
 def pipeline(*, passed: bool) -> Pipeline:
@@ -47,13 +61,13 @@ def pipeline(*, passed: bool) -> Pipeline:
 
 
 def test_a_document_says_whose_it_is_what_made_it_and_how_long_each_stage_took() -> None:
-    document = pipeline(passed=True).solve(REQUEST, silent)
-    assert document["id"] == "p1"
-    assert document["software"]["name"] == "liftwright"
-    assert document["certificate"]["passed"] is True
-    stages = {stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]}
-    assert list(stages) == ["scene", "search", "certify", "simulate"]
-    assert document["statistics"]["total_seconds"] == 4.0
+    plan = pipeline(passed=True).solve(REQUEST, silent)
+    assert plan.id == "p1"
+    assert plan.software.name == "liftwright"
+    assert plan.certificate is not None
+    assert plan.certificate.passed
+    assert [name for name, _ in plan.statistics.times] == ["scene", "search", "certify", "simulate"]
+    assert plan.statistics.total_seconds == 5.0
 
 
 def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_looked_at(
@@ -67,19 +81,13 @@ def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_lo
 
 
 def test_what_was_not_found_has_no_certificate_and_is_delivered() -> None:
-    def nothing(*_: Any) -> dict[str, Any]:
-        return {**a_plan(), "outcome": "not_found", "segments": []}
-
-    document = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: None).solve(REQUEST, silent)
-    assert document["certificate"] is None
-    assert [stage["name"] for stage in document["statistics"]["stages"]] == ["scene", "search", "certify"]
+    told = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: None).solve(REQUEST, silent)
+    assert told.certificate is None
+    assert [name for name, _ in told.statistics.times] == ["scene", "search", "certify"]
 
 
 def test_what_was_not_found_and_is_malformed_is_a_fault_of_ours() -> None:
-    def nothing(*_: Any) -> dict[str, Any]:
-        return {**a_plan(), "outcome": "not_found", "segments": []}
-
-    malformed = Certificate((Check("structure", False, -1.0, "1", "/task: is missing"),))
+    malformed = certificate_with(name="structure", passed=False, margin=-1.0, unit="1", where="/task: is missing")
     told = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: malformed)
     with pytest.raises(CertificateFailed, match="/task: is missing"):
         told.solve(REQUEST, silent)
@@ -92,14 +100,15 @@ def test_stages_are_reported_in_order() -> None:
 
 
 def test_a_simulation_that_fails_is_told_and_the_plan_is_delivered() -> None:
-    document = pipeline(passed=True).solve({"id": "p1", "task": {**task(), "seed": 7}}, silent)
-    assert document["simulation"] == {"outcome": "slipped", "seed": 7}
+    simulation = pipeline(passed=True).solve({"id": "p1", "task": {**task(), "seed": 7}}, silent).simulation
+    assert isinstance(simulation, LiftSimulation)
+    assert (simulation.outcome, simulation.seed) == ("slipped", 7)
 
 
 def test_uploaded_meshes_come_with_the_request() -> None:
     scenes: list[Any] = []
 
-    def plan(_task: Any, scene: Any, *_: Any) -> dict[str, Any]:
+    def plan(_task: Any, scene: Any, *_: Any) -> Plan:
         scenes.append(scene)
         return a_plan()
 
@@ -118,15 +127,15 @@ def test_uploaded_meshes_come_with_the_request() -> None:
 
 def test_a_task_may_leave_the_simulation_out() -> None:
     body = {**task(), "options": {"simulate": False}}
-    document = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
-    assert "simulation" not in document
-    assert [stage["name"] for stage in document["statistics"]["stages"]] == ["scene", "search", "certify"]
+    plan = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
+    assert not hasattr(plan, "simulation")
+    assert [name for name, _ in plan.statistics.times] == ["scene", "search", "certify"]
 
 
 def test_the_planner_is_given_where_handovers_are_kept() -> None:
     given: list[Any] = []
 
-    def plan(*arguments: Any) -> dict[str, Any]:
+    def plan(*arguments: Any) -> Plan:
         given.append(arguments[-1])
         return a_plan()
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from planners.contract.plan_document import Cause
 from planners.graph.rejections import NoShortage, Rejection, Rejections
+from planners.plan.verdicts import Cause
 
 WRONG = [
     (0.0, -0.113, None),

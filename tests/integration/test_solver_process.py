@@ -70,20 +70,22 @@ def test_reports_are_few_enough_not_to_slow_the_work_and_tell_the_end_of_each_st
 
 BUSY = """
 from workers.solver_process import main
+from workers.solver_protocol import Answer
 def solve(request, progress):
     for step in range(100_000):
         progress("graph", step + 1, 100_000)
-    return {"outcome": "solved"}
+    return Answer("solved", b'{"outcome": "solved"}')
 main(lambda: solve)
 """
 
 NOISY = """
 import os
 from workers.solver_process import main
+from workers.solver_protocol import Answer
 def solve(request, progress):
     print("a library says hello")
     os.write(1, b"and another one")
-    return {"outcome": "solved"}
+    return Answer("solved", b'{"outcome": "solved"}')
 main(lambda: solve)
 """
 

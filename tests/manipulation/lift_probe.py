@@ -14,7 +14,7 @@ from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.convex import CollisionBody
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.workcell import LiftWorkcell
-from planners.plan import lift_settings
+from planners.planning import lift_settings
 from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 from tests.kinematics.arm_oracle import PinocchioArm

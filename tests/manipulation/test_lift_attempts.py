@@ -10,7 +10,7 @@ import pytest
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
-from planners.plan import lift_settings
+from planners.planning import lift_settings
 from planners.progress import silent
 from planners.scene.cell import Cell, load_cell
 from planners.scene.scene import build_scene

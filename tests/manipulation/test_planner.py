@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import cell_of
 
 from planners.errors import PlanningFaultError
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
@@ -20,7 +21,7 @@ def planned(**limits: float) -> tuple[PlateLiftPlanner, LiftPlan]:
 
 def payloads(planner: PlateLiftPlanner) -> dict[str, float]:
     """What each arm's payload leaves beside its hand [N], of what a document states."""
-    cell = planner.scene.cell.document()
+    cell = cell_of(planner.scene.cell)
     return {name: 9.81 * (arm["payload"] - cell["hands"][name]["mass"]) for name, arm in cell["arms"].items()}
 
 

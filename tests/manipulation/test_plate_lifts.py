@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from support.documents import certified
 
-from planners.certify import CellReference, RobotSurfaces, certify, load_surfaces
+from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.manipulation.lift_plan import LiftOutcome
-from planners.plan import plan
+from planners.planning import plan
 from planners.scene.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import ROOT, planner_of, task_body
@@ -36,7 +37,7 @@ def cells() -> dict[str, Cell]:
 
 def document_of(body: dict[str, Any], cells: dict[str, Cell]) -> dict[str, Any]:
     task = read_task(body)
-    return plan(task, build_scene(task, cells), lambda *_: None, lambda: 0.0)
+    return plan(task, build_scene(task, cells), lambda *_: None, lambda: 0.0).document()
 
 
 def body_of(case: dict[str, Any]) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def test_a_lift_is_planned_and_certified_or_it_is_said_why_not(case, cells, surf
     cell = cells[document["cell"]["name"]]
     known = CellReference(cell.document(), cell.body_documents(), cell.home)
     written = document | {"id": "problem", "software": {"name": "liftwright", "version": "0", "commit": None}}
-    certificate = certify(written, surfaces, known)
+    certificate = certified(written, surfaces, known)
     # What was not found claims nothing.
     assert (certificate is None) == (document["outcome"] == "not_found")
     assert certificate is None or {check.name: check.where for check in certificate.failures} == {}

@@ -13,13 +13,14 @@ import pytest
 import trimesh
 import yaml
 from geometry.mesh_shapes import angle
+from support.documents import certified
 from support.tool_plans import reference_of_the_tool_cell
 
-from planners.certify import CellReference, RobotSurfaces, certify, load_surfaces
+from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7, transform
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.handovers import HandoverDatabase
 from planners.scene.scene import build_scene
@@ -86,7 +87,7 @@ def planned(body: dict[str, Any], handovers: HandoverDatabase) -> dict[str, Any]
     uploads = {name: take_mesh(mesh.export(file_type="stl"), "stl") for name, mesh in MESHES.items()}
     scene = build_scene(task, uploads=uploads.get)
     ticks = itertools.count()
-    document = plan(task, scene, silent, lambda: float(next(ticks)), lambda *_: handovers)
+    document = plan(task, scene, silent, lambda: float(next(ticks)), lambda *_: handovers).document()
     return document | {"id": "probe", "software": {"name": "liftwright", "version": "0", "commit": None}}
 
 
@@ -97,7 +98,7 @@ def test_a_hard_object_is_planned_and_certified_or_refused_with_the_reason(
     document = planned(body_of(case), long_handovers)
     explanation = document["explanation"]
     assert document["outcome"] == case["outcome"], explanation
-    certificate = certify(document, surfaces, known)
+    certificate = certified(document, surfaces, known)
     # What was not found claims nothing.
     assert (certificate is None) == (document["outcome"] == "not_found")
     assert certificate is None or {check.name: check.where for check in certificate.failures} == {}

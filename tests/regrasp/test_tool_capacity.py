@@ -9,7 +9,7 @@ import pytest
 
 from planners.contract.task_spec import read_task
 from planners.geometry.convex import ConvexShape
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.grasps import ToolGrasps
 from planners.regrasp.handovers import HandoverDatabase
@@ -125,7 +125,7 @@ def test_a_task_that_is_proven_impossible_asks_for_no_handovers() -> None:
 
     block = box("block", [0.3, 0.3], [0.3, -0.3], mass=20.0)
     task = read_task({"kind": "suction_tool", "objects": [block]})
-    document = plan(task, build_scene(task), silent, lambda: 0.0, never)
+    document = plan(task, build_scene(task), silent, lambda: 0.0, never).document()
     assert document["outcome"] == "infeasible"
     assert {cause["unit"] for cause in document["explanation"]["causes"]} == {"N"}
 

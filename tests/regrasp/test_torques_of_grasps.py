@@ -12,20 +12,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
+from support.documents import sent
 from support.tool_plans import FEW, block, few_handovers
 
 from planners.certify import CertifySettings
 from planners.certify.balances import contact_sets
-from planners.certify.document_view import read_document
 from planners.certify.joint_torque import torque_check
 from planners.certify.motion import motions_of
+from planners.certify.plan_view import read_plan
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, inverse, transform
 from planners.graph.rejections import Rejection
 from planners.kinematics.forward import flange_poses
 from planners.kinematics.inverse import inverse_kinematics
 from planners.motion.trajectory import Trajectory
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.bearing import Bearing, CarriedLoad, CarryingHand
 from planners.regrasp.grasps import ToolGrasps
@@ -211,9 +212,9 @@ def with_wrists(torque: float, outcome: str, handovers: HandoverDatabase):
         arms[name] = replace(one, robot=replace(one.robot, torque_max=weak))
     scene = replace(scene, cell=replace(scene.cell, arms=arms))
     ticks = count()
-    document = plan(task, scene, silent, lambda: float(next(ticks)), lambda *_: handovers)
+    document = plan(task, scene, silent, lambda: float(next(ticks)), lambda *_: handovers).document()
     assert document["outcome"] == outcome
-    view = read_document(document)
+    view = read_plan(sent(document))
     motions = motions_of(view)
     return document, torque_check(view, motions, [contact_sets(one) for one in motions], None, CertifySettings())
 

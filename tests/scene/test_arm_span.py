@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+from support.documents import bodies_of, cell_of, sent
 
 from planners.certify.arm_span import reach_bound
-from planners.certify.document_view import read_document
 from planners.certify.kinematics import ArmKinematics
+from planners.certify.plan_view import read_plan
 from planners.scene.arm import Arm
 from planners.scene.arm_span import SLACK, ArmSpan, out_of_reach
 from planners.scene.cell import known_cells, load_cell
 from planners.scene.hand import Gripper
 
 ARMS = [arm for name in known_cells() for arm in load_cell(name).arms.values()]
+
+TASKS = Path(__file__).parents[2] / "assets/tasks"
 
 
 def touching_points(arm: Arm) -> np.ndarray:
@@ -62,7 +68,7 @@ def test_a_point_is_out_of_reach_only_if_it_is_for_every_arm() -> None:
 @pytest.mark.parametrize("cell", ["dual_ur3e_lift", "dual_ur3e_tool"])
 def test_the_certificate_finds_the_same_numbers_with_a_little_less_slack(cell: str, bare_document) -> None:
     """Less, so that it never calls understated what the planner states."""
-    plan = read_document(bare_document(cell))
+    plan = read_plan(sent(bare_document(cell)))
     spans = [ArmSpan.of(arm) for arm in load_cell(cell).arms.values()]
     for point in np.random.default_rng(2).uniform([-3, -3, 0], [3, 3, 3], (50, 3)):
         bound = reach_bound(plan, point, 0.2)
@@ -78,12 +84,15 @@ def test_the_certificate_finds_the_same_numbers_with_a_little_less_slack(cell: s
 def bare_document():
     def document(name: str):
         cell = load_cell(name)
-        kind = "plate_lift" if cell.pusher_arms else "suction_tool"
+        task = "ab1" if cell.pusher_arms else "domino_pile"
         return {
-            "schema_version": "1.0", "id": "probe", "task": {"kind": kind}, "seed": 0, "outcome": "not_found",
+            "schema_version": "1.0", "id": "probe", "task": json.loads((TASKS / f"{task}.json").read_text()),
+            "seed": 0, "outcome": "not_found",
             "software": {"name": "liftwright", "version": "0", "commit": None},
-            "explanation": {"summary": "none", "causes": []}, "cell": cell.document(),
-            "joint_names": list(cell.joint_names), "bodies": cell.body_documents(), "segments": [],
+            "explanation": {"summary": "none", "causes": []}, "cell": cell_of(cell),
+            "joint_names": list(cell.joint_names), "bodies": bodies_of(cell), "segments": [],
+            "certificate": None, "simulation": None,
+            "statistics": {"total_seconds": None, "stages": [], "graph": {}, "search": {}, "rejections": {}},
         }  # fmt: skip
 
     return document

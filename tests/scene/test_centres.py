@@ -2,8 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,17 +9,16 @@ import trimesh
 from geometry.mesh_shapes import angle, file_of
 
 from app.intake import accept_task
-from planners.contract.document_members import document_of
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import read_task
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import from_pose7, rotation_x, to_pose7, transform
-from planners.graph.rejections import Rejections
-from planners.regrasp.tool_plan import ToolOutcome
+from planners.planning import stated_bodies
 from planners.scene.cell import known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.solid import solid_of
 from planners.scene.suction_tool import known_tools, load_tool
+from planners.scene.task_centres import with_centres
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 TOP = 1.094
@@ -112,10 +109,8 @@ def test_a_stated_one_is_kept(accept):
 def test_a_document_states_what_was_planned_with(cells):
     given = read_task(moved(WEDGE, [0.35, 0.1, TOP + 0.015, 1, 0, 0, 0]))
     scene = build_scene(given, cells)
-    plan: Any = SimpleNamespace(outcome=ToolOutcome.NOT_FOUND, summary="", causes=(), graph={}, search={})
-    plan.rejections = Rejections()
-    document = document_of(given, scene, plan, (), {})
-    assert document["task"]["objects"][0]["com"] == document["bodies"]["one"]["com"] != [0.0, 0.0, 0.0]
+    stated = stated_bodies(scene)["one"].com
+    assert with_centres(given, scene).objects[0].com == tuple(stated) != (0.0, 0.0, 0.0)
 
 
 def test_what_was_accepted_is_accepted_as_it_is(accept):

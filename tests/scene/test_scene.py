@@ -15,12 +15,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial import ConvexHull
 
-from planners.contract.document_bodies import document_bodies
-from planners.contract.plan_document import BodyDocument
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import frame_from_z, from_pose7, rotation_angle
+from planners.planning import stated_bodies
 from planners.scene.cell import known_cells, load_cell
 from planners.scene.clashes import BodiesOverlap, BodyInCell, depth, gap, placed_arms, placed_body
 from planners.scene.scene import build_scene
@@ -118,15 +117,13 @@ def test_obstacles_may_overlap_one_another(build):
 
 def test_the_document_lists_every_body_once_and_as_the_contract_says(build):
     scene = build({**AB3, "obstacles": [obstacle("a", [0.1] * 3, [0.7, 0.6, 1.144])]})
-    bodies = document_bodies(scene)
+    bodies = stated_bodies(scene)
     assert {*bodies} >= {"table", "plate", "support", "cup", "cable", "a"}
-    for document in bodies.values():
-        BodyDocument.model_validate(document)
-    assert {name: bodies[name]["role"] for name in ("table", "plate", "support", "cup", "cable", "a")} == {
+    assert {name: bodies[name].role for name in ("table", "plate", "support", "cup", "cable", "a")} == {
         "table": "table", "plate": "plate", "support": "support", "cup": "cup", "cable": "cable", "a": "obstacle",
     }  # fmt: skip
-    assert {name for name, body in bodies.items() if not body["static"]} == {"plate", "cup", "cable"}
-    assert bodies["plate"]["mass"] == 4.0
+    assert {name for name, body in bodies.items() if not body.static} == {"plate", "cup", "cable"}
+    assert bodies["plate"].mass == 4.0
 
 
 def as_fcl(shape):

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from planners.contract.document_bodies import document_bodies
-from planners.contract.plan_document import BodyDocument
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
+from planners.planning import stated_bodies
 from planners.scene.cell import known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tool
@@ -183,14 +182,12 @@ def test_no_symmetry_means_the_goal_as_given(build):
 
 def test_the_document_lists_tool_and_objects_with_all_their_data(build):
     scene = build(task("domino_pile"))
-    bodies = document_bodies(scene)
-    for document in bodies.values():
-        BodyDocument.model_validate(document)
-    assert {name: bodies[name]["role"] for name in ("tool", "domino_1", "tool_rest_left", "table")} == {
+    bodies = stated_bodies(scene)
+    assert {name: bodies[name].role for name in ("tool", "domino_1", "tool_rest_left", "table")} == {
         "tool": "tool", "domino_1": "object", "tool_rest_left": "frame", "table": "table",
     }  # fmt: skip
-    assert bodies["tool"]["shape"]["type"] == "mesh"
-    assert len(bodies["tool"]["shape"]["convex_parts"]) == 4
+    assert bodies["tool"].shape.type == "mesh"
+    assert len(bodies["tool"].shape.convex_parts) == 4
 
 
 def test_a_tool_that_was_loaded_before_stands_as_one_that_is_read_from_its_file():

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import datetime
 import itertools
-import json
 import shutil
 
 import fcl
 import numpy as np
 import pytest
 import yaml
+from support.documents import bodies_of, cell_of
 
 from assets import assets_folder
 from planners.errors import AssetError
@@ -134,19 +134,19 @@ def test_the_cells_differ_in_their_hands_and_the_tool_rest_only():
     lift, tool = load_cell("dual_ur3e_lift"), load_cell("dual_ur3e_tool")
     assert (lift.gripper_arms, lift.pusher_arms) == (("right",), ("left",))
     assert (tool.gripper_arms, tool.pusher_arms) == (("left", "right"), ())
-    one, other = lift.document(), tool.document()
+    one, other = cell_of(lift), cell_of(tool)
     for document in (one, other):
         document.pop("hands"), document.pop("name"), document.pop("hash")
     assert one == other
     rest = {wall.name for wall in tool.tool_rest.walls}
     assert lift.tool_rest is None
-    assert tool.body_documents() == lift.body_documents() | {name: tool.body_documents()[name] for name in rest}
+    assert bodies_of(tool) == bodies_of(lift) | {name: bodies_of(tool)[name] for name in rest}
     np.testing.assert_array_equal(lift.home, tool.home)
     assert lift.hash != tool.hash
 
 
 def test_the_document_says_all_that_the_contract_lists(cell):
-    document = json.loads(json.dumps(cell.document()))
+    document = cell_of(cell)
     assert set(document) == {"name", "hash", "gravity", "arms", "hands"}
     for name, arm in document["arms"].items():
         limits = {"position_min", "position_max", "velocity_max", "acceleration_max", "payload"}
@@ -163,7 +163,7 @@ def test_the_document_says_all_that_the_contract_lists(cell):
 
 
 def test_documented_bodies_are_the_ones_that_are_checked(cell):
-    for name, document in cell.body_documents().items():
+    for name, document in bodies_of(cell).items():
         body = next(body for body in cell.bodies if body.name == name)
         T = from_pose7(document["pose"])
         box = fcl.CollisionObject(fcl.Box(*document["shape"]["size"]), fcl.Transform(T[:3, :3], T[:3, 3]))

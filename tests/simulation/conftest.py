@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from planners.contract.task_spec import read_task
-from planners.plan import plan
+from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import PlateLiftScene, build_scene
 from workers.simulation.simulate import simulate
@@ -33,7 +33,7 @@ def execute(name: str = SHORTEST, **changes: Any) -> Run:
     """Plan a task of the papers with changes, and lift it."""
     task = read_task(json.loads((TASKS / f"{name}.json").read_text()) | changes)
     scene = build_scene(task)
-    document = plan(task, scene, silent, perf_counter) | {"id": name}
+    document = plan(task, scene, silent, perf_counter).document() | {"id": name}
     seen: list[tuple[str, float]] = []
     simulation = simulate(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
     return Run(scene, document, simulation, seen)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from simulation.conftest import execute
 
-from planners.contract.plan_document import LiftSimulation
+from planners.plan.simulation import LiftSimulation
 from planners.progress import silent
 from tests.simulation.node_tolerance import largest_excess
 from workers.simulation.reference import PlanReference

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planners.contract.plan_document import ToolSimulation
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import rotation_y, rotation_z, transform
-from planners.plan import plan
+from planners.plan.simulation import ToolSimulation
+from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
@@ -44,7 +44,7 @@ def tool_run() -> ToolRun:
     task = read_task({**TASK, "objects": TASK["objects"][:1]})
     scene = build_scene(task)
     assert isinstance(scene, SuctionToolScene)
-    document = plan(task, scene, silent, perf_counter)
+    document = plan(task, scene, silent, perf_counter).document()
     seen: list[float] = []
     simulation = simulate_plan(document, scene, lambda stage, done, total: seen.append(done / total), 0)
     return ToolRun(scene, document, simulation, seen)

@@ -6,15 +6,14 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from workers.solver_process import COMPILE, main
-from workers.solver_protocol import Request
+from workers.solver_protocol import Answer, Request
 
 
-def solve(request: Request, _: Callable[[str, int, int], None]) -> dict[str, Any]:
+def solve(request: Request, _: Callable[[str, int, int], None]) -> Answer:
     document = json.loads((Path(sys.argv[1]) / f"{request['task']['external_id']}.json").read_text())
-    return {**document, "id": request["id"]}
+    return Answer(document["outcome"], json.dumps({**document, "id": request["id"]}).encode())
 
 
 if __name__ == "__main__":

@@ -8,21 +8,21 @@ An argument `fail` has every task fail.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
 from workers.solver_process import COMPILE, main
-from workers.solver_protocol import Request
+from workers.solver_protocol import Answer, Request
 
 STEP_SECONDS = 0.05
 
 
-def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[str, Any]:
+def solve(request: Request, progress: Callable[[str, int, int], None]) -> Answer:
     wish = "fail" if "fail" in sys.argv else str(request["task"].get("external_id"))
     progress("scene", 1, 1)
     if wish == "die":
@@ -43,7 +43,7 @@ def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[s
         for step in range(steps):
             progress("motion", step + 1, steps)
             time.sleep(STEP_SECONDS)
-    return {
+    document = {
         "schema_version": "1.0",
         "id": request["id"],
         "outcome": "infeasible" if wish == "infeasible" else "solved",
@@ -52,6 +52,7 @@ def solve(request: Request, progress: Callable[[str, int, int], None]) -> dict[s
         "meshes": sorted(request.get("meshes", {})),
         "noise": "x" * 5000,
     }
+    return Answer(document["outcome"], json.dumps(document).encode())
 
 
 if __name__ == "__main__":

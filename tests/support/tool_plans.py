@@ -9,7 +9,7 @@ from planners.certify import CellReference
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
-from planners.plan import HandoverSource, plan
+from planners.planning import HandoverSource, plan
 from planners.progress import Progress, silent
 from planners.regrasp.grasps import ToolGraspSettings
 from planners.regrasp.handover_place import HandoverPlaceSettings
@@ -48,7 +48,7 @@ def answered(
     task = read_task({"kind": "suction_tool", **body})
     scene = build_scene(task, uploads=(uploads or {}).get)
     ticks = count()
-    return plan(task, scene, silent, lambda: float(next(ticks)), handovers)
+    return plan(task, scene, silent, lambda: float(next(ticks)), handovers).document()
 
 
 def planned(

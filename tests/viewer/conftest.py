@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import bodies_of, cell_of
 
 from planners.scene.cell import Cell, load_cell
 from workers.simulation.recorder import UNITS
@@ -138,8 +138,8 @@ def document(cell: Cell) -> dict[str, Any]:
         "task": task,
         "outcome": "infeasible",
         "explanation": {"summary": "nothing was planned", "causes": []},
-        "cell": copy.deepcopy(cell.document()),
-        "bodies": {**cell.body_documents(), "plate": plate, **lifter},
+        "cell": cell_of(cell),
+        "bodies": {**bodies_of(cell), "plate": plate, **lifter},
         "segments": [],
         "certificate": None,
         "simulation": None,

@@ -18,10 +18,10 @@ from app.viewer.link_meshes import LinkMeshes
 from app.viewer.sources import Sources
 from app.viewer.stage import Stage
 from app.viewer.story import tell_story
-from planners.contract.plan_document import document_schema
+from planners.plan.plan import plan_schema
 from planners.scene.cell import Cell, load_cell
 
-SCHEMA = document_schema()
+SCHEMA = plan_schema()
 NULL = {"type": "null"}
 Spot = tuple[str | int, ...]
 """A place in a document, by members and indices."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.documents import bodies_of
 
 from app.viewer.room import FIELD_OF_VIEW, VIEWS
 from planners.geometry.pose import Array
@@ -29,7 +30,7 @@ def projected(view: str, points: Array, body_position: Array) -> Array:
 
 @pytest.mark.parametrize("cell", known_cells())
 def test_the_overview_shows_the_whole_table_and_the_beam_that_bears_the_arms(cell: str) -> None:
-    bodies = load_cell(cell).body_documents()
+    bodies = bodies_of(load_cell(cell))
     for name in ("table", "platform_crossbar"):
         corners = CORNERS * bodies[name]["shape"]["size"] + bodies[name]["pose"][:3]
         assert np.abs(projected("overview", corners, np.zeros(3))).max() < 1.0

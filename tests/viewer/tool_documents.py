@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import numpy as np
+from support.documents import bodies_of, cell_of
 from viewer.conftest import segment
 
 from planners.scene.cell import Cell
@@ -71,8 +71,8 @@ def tool_document(cell: Cell) -> dict[str, Any]:
         },
         "outcome": "solved",
         "explanation": {"summary": "2 objects moved", "causes": []},
-        "cell": copy.deepcopy(cell.document()),
-        "bodies": {**cell.body_documents(), **bodies},
+        "cell": cell_of(cell),
+        "bodies": {**bodies_of(cell), **bodies},
         "segments": segments,
         "certificate": None,
         "simulation": None,

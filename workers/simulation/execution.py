@@ -14,7 +14,7 @@ from planners.scene.scene import PlateLiftScene
 from workers.simulation.cooperative_lift import CooperativeLift, LiftForces, way_up
 from workers.simulation.hands import GrippingHand, PushingHand, SimulatedHand
 from workers.simulation.lifter import SuctionLifter
-from workers.simulation.node_forces import NodeComparison
+from workers.simulation.node_forces import NodeForcesRecorder
 from workers.simulation.outcome import Failure, SimulationOutcome
 from workers.simulation.recorder import Recorder
 from workers.simulation.reference import Moment, PlanReference, Stage
@@ -62,7 +62,7 @@ class Execution:
         self.hands: tuple[SimulatedHand, ...] = (self.gripping, self.pushing)
         self.lifter = SuctionLifter(scene, settings.cup, settings.contact, rng)
         self.recorder = Recorder()
-        self.comparison = NodeComparison(settings.step)
+        self.comparison = NodeForcesRecorder(settings.step)
         self.motion: list[tuple[float, Array, Array]] = []
         """Time, joint positions and plate pose, at the recorder's times."""
         self.largest_way_off = np.zeros(2)

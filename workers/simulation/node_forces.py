@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from planners.geometry.pose import Array
+from planners.plan.simulation import NodeComparison
 from workers.simulation.reference import LEAD, Moment
 
 _MEAN_TIME = 0.06
@@ -30,18 +30,18 @@ class NodeForces:
         """Return the largest norm of a difference [N]."""
         return max(float(np.linalg.norm(self.simulated[name] - force)) for name, force in self.planned.items())
 
-    def document(self) -> dict[str, Any]:
-        """Return the entry of a plan document."""
-        return {
-            "segment": self.segment,
-            "time": self.time,
-            "planned": {name: np.round(force, 3).tolist() for name, force in self.planned.items()},
-            "simulated": {name: np.round(force, 3).tolist() for name, force in self.simulated.items()},
-            "largest_difference": round(self.largest_difference(), 3),
-        }
+    def stated(self) -> NodeComparison:
+        """Return the entry of a plan."""
+        return NodeComparison(
+            segment=self.segment,
+            time=self.time,
+            planned={name: np.round(force, 3) for name, force in self.planned.items()},
+            simulated={name: np.round(force, 3) for name, force in self.simulated.items()},
+            largest_difference=round(self.largest_difference(), 3),
+        )
 
 
-class NodeComparison:
+class NodeForcesRecorder:
     """Compares at the end of each motion of the plate, before the lifter prepares for what comes next."""
 
     def __init__(self, step: float) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from planners.geometry.pose import Array
+from planners.plan.simulation import ForceCurve
 
 UNITS = {
     "pushing hand": "N",
@@ -41,15 +41,15 @@ class Recorder:
         index = list(UNITS).index(name)
         return np.array([row[index] for time, row in zip(self.time, self.rows, strict=True) if time >= since])
 
-    def curves(self) -> list[dict[str, Any]]:
-        """Return the curves of a plan document."""
-        time = [round(value, 4) for value in self.time]
+    def curves(self) -> list[ForceCurve]:
+        """Return the curves of a plan."""
+        time = np.array([round(value, 4) for value in self.time])
         return [
-            {
-                "name": name,
-                "unit": unit,
-                "time": time,
-                "value": [round(row[i], _DIGITS[unit]) + 0.0 for row in self.rows],
-            }
+            ForceCurve(
+                name=name,
+                unit=unit,
+                time=time,
+                value=np.array([round(row[i], _DIGITS[unit]) + 0.0 for row in self.rows]),
+            )
             for i, (name, unit) in enumerate(UNITS.items())
         ]

@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from planners.geometry.pose import Array, to_pose7
+from planners.contract.arrays import rounded
+from planners.geometry.pose import to_pose7s
+from planners.plan.simulation import (
+    ForceDips,
+    LiftSimulation,
+    SimulatedLift,
+    SimulatedManipulation,
+    SimulatedMotion,
+)
 from planners.progress import Progress
 from planners.scene.scene import PlateLiftScene
 from workers.simulation.execution import Execution
@@ -48,7 +56,7 @@ def simulate(
     seed: int,
     settings: SimulationSettings | None = None,
     actual: PlateLiftScene | None = None,
-) -> dict[str, Any]:
+) -> LiftSimulation:
     """Execute a plan in physics, then lift; that something gives way is an answer.
 
     Args:
@@ -60,92 +68,87 @@ def simulate(
         actual: how plate, friction and cup really are, which neither plan nor controller know; None: as in `scene`.
 
     Returns:
-        The `simulation` member of a plan document.
+        The `simulation` of a plan.
     """
     settings = settings or SimulationSettings()
     actual = actual or scene
     with World(actual, settings) as world:
         execution = Execution(document, actual, world, settings, np.random.default_rng(seed), scene)
         failure = execution.run(progress)
-    return _document(execution, failure, seed)
+    return _result(execution, failure, seed)
 
 
-def _document(execution: Execution, failure: Failure[SimulationOutcome] | None, seed: int) -> dict[str, Any]:
+def _result(execution: Execution, failure: Failure[SimulationOutcome] | None, seed: int) -> LiftSimulation:
     scene = execution.scene
     weight = (scene.plate.mass or 0.0) * float(-scene.cell.gravity[2])
     least = weight - scene.cup.max_force
-    return {
-        "kind": "plate_lift",
-        "outcome": (SimulationOutcome.LIFTED if failure is None else failure.outcome).value,
-        "time": round(execution.time, _DIGITS),
-        "cause": None if failure is None else failure.cause,
-        "force_curves": execution.recorder.curves(),
-        "minimum_total_force": least,
-        "lift": _lift(execution),
-        "dips": _dips(execution, least),
-        "manipulation": _manipulation(execution, weight),
-        "motion": _motion(execution),
-        "model": list(MODEL),
-        "seed": seed,
-        "settings": json.loads(json.dumps(asdict(execution.settings))),
-    }
+    return LiftSimulation(
+        kind="plate_lift",
+        outcome=(SimulationOutcome.LIFTED if failure is None else failure.outcome).value,
+        time=round(execution.time, _DIGITS),
+        cause=None if failure is None else failure.cause,
+        force_curves=execution.recorder.curves(),
+        minimum_total_force=least,
+        lift=_lift(execution),
+        dips=_dips(execution, least),
+        manipulation=_manipulation(execution, weight),
+        motion=_motion(execution),
+        model=list(MODEL),
+        seed=seed,
+        settings=json.loads(json.dumps(asdict(execution.settings))),
+    )
 
 
-def _lift(execution: Execution) -> dict[str, Any] | None:
+def _lift(execution: Execution) -> SimulatedLift | None:
     """Tell how the lift was prepared and how far it came; None when it was not come to."""
     lift = execution.lift
     if lift is None:
         return None
     height = execution.recorder.column("plate height", lift.begin)
-    return {
-        "begin": round(lift.begin, _DIGITS),
-        "height": round(float(height.max(initial=0.0)), _DIGITS),
-        "reachable_height": round(lift.path.height, _DIGITS),
-        "end_of_reach": lift.path.end,
-        "goal_force": lift.forces.push,
-        "cup_reserve": lift.forces.goal.cup_reserve,
-        "lifter_travel": round(float(lift.winch.heights[-1]), _DIGITS),
-        "lifter_seconds": round(lift.winch.duration, _DIGITS),
-        "controlled": execution.settings.controlled,
-    }
+    return SimulatedLift(
+        begin=round(lift.begin, _DIGITS),
+        height=round(float(height.max(initial=0.0)), _DIGITS),
+        reachable_height=round(lift.path.height, _DIGITS),
+        end_of_reach=lift.path.end,
+        goal_force=lift.forces.push,
+        cup_reserve=lift.forces.goal.cup_reserve,
+        lifter_travel=round(float(lift.winch.heights[-1]), _DIGITS),
+        lifter_seconds=round(lift.winch.duration, _DIGITS),
+        controlled=execution.settings.controlled,
+    )
 
 
-def _dips(execution: Execution, least: float) -> dict[str, Any]:
+def _dips(execution: Execution, least: float) -> ForceDips:
     """Count how often, and say how long, both hands together bore less than the minimum during the lift."""
     if execution.lift is None:
-        return {"count": 0, "seconds": 0.0, "lowest": None}
+        return ForceDips(count=0, seconds=0.0, lowest=None)
     total = execution.recorder.column("both hands", execution.lift.begin)
     below = total < least
-    begins = int(np.count_nonzero(below & ~np.concatenate([[False], below[:-1]])))
-    return {
-        "count": begins,
-        "seconds": round(float(below.sum()) * execution.settings.record_period, _DIGITS),
-        "lowest": round(float(total.min()), _DIGITS) if len(total) else None,
-    }
+    return ForceDips(
+        count=int(np.count_nonzero(below & ~np.concatenate([[False], below[:-1]]))),
+        seconds=round(float(below.sum()) * execution.settings.record_period, _DIGITS),
+        lowest=round(float(total.min()), _DIGITS) if len(total) else None,
+    )
 
 
-def _manipulation(execution: Execution, weight: float) -> dict[str, Any]:
+def _manipulation(execution: Execution, weight: float) -> SimulatedManipulation:
     """Compare the manipulation with its plan."""
     differences = [node.largest_difference() for node in execution.comparison.nodes]
     off = execution.largest_way_off
-    return {
-        "nodes": [node.document() for node in execution.comparison.nodes],
-        "largest_difference": round(max(differences, default=0.0), _DIGITS),
-        "largest_difference_of_weight": round(max(differences, default=0.0) / weight, _DIGITS),
-        "largest_distance": round(float(off[0]), _DIGITS),
-        "largest_angle": round(float(off[1]), _DIGITS),
-    }
+    return SimulatedManipulation(
+        nodes=[node.stated() for node in execution.comparison.nodes],
+        largest_difference=round(max(differences, default=0.0), _DIGITS),
+        largest_difference_of_weight=round(max(differences, default=0.0) / weight, _DIGITS),
+        largest_distance=round(float(off[0]), _DIGITS),
+        largest_angle=round(float(off[1]), _DIGITS),
+    )
 
 
-def _motion(execution: Execution) -> dict[str, Any]:
+def _motion(execution: Execution) -> SimulatedMotion:
     """Return how robot and plate moved, for playing it back."""
     rows = execution.motion[::_MOTION_EVERY]
-
-    def rounded(values: Array | list[float]) -> list[float]:
-        return (np.round(values, _DIGITS) + 0.0).tolist()
-
-    return {
-        "time": [round(time, _DIGITS) for time, _, _ in rows],
-        "positions": [rounded(positions) for _, positions, _ in rows],
-        "plate": [rounded(to_pose7(T)) for _, _, T in rows],
-    }
+    return SimulatedMotion(
+        time=rounded(np.array([time for time, _, _ in rows]), _DIGITS),
+        positions=rounded(np.array([positions for _, positions, _ in rows]).reshape(-1, 12), _DIGITS),
+        plate=rounded(to_pose7s(np.array([T for _, _, T in rows]).reshape(-1, 4, 4)), _DIGITS),
+    )

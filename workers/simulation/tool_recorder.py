@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
-from planners.geometry.pose import Array, Transform, rotation_angle, to_pose7
+from planners.contract.arrays import rounded
+from planners.geometry.pose import Array, Transform, rotation_angle, to_pose7s
+from planners.plan.simulation import BodyTrack, ForceCurve, SimulatedToolMotion
 from workers.simulation.free_body import FreeBody
 
 TOOL_UNITS = {
@@ -54,21 +55,22 @@ class ToolRecorder:
         for name, body in bodies:
             self._tracks.setdefault(name, _Track()).add(time, body.T_world_body)
 
-    def curves(self) -> list[dict[str, Any]]:
-        """Return the curves of a plan document."""
-        time = [round(value, 4) for value in self.time]
+    def curves(self) -> list[ForceCurve]:
+        """Return the curves of a plan."""
+        time = np.array([round(value, 4) for value in self.time])
+        columns = zip(*self._rows, strict=True) if self._rows else [()] * len(TOOL_UNITS)
         return [
-            {"name": name, "unit": unit, "time": time, "value": [round(r[i], _DIGITS[unit]) + 0.0 for r in self._rows]}
-            for i, (name, unit) in enumerate(TOOL_UNITS.items())
+            ForceCurve(name=name, unit=unit, time=time, value=np.array([round(v, _DIGITS[unit]) + 0.0 for v in values]))
+            for (name, unit), values in zip(TOOL_UNITS.items(), columns, strict=True)
         ]
 
-    def motion(self) -> dict[str, Any]:
+    def motion(self) -> SimulatedToolMotion:
         """Return how robot and bodies moved, for playing it back; each body's poses have times of their own."""
-        return {
-            "time": [round(time, 4) for time, _ in self._motion],
-            "positions": [(np.round(positions, 5) + 0.0).tolist() for _, positions in self._motion],
-            "bodies": {name: track.document() for name, track in self._tracks.items()},
-        }
+        return SimulatedToolMotion(
+            time=np.array([round(time, 4) for time, _ in self._motion]),
+            positions=rounded(np.array([positions for _, positions in self._motion]).reshape(-1, 12), 5),
+            bodies={name: track.stated() for name, track in self._tracks.items()},
+        )
 
     def largest(self, name: str) -> float:
         """Return the greatest value of a curve, 0 if there is none."""
@@ -93,12 +95,12 @@ class _Track:
         self._kept.append(now)
         self._last = None
 
-    def document(self) -> dict[str, Any]:
+    def stated(self) -> BodyTrack:
         rows = self._kept if self._last is None else [*self._kept, self._last]
-        return {
-            "time": [round(time, 4) for time, _ in rows],
-            "poses": [(np.round(to_pose7(T), _POSE_DIGITS) + 0.0).tolist() for _, T in rows],
-        }
+        return BodyTrack(
+            time=np.array([round(time, 4) for time, _ in rows]),
+            poses=rounded(to_pose7s(np.array([T for _, T in rows])), _POSE_DIGITS),
+        )
 
 
 def _same(T_a: Transform, T_b: Transform) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from planners.plan.simulation import GoalError, LargestLoads, ToolSimulation
 from planners.progress import Progress
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.outcome import Failure, ToolOutcome
@@ -35,7 +36,7 @@ def simulate_tool(
     scene: SuctionToolScene,
     progress: Progress,
     settings: ToolSimulationSettings | None = None,
-) -> dict[str, Any]:
+) -> ToolSimulation:
     """Execute a plan in physics; that something gives way is an answer.
 
     Args:
@@ -45,36 +46,36 @@ def simulate_tool(
         settings: what is assumed. Nothing is random.
 
     Returns:
-        The `simulation` member of a plan document.
+        The `simulation` of a plan.
     """
     settings = settings or ToolSimulationSettings()
     with ToolWorld(scene, settings) as world:
         execution = ToolExecution(document, scene, world, settings)
         failure = execution.run(progress)
-        return _document(execution, failure)
+        return _result(execution, failure)
 
 
-def _document(execution: ToolExecution, failure: Failure[ToolOutcome] | None) -> dict[str, Any]:
+def _result(execution: ToolExecution, failure: Failure[ToolOutcome] | None) -> ToolSimulation:
     recorder = execution.recorder
-    errors = execution.goal_errors()
-    return {
-        "kind": "suction_tool",
-        "outcome": (ToolOutcome.DONE if failure is None else failure.outcome).value,
-        "time": round(execution.time, _DIGITS),
-        "failed_at": None if failure is None else round(failure.time, _DIGITS),
-        "cause": None if failure is None else failure.cause,
-        "force_curves": recorder.curves(),
-        "goals": {
-            name: {"distance": round(error.distance, _DIGITS), "angle": round(error.angle, _DIGITS)}
-            for name, error in errors.items()
-        },
-        "largest": {
-            "suction_share": round(recorder.largest("suction share"), _DIGITS),
-            "squeeze": round(max(recorder.largest(f"{arm} squeeze") for arm in ("left", "right")), _DIGITS),
-            "tool_off_plan": round(recorder.largest("tool off plan"), _DIGITS),
-            "object_off_plan": round(recorder.largest("object off plan"), _DIGITS),
-        },
-        "motion": recorder.motion(),
-        "model": list(MODEL),
-        "settings": json.loads(json.dumps(asdict(execution.settings))),
+    largest = {
+        "suction_share": recorder.largest("suction share"),
+        "squeeze": max(recorder.largest(f"{arm} squeeze") for arm in ("left", "right")),
+        "tool_off_plan": recorder.largest("tool off plan"),
+        "object_off_plan": recorder.largest("object off plan"),
     }
+    return ToolSimulation(
+        kind="suction_tool",
+        outcome=(ToolOutcome.DONE if failure is None else failure.outcome).value,
+        time=round(execution.time, _DIGITS),
+        failed_at=None if failure is None else round(failure.time, _DIGITS),
+        cause=None if failure is None else failure.cause,
+        force_curves=recorder.curves(),
+        goals={
+            name: GoalError(distance=round(error.distance, _DIGITS), angle=round(error.angle, _DIGITS))
+            for name, error in execution.goal_errors().items()
+        },
+        largest=LargestLoads(**{name: round(value, _DIGITS) for name, value in largest.items()}),
+        motion=recorder.motion(),
+        model=list(MODEL),
+        settings=json.loads(json.dumps(asdict(execution.settings))),
+    )

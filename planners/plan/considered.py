@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from planners.contract.document_numbers import ArmName, PoseArray, Real, Vector
+from planners.contract.arrays import ArmName, OneOf, Poses, SampledPose, Samples, Vector
 from planners.contract.strict_model import StrictModel
 
 Node = Annotated[int, Field(ge=0)]
@@ -29,7 +29,7 @@ class ConsideredSuctionPose(StrictModel):
     """A pose of the tool on an object that was tried."""
 
     object: str
-    pose: PoseArray
+    pose: SampledPose
     """`T_object_tool`"""
     reason: str | None
     """Why it was given up; null: it is used."""
@@ -42,16 +42,16 @@ class RegraspStep(StrictModel):
     round: Round
     arm: ArmName
     grasp: Annotated[int, Field(ge=0)]
-    by: Literal["held", "picked up", "handover"]
+    by: Annotated[str, OneOf("held", "picked up", "handover")]
     """How the grasp came about."""
 
 
 class GraspList(StrictModel):
     """All grasps of the tool that are free of collision with it, alike for both arms."""
 
-    poses: list[PoseArray]
+    poses: Poses
     """`T_tool_tcp`, by number of the grasp."""
-    widths: list[Real]
+    widths: Samples
     """Inner distance of the pads [m]."""
 
 
@@ -62,7 +62,7 @@ class RegraspLayer(StrictModel):
     """The tool where the plan takes it up, on the object at its start, or on the object at a goal."""
     goal: int | None
     """Which of the goals that the object's symmetry allows."""
-    tool_pose: PoseArray
+    tool_pose: SampledPose
     """`T_world_tool`"""
     possible: list[Node]
     rejected: dict[str, list[Node]]
@@ -92,7 +92,7 @@ class RegraspGraph(StrictModel):
 
     object: str
     moved: bool
-    suction_pose: PoseArray
+    suction_pose: SampledPose
     """`T_object_tool`"""
     arms: Annotated[list[ArmName], Field(min_length=2, max_length=2)]
     """By index, as nodes count them."""

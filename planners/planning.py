@@ -1,21 +1,25 @@
-"""From a scene to a plan document: the one call the service makes of the planners.
-
-`TaskSpec -> Scene -> plan -> certify -> PlanDocument`; certifying is `planners.certify`, apart on purpose.
-"""
+"""From a scene to a plan. Certifying it is `planners.certify`, apart on purpose."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
-from planners.contract.lift_document import lift_document
-from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
-from planners.contract.tool_document import tool_document
+from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
+from planners.geometry.pose import to_pose7s
+from planners.manipulation import plan_segments as lift_segments
 from planners.manipulation.dense_contacts import ContactSampling
 from planners.manipulation.lift_attempts import plan_lift
+from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
+from planners.plan.plan import SCHEMA_VERSION, Plan
+from planners.plan.scenery import JOINT_NAMES, BodyDocument
+from planners.plan.segment import Segment
+from planners.plan.verdicts import Cause, Explanation, Software, StageTime, Statistics
 from planners.progress import Progress
+from planners.regrasp import plan_segments as tool_segments
+from planners.regrasp.considered import considered_by
 from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
@@ -24,6 +28,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.cell import Cell
 from planners.scene.scene import PlateLiftScene
 from planners.scene.suction_tool import SuctionTool
+from planners.scene.task_centres import with_centres
 from planners.scene.tool_scene import SuctionToolScene
 
 
@@ -43,7 +48,7 @@ def plan(
     progress: Progress,
     clock: Callable[[], float],
     handovers: HandoverSource = find_handovers,
-) -> dict[str, Any]:
+) -> Plan:
     """Plan a task; that there is no plan is an answer, with its reasons.
 
     Args:
@@ -54,7 +59,7 @@ def plan(
         handovers: asked once by a suction-tool task that may have a plan; computing them takes some seconds.
 
     Returns:
-        The plan document, without certificate.
+        The plan, without certificate; its id and what software made it are for the caller to fill in.
 
     Raises:
         SceneError: the scene is not of the task's kind.
@@ -64,12 +69,82 @@ def plan(
     if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene):
         lift = plan_lift(scene, lift_settings(task.options), stopwatch)
         stopwatch.stop()
-        return lift_document(task, scene, lift, stopwatch.seconds)
+        statistics = _statistics(lift, stopwatch.seconds, **({} if lift.reserve is None else {"reserve": lift.reserve}))
+        return _plan(task, scene, lift, lift_segments.plan_segments(lift, scene), statistics)
     if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
         moved = infeasible_plan(scene) or _searched(scene, handovers, stopwatch)
         stopwatch.stop()
-        return tool_document(task, scene, moved, stopwatch.seconds)
+        reserve, considered = tool_segments.least_reserve(moved.segments), considered_by(moved)
+        statistics = _statistics(moved, stopwatch.seconds, reserve=reserve, considered=considered)
+        return _plan(task, scene, moved, tool_segments.plan_segments(moved.segments, scene), statistics)
     raise SceneError("/kind", f"the scene is not that of a task of kind {task.kind}")
+
+
+def _plan(
+    task: PlateLiftTask | SuctionToolTask,
+    scene: PlateLiftScene | SuctionToolScene,
+    found: LiftPlan | ToolPlan,
+    segments: Iterable[Segment],
+    statistics: Statistics,
+) -> Plan:
+    """Return the plan of a planner of either kind."""
+    causes = [
+        Cause(
+            reason=cause.reason,
+            needed=cause.needed,
+            available=cause.available,
+            unit=cause.unit,
+            where=cause.where or cause.stage,
+        )
+        for cause in found.causes
+    ]
+    return Plan(
+        schema_version=SCHEMA_VERSION,
+        id="",
+        # Read again, so that every default is stated.
+        task=read_task(write_task(with_centres(task, scene))),
+        seed=task.seed,
+        software=Software(name="liftwright", version="", commit=None),
+        outcome=found.outcome.value,
+        explanation=Explanation(summary=found.summary, causes=causes),
+        cell=scene.cell.document(),
+        joint_names=list(JOINT_NAMES),
+        bodies=stated_bodies(scene),
+        segments=list(segments),
+        certificate=None,
+        simulation=None,
+        statistics=statistics,
+    )
+
+
+def _statistics(found: LiftPlan | ToolPlan, stages: Mapping[str, float], **more: Any) -> Statistics:
+    """Return what it cost; `stages` are seconds by stage, in order."""
+    graph: dict[str, Any] = {**found.graph}
+    search: dict[str, Any] = {**found.search}
+    return Statistics(
+        total_seconds=sum(stages.values()),
+        stages=[StageTime(name=name, seconds=seconds) for name, seconds in stages.items()],
+        graph=graph,
+        search=search,
+        rejections=found.rejections.counts(),
+        **more,
+    )
+
+
+def stated_bodies(scene: PlateLiftScene | SuctionToolScene) -> dict[str, BodyDocument]:
+    """Return everything in the scene, where it is at the start: bodies of the cell first, then those of the task."""
+    of_task = {
+        body.name: BodyDocument(
+            role=body.role,
+            shape=body.shape,
+            mass=body.mass,
+            com=body.com,
+            pose=to_pose7s(body.T_world_body[None])[0],
+            static=body.static,
+        )
+        for body in scene.bodies()
+    }
+    return scene.cell.body_documents() | of_task
 
 
 def lift_settings(options: PlateLiftOptions) -> LiftSettings:

@@ -1,56 +1,18 @@
-"""The certificate: what was checked, with the smallest margin of each check and where it was found."""
+"""What a check has found so far: its smallest margin, and where that is."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from planners.geometry.pose import Array
+from planners.plan.verdicts import Check
 
 _WORST = 1e308
 """Stands for a margin that is not a number: documents carry finite numbers only."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was checked. It passes when its margin is not negative."""
-
-    name: str
-    passed: bool
-    margin: float | None
-    """What is left to the limit at the worst place, in `unit`; None when the plan has nothing to check."""
-    unit: str
-    where: str
-    """The worst place: segment, time or sample, and the joint, bodies or contact."""
-
-    def to_document(self) -> dict[str, Any]:
-        """Return the check as the plan document carries it."""
-        return {"name": self.name, "passed": self.passed, "margin": self.margin, "unit": self.unit, "where": self.where}
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """The verdict on one plan document."""
-
-    checks: tuple[Check, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every check passed (and there was one)."""
-        return bool(self.checks) and all(check.passed for check in self.checks)
-
-    @property
-    def failures(self) -> tuple[Check, ...]:
-        """The checks that failed."""
-        return tuple(check for check in self.checks if not check.passed)
-
-    def to_document(self) -> dict[str, Any]:
-        """Return the member `certificate` of a plan document."""
-        return {"passed": self.passed, "checks": [check.to_document() for check in self.checks]}
 
 
 @dataclass
@@ -84,5 +46,6 @@ class Finding:
     def check(self) -> Check:
         """Close the finding."""
         if math.isinf(self.margin):
-            return Check(self.name, True, None, self.unit, self.where)
-        return Check(self.name, self.margin >= 0.0, self.margin, self.unit, self.where)
+            return Check(name=self.name, passed=True, margin=None, unit=self.unit, where=self.where)
+        passed = self.margin >= 0.0
+        return Check(name=self.name, passed=passed, margin=self.margin, unit=self.unit, where=self.where)

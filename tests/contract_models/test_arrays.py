@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from planners.contract.document_members import significant
+from planners.contract.arrays import significant
 
 
 @given(st.floats(1e-3, 1e6), st.sampled_from([-1.0, 1.0]))
 def test_contacts_keep_nine_significant_digits(size: float, sign: float) -> None:
     (told,) = significant(np.array([sign * size]))
     assert told == pytest.approx(sign * size, rel=0.51e-8)
-    digits = json.dumps(abs(told)).replace(".", "").lstrip("0").rstrip("0")
+    digits = json.dumps(float(abs(told))).replace(".", "").lstrip("0").rstrip("0")
     assert len(digits) <= 9
 
 
 def test_what_is_nearly_nothing_is_nothing() -> None:
-    assert json.dumps(significant(np.array([0.0, -0.0, 1e-14, -1e-14]))) == "[0.0, 0.0, 0.0, 0.0]"
+    assert json.dumps(significant(np.array([0.0, -0.0, 1e-14, -1e-14])).tolist()) == "[0.0, 0.0, 0.0, 0.0]"

@@ -1,0 +1,122 @@
+"""The plan of one task: by it the motion can be replayed and every claim be checked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from planners.contract.strict_json import parse_json
+from planners.contract.strict_model import StrictModel
+from planners.contract.task_spec import TaskSpec
+from planners.plan.scenery import ARMS, JOINT_NAMES, BodyDocument, CellDocument, GripperDocument
+from planners.plan.segment import Segment
+from planners.plan.simulation import Simulation
+from planners.plan.verdicts import Certificate, Explanation, LeastReserve, Software, Statistics
+
+SCHEMA_VERSION = "1.0"
+Outcome = Literal["solved", "infeasible", "not_found"]
+
+
+class Plan(StrictModel):
+    """The result of one task."""
+
+    schema_version: Literal["1.0"]
+    id: str
+    task: TaskSpec
+    """As accepted, every default filled in."""
+    seed: int
+    software: Software
+    outcome: Outcome
+    explanation: Explanation
+    cell: CellDocument
+    joint_names: Annotated[list[str], Field(min_length=12, max_length=12)]
+    bodies: dict[str, BodyDocument]
+    segments: list[Segment]
+    certificate: Certificate | None
+    simulation: Simulation | None
+    statistics: Statistics
+
+    @model_validator(mode="after")
+    def _names_what_there_is(self) -> Self:
+        if tuple(self.joint_names) != JOINT_NAMES:
+            raise _unknown("joint_names", f"are not {', '.join(JOINT_NAMES)}")
+        for arm in ARMS:
+            if arm not in self.cell.arms or arm not in self.cell.hands:
+                raise _unknown("cell", f"has no {arm} arm with a hand")
+        for index, segment in enumerate(self.segments):
+            for member, fault in self._strangers(segment):
+                raise _unknown(f"segments/{index}/{member}", fault)
+        return self
+
+    def _strangers(self, segment: Segment) -> Iterator[tuple[str, str]]:
+        """Yield what a segment names that the plan does not have: the member, and what is wrong with it."""
+        grippers = {arm for arm, hand in self.cell.hands.items() if isinstance(hand, GripperDocument)}
+        if set(segment.gripper_width) != grippers:
+            yield "gripper_width", f"must have the grippers {sorted(grippers)}"
+        held = [(grip, grip.arm in grippers) for grip in segment.grips]
+        held += [] if segment.push is None else [(segment.push, segment.push.arm not in grippers)]
+        yield from (("hold", f"the {hold.arm} hand cannot hold so") for hold, fits in held if not fits)
+        state = segment.contact_state
+        named: dict[str, list[str | None]] = {
+            "hold": [hold.body for hold, _ in held],
+            "body_poses": [*segment.body_poses],
+            "attached": [*segment.attached],
+            "contacts": [contact.body for contact in segment.contacts],
+            "contact_state": [] if state is None or state.element == "none" else [state.with_],
+        }
+        for member, names in named.items():
+            yield from ((member, f"names no body of the plan: {name!r}") for name in names if name not in self.bodies)
+        yield from self._strange_bearers(segment)
+
+    def _strange_bearers(self, segment: Segment) -> Iterator[tuple[str, str]]:
+        carriers = {*ARMS, *self.bodies}
+        rides = [(name, each.to) for name, attachments in segment.attached.items() for each in attachments]
+        off = [to for name, to in rides if to not in carriers - {name}]
+        yield from (("attached", f"{to!r} is no arm and no other body") for to in off)
+        strange = [contact.by for contact in segment.contacts if contact.by not in carriers | {"cup", "tool", None}]
+        yield from (("contacts", f"{by!r} is no arm, cup, tool or body") for by in strange)
+
+    @property
+    def duration(self) -> float:
+        """When the last segment ends [s]."""
+        return self.segments[-1].end if self.segments else 0.0
+
+    @property
+    def least_reserve(self) -> tuple[LeastReserve, float] | None:
+        """Where along the plan least of its limits is left, and when that is [s].
+
+        None: nothing is held, or the plan is of before there was any.
+        """
+        least = self.statistics.reserve
+        return None if least is None else (least, float(self.segments[least.segment].time[least.sample]))
+
+    @classmethod
+    def read(cls, source: bytes | str | Path) -> Self:
+        """Read a plan from bytes, or from a file by its path.
+
+        Raises:
+            pydantic.ValidationError: a member is missing, of the wrong type, size or range, or names something unknown.
+        """
+        return cls.model_validate(parse_json(source if isinstance(source, bytes) else Path(source).read_bytes()))
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON data: what was set, no defaults."""
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+    def write(self) -> bytes:
+        """Return it as JSON; every number is written so that reading it gives the same number."""
+        return json.dumps(self.document(), allow_nan=False, separators=(",", ":")).encode()
+
+
+def _unknown(member: str, fault: str) -> PydanticCustomError:
+    return PydanticCustomError("unknown", "{member}: {fault}", {"member": member, "fault": fault})
+
+
+def plan_schema() -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of a plan document."""
+    return Plan.model_json_schema()

@@ -1,0 +1,35 @@
+"""Plan documents as JSON data, which a test may change before they are certified."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify
+from planners.scene.cell import Cell
+
+
+def sent(document: Mapping[str, Any]) -> bytes:
+    """Write a document as the service sends it, whatever is in it."""
+    return json.dumps(document).encode()
+
+
+def certified(
+    document: Mapping[str, Any],
+    surfaces: RobotSurfaces,
+    reference: CellReference | None = None,
+    settings: CertifySettings | None = None,
+) -> Certificate | None:
+    """Certify a document as if it had been sent."""
+    return certify(sent(document), surfaces, reference, settings)
+
+
+def cell_of(cell: Cell) -> dict[str, Any]:
+    """Return the member `cell` of documents of plans in a cell."""
+    return cell.document().model_dump(mode="json", exclude_unset=True)
+
+
+def bodies_of(cell: Cell) -> dict[str, dict[str, Any]]:
+    """Return the entries of a cell's own bodies in the member `bodies`."""
+    return {name: body.model_dump(mode="json") for name, body in cell.body_documents().items()}
