@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from planners.cell.cell import Cell
 from planners.contract.lift_document import lift_document
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
 from planners.contract.tool_document import tool_document
@@ -21,8 +22,7 @@ from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.cell import Cell
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
 

@@ -16,11 +16,46 @@ from planners.collision.kernel import (
     first_collisions,
 )
 from planners.collision.pairing import choose_pairs, pair_columns, pair_margins, used_shapes
-from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
 from planners.collision.sweep import sweep_edge, sweep_path
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import Array, Transform, transform
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """At rest in the world."""
+
+    T_world_body: Transform
+
+
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """Held by the flange of an arm."""
+
+    arm: str
+    T_flange_body: Transform
+
+
+@dataclass(frozen=True, eq=False)
+class Riding:
+    """Rigid on another frame, like the cup on the plate."""
+
+    frame: str
+    T_parent_body: Transform
+
+
+@dataclass(frozen=True, eq=False)
+class Upright:
+    """Axes of the world, origin at a point of another frame, like the cable above the cup."""
+
+    frame: str
+    point: Array
+    """(3,), in that frame [m]."""
+
+
+Placement = Fixed | Attached | Riding | Upright
+
 
 PairChoice = Callable[[CollisionBody, CollisionBody], bool]
 PairMask = NDArray[np.bool_]

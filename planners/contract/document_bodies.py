@@ -6,7 +6,7 @@ from typing import Any
 
 from planners.geometry.pose import to_pose7
 from planners.scene.body import Body
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.tool_scene import SuctionToolScene
 
 

@@ -14,8 +14,8 @@ from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, write_ta
 from planners.geometry.pose import Array, Transform, to_pose7s
 from planners.graph.rejections import Rejection, Rejections
 from planners.motion.trajectory import Trajectory
-from planners.scene.scene import PlateLiftScene
-from planners.scene.task_centres import with_centres
+from planners.scene.lift_scene import PlateLiftScene
+from planners.scene.scene import with_centres
 from planners.scene.tool_scene import SuctionToolScene
 from planners.segment import SegmentKind
 

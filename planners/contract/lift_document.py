@@ -14,7 +14,7 @@ from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, to_pose7
 from planners.manipulation.groundwork import hand_force_limit
 from planners.manipulation.lift_plan import LiftPlan
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from planners.segment import ContactSet, Segment, SegmentKind
 
 _RESERVE_DIGITS = 9

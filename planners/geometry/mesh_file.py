@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
+import re
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
@@ -14,9 +16,7 @@ import numpy as np
 import trimesh
 
 from planners.errors import LiftwrightError
-from planners.geometry.obj_file import count_obj, read_obj
 from planners.geometry.pose import Array
-from planners.geometry.stl_file import count_stl, read_stl
 from planners.geometry.surface import Faces
 
 MeshFormat = Literal["stl", "ply", "obj", "glb"]
@@ -203,6 +203,104 @@ def _list_of(tree: Mapping[str, Any], name: str) -> list[Any]:
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise MeshRefused(f"the GLB file's {name} are no list of objects")
     return entries
+
+
+LONGEST_LINE = 100_000
+"""[bytes]"""
+# What follows a line's start is matched in one way only: the time is that of reading the file once.
+_VERTEX_OR_FACE = re.compile(rb"^[ \t]*([vf])[ \t]+([^\n]*)", re.MULTILINE)
+
+
+def count_obj(content: bytes) -> tuple[int, int]:
+    """Return how many triangles and vertices a file has.
+
+    Raises:
+        ValueError: A line is too long.
+    """
+    triangles = vertices = 0
+    for kind, rest in _lines(content):
+        if kind == b"v":
+            vertices += 1
+        else:
+            triangles += max(0, len(rest.split()) - 2)
+    return triangles, vertices
+
+
+def read_obj(content: bytes) -> tuple[Array, Faces]:
+    """Return vertices (n, 3) and triangles (m, 3), in the file's own unit; a face of more corners is a fan of them.
+
+    Raises:
+        ValueError: A vertex or a face is not made of numbers, or there is no such vertex.
+    """
+    vertices: list[tuple[float, float, float]] = []
+    triangles: list[tuple[int, int, int]] = []
+    for kind, rest in _lines(content):
+        if kind == b"v":
+            x, y, z = rest.split()[:3]
+            vertices.append((float(x), float(y), float(z)))
+        else:
+            corners = [_place(word, len(vertices)) for word in rest.split()]
+            triangles += [(corners[0], b, c) for b, c in itertools.pairwise(corners[1:])]
+    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise ValueError("a face names a vertex that there is not")
+    return np.array(vertices, dtype=float).reshape(-1, 3), faces
+
+
+def _lines(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the first word and the rest of every line of a vertex or a face; a backslash joins a line to the next."""
+    joined = content.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    for line in _VERTEX_OR_FACE.finditer(joined):
+        if line.end() - line.start() > LONGEST_LINE:
+            raise ValueError(f"a line is longer than {LONGEST_LINE} bytes")
+        yield line[1], line[2].partition(b"#")[0]
+
+
+def _place(word: bytes, so_far: int) -> int:
+    """Return the place of the vertex of a corner like 7/1/2, or -1 for the last one there is so far."""
+    number = int(word.partition(b"/")[0])
+    return number - 1 if number > 0 else so_far + number if number < 0 else -1
+
+
+_BEGIN = 84
+"""Of a binary file's triangles, behind its title and their number [bytes]."""
+_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+# What follows a line's start is matched in one way only: the time is that of reading the file once.
+_CORNER = re.compile(rb"^[ \t]*vertex[ \t]+([^\n]{0,200})", re.MULTILINE | re.IGNORECASE)
+
+
+def count_stl(content: bytes) -> int:
+    """Return how many triangles a file has.
+
+    Raises:
+        ValueError: It is neither as long as the triangles it announces, nor text.
+    """
+    if _is_binary(content):
+        return (len(content) - _BEGIN) // _TRIANGLE.itemsize
+    if not content[:1000].lstrip().lower().startswith(b"solid"):
+        raise ValueError("its length is not that of the triangles it announces")
+    return sum(1 for _ in _CORNER.finditer(content)) // 3
+
+
+def read_stl(content: bytes) -> tuple[Array, Faces]:
+    """Return vertices (3 m, 3) and triangles (m, 3), in the file's own unit; solids of a text are taken together.
+
+    Raises:
+        ValueError: A vertex of a text is not made of three numbers, or they are not three for every triangle.
+    """
+    if _is_binary(content):
+        vertices = np.frombuffer(content, _TRIANGLE, offset=_BEGIN)["corners"].astype(float).reshape(-1, 3)
+    else:
+        corners = [[float(word) for word in line[1].split()[:3]] for line in _CORNER.finditer(content)]
+        vertices = np.array(corners, dtype=float).reshape(-1, 3)
+    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+
+
+def _is_binary(content: bytes) -> bool:
+    if len(content) < _BEGIN:
+        return False
+    (triangles,) = struct.unpack_from("<I", content, 80)
+    return len(content) == _BEGIN + _TRIANGLE.itemsize * triangles
 
 
 _BROKEN = (

@@ -195,3 +195,19 @@ def _boundary_loop(faces: Faces) -> Faces | None:
         loop.append(after)
     border = sum((b, a) not in sides for a, b in sides)
     return np.array(loop, dtype=np.int64) if loop and len(loop) == len(following) == border else None
+
+
+Hull = tuple[Array, NDArray[np.int64]]
+"""Vertices (n, 3) [m] and triangles (m, 3), counter-clockwise from outside."""
+
+
+def hull_with_faces(points: Array) -> Hull:
+    """Return the convex hull of `points` (n, 3) as a closed surface of triangles."""
+    hull = ConvexHull(points)
+    index = np.full(len(points), -1, dtype=np.int64)
+    index[hull.vertices] = np.arange(len(hull.vertices))
+    vertices, faces = points[hull.vertices], index[hull.simplices]
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return vertices, faces

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform, inverse
 from planners.perception.camera import Camera
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 
 FEWEST_POINTS = 200
 """Fewer show no table [1]."""

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.cell.asset_files import read_tool_file, shipped_shelf
+from planners.cell.cell import Cell
 from planners.contract.scan_spec import Intrinsics, ScanSpec
 from planners.contract.scene_document import (
     ObjectPart,
@@ -23,25 +25,24 @@ from planners.errors import SceneError
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, to_pose7
 from planners.perception.camera import Camera
-from planners.perception.cloud_file import read_cloud, read_npy
 from planners.perception.depth_view import LARGEST_IMAGE, DepthView
 from planners.perception.marker_board import BoardNotSeen, MarkerBoard, SeenBoard, find_board
-from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import SeenTable, Surroundings, perceive_objects
 from planners.perception.perceived_object import PerceivedObject
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.picture_file import (
+from planners.perception.preview import draw_preview
+from planners.perception.scan_files import (
     LARGEST_ASPECT,
     NPY,
     SHORTEST_SIDE,
+    ScanRefused,
     check_sides,
+    read_cloud,
     read_colour,
     read_depth_png,
+    read_npy,
 )
-from planners.perception.preview import draw_preview
-from planners.perception.refusal import ScanRefused
 from planners.perception.seen_points import SeenPoints
-from planners.scene.asset_files import read_tool_file, shipped_shelf
-from planners.scene.cell import Cell
 from planners.scene.suction_tool import load_tool
 
 PARTS = ("colour", "depth", "cloud")

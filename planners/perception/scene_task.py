@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.cell.cell import Cell
 from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart
 from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform, from_pose7, rotation_z, to_pose7, transform
 from planners.perception.perceived_object import TABLE
-from planners.scene.cell import Cell
 
 CERTAINTY = 2.0
 """Sides are moved out by so many of the uncertainties that are told: 19 of 20 are inside [1]."""

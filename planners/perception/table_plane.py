@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 
 SAMPLE = 20_000
 """So many points decide which plane it is [1]."""

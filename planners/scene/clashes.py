@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from planners.cell.cell import Cell
 from planners.collision.distance import distance
 from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
-from planners.scene.cell import Cell
 
 _IDENTITY = np.eye(4)
 _ROUNDING = 1e-9

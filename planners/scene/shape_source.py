@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.cell.asset_files import known_meshes, read_mesh_asset
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
 from planners.errors import SceneError
-from planners.geometry.convex import ConvexShape
-from planners.geometry.mesh_intake import take_mesh
+from planners.geometry.convex import ConvexShape, enclosing_hull
 from planners.geometry.pose import Array
-from planners.geometry.solid_mesh import SolidMesh
-from planners.scene.asset_files import known_meshes, read_mesh_asset
-from planners.scene.meshes import enclosing_hull
+from planners.geometry.solid_mesh import SolidMesh, take_mesh
 from planners.scene.solid import MeshSolid, Solid, solid_of
 
 PLANNED_SHAPES = ("box", "cylinder", "prism", "mesh")

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
-from planners.geometry import polygon, shapes, surface
-from planners.geometry.convex import ConvexShape
+from planners.geometry import polygon, surface
+from planners.geometry.convex import ConvexShape, box, cylinder, prism
 from planners.geometry.pose import Array, Transform
 
 RIM_POINTS = 96
@@ -253,14 +253,14 @@ def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
         case Box():
             x, y, z = (0.5 * length for length in shape.size)
             outline = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-            return ExtrudedSolid(outline, 2.0 * z, False, shapes.box(shape.size))
+            return ExtrudedSolid(outline, 2.0 * z, False, box(shape.size))
         case Prism():
-            prism = shapes.prism(shape.outline, shape.height)
-            return ExtrudedSolid(np.array(shape.outline), shape.height, False, prism)
+            extruded = prism(shape.outline, shape.height)
+            return ExtrudedSolid(np.array(shape.outline), shape.height, False, extruded)
         case Cylinder():
             angles = 2.0 * math.pi * np.arange(RIM_POINTS) / RIM_POINTS
             rim = shape.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-            return ExtrudedSolid(rim, shape.height, True, shapes.cylinder(shape.radius, shape.height))
+            return ExtrudedSolid(rim, shape.height, True, cylinder(shape.radius, shape.height))
 
 
 def inline_mesh(solid: Solid) -> InlineMesh:

@@ -15,8 +15,7 @@ from scipy.optimize import nnls
 
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body
-from planners.scene.footing import TIP_SLACK, Footing, Unsupported, beyond, find_footing, level_places
-from planners.scene.rest import REST_GAP, Surface
+from planners.scene.rest import REST_GAP, TIP_SLACK, Footing, Surface, Unsupported, beyond, find_footing, level_places
 
 _ROUNDING = 1e-5
 """A body whose centre of mass would have to be shifted by less than this to be balanced is [m]."""

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from planners.cell.asset_files import read_tool_file, shipped_shelf
 from planners.contract.task_spec import CustomTool, ToolPart
 from planners.geometry.pose import Array, Transform, from_pose7
-from planners.scene.asset_files import read_tool_file, shipped_shelf
 from planners.scene.body import Body
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import CompoundSolid, inline_mesh

@@ -9,16 +9,15 @@ from typing import Self
 import numpy as np
 from scipy.spatial import ConvexHull, KDTree
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import ObjectToMove, SuctionToolTask
 from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
-from planners.scene.cell import Cell
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_inside, refuse_overlaps
-from planners.scene.footing import Footing, Unsupported, find_footing, level_places
 from planners.scene.moved_object import MovedObject, symmetry_turns
 from planners.scene.placements import CONTAINMENT_SLACK
-from planners.scene.rest import REST_GAP, Surface
+from planners.scene.rest import REST_GAP, Footing, Surface, Unsupported, find_footing, level_places
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import ExtrudedSolid, Solid
 from planners.scene.standing import Fall, Standing, first_fall

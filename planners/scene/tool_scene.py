@@ -6,18 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
 from planners.errors import SceneError
 from planners.geometry.pose import Array
 from planners.scene.body import Body
-from planners.scene.cell import Cell
 from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
-from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
-from planners.scene.placements import place_obstacle
+from planners.scene.placements import check_names, find_cell, place_obstacle, start_positions
 from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, TOOL_NAME, SuctionTool
-from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_placements import StillBodies, place_objects, place_tool, refuse_overlaps_but_rest
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from planners.geometry.pose import Array, rotation_angle, rotation_x, rotation_z, transform
 from planners.perception.depth_view import DepthView
 from planners.perception.marker_board import BoardNotSeen, MarkerBoard, find_board
-from planners.perception.perceive_objects import Surroundings, perceive_objects
+from planners.perception.object_finder import Surroundings, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
 from tests.benchmarks.tasks import Note
 from tests.support.colour_camera import eye_camera, looking_at, studio, window_round

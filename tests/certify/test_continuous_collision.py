@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planners.cell.cell import Cell
 from planners.certify import CertifySettings, RobotSurfaces
 from planners.certify.collision import CollisionCheck, PairMotion
 from planners.certify.document_view import read_document
@@ -18,7 +19,6 @@ from planners.certify.motion import SegmentMotion, motions_of
 from planners.certify.pairs import pairs_of
 from planners.certify.solids import Solid, solids_of
 from planners.geometry.pose import Transform, rotation_from_vector, to_pose7, transform
-from planners.scene.cell import Cell
 
 Document = dict[str, Any]
 Distance = Callable[[Solid, Transform, Solid, Transform], float]

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
 from planners.certify import RobotSurfaces
 from planners.certify.body_shape import box, convex_part
 from planners.certify.kinematics import ArmKinematics
 from planners.certify.solids import Frame, Solid, capsule, polytope, signed_distance
 from planners.certify.surfaces import LINKS, finger_poses, largest_width, pad_height
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
-from planners.scene.cell import Cell
-from planners.scene.hand import Gripper
 
 Distance = Callable[[Solid, Transform, Solid, Transform], float]
 FRAME = Frame("body", "test")

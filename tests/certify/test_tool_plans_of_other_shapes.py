@@ -12,8 +12,8 @@ from support.tool_plans import QUARTER, Document, block, planned, reference_of_t
 
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify
 from planners.contract.plan_document import check_document
-from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z, to_pose7, transform
+from planners.geometry.solid_mesh import take_mesh
 
 OUTLINE = np.array([[0, 0], [0.12, 0], [0.12, 0.05], [0.05, 0.05], [0.05, 0.10], [0, 0.10]])
 """Of an L [m]."""

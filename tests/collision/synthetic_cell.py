@@ -6,11 +6,9 @@ import math
 
 import numpy as np
 
-from planners.collision.model import CollisionModel
-from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.collision.model import Attached, CollisionModel, Fixed, Placement, Riding, Upright
+from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, convex_hull, cylinder
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, convex_hull, cylinder
 
 UR3E = np.array(
     [

@@ -11,9 +11,8 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from planners.collision.distance import distance
-from planners.geometry.convex import ConvexShape
+from planners.geometry.convex import ConvexShape, box, capsule, convex_hull, cylinder, prism, sphere
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
-from planners.geometry.shapes import box, capsule, convex_hull, cylinder, prism, sphere
 
 
 def random_transform(rng: np.random.Generator, spread: float) -> Transform:

@@ -10,11 +10,9 @@ import pytest
 from numba import njit
 
 from planners.collision.kernel import first_collision, make_scratch, place_frames, set_frame
-from planners.collision.model import CollisionModel, CollisionModelError
-from planners.collision.placement import Attached, Fixed, Riding, Upright
-from planners.geometry.convex import CollisionBody
+from planners.collision.model import Attached, CollisionModel, CollisionModelError, Fixed, Riding, Upright
+from planners.geometry.convex import CollisionBody, box, convex_hull, sphere
 from planners.geometry.pose import rotation_from_vector, transform
-from planners.geometry.shapes import box, convex_hull, sphere
 from tests.collision.coal_scene import CoalScene, world_frames
 from tests.collision.synthetic_cell import ARMS, BOXES, HOME, build_model, excluded_pairs, held, resting
 

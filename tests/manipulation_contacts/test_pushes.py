@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from planners.errors import LiftwrightError
 from planners.geometry.polyhedron import Prism
 from planners.manipulation.pushes import Push, PushSampling, generate_pushes, given_pushes
-from planners.scene.given_holds import GivenPush
+from planners.scene.lift_placements import GivenPush
 
 TIP = 0.010
 SAMPLING = PushSampling()

@@ -11,9 +11,9 @@ import pytest
 from planners.geometry.pose import rotation_x, rotation_z, transform
 from planners.perception.camera import Camera
 from planners.perception.depth_view import LARGEST_IMAGE, DepthView
-from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import SeenTable, Surroundings, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 from tests.support.depth_camera import (
     NOISELESS,
     TABLE_TOP,

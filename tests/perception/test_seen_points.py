@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners.perception.depth_view import DepthView
-from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import SeenTable, Surroundings, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.seen_points import NOBODY, SeenPoints
 from tests.support.depth_camera import TABLE_TOP

@@ -12,8 +12,8 @@ from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.body import Body
 from planners.scene.solid import CompoundSolid, Solid, inline_mesh
 from planners.scene.suction_tool import CupData, SuctionTool
+from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm
-from tests.scene_cell.cell_probe import fcl_distance, fcl_object
 
 Pairs = Callable[[CollisionBody, CollisionBody], bool]
 MARGIN = 0.003

@@ -12,8 +12,7 @@ from planners.regrasp.handovers import HandoverDatabase, build_handovers
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.footing import Footing, find_footing
-from planners.scene.rest import Surface
+from planners.scene.rest import Footing, Surface, find_footing
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
 from tests.regrasp.tool_tasks import TABLE, box, scene_of

@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.tool_plans import FEW, block, few_handovers
 
+from planners.cell.arm import Arm
 from planners.certify import CertifySettings
 from planners.certify.balances import contact_sets
 from planners.certify.document_view import read_document
@@ -33,7 +34,6 @@ from planners.regrasp.handovers import HandoverDatabase
 from planners.regrasp.joint_torque import LadenArm, bearing_branches
 from planners.regrasp.laden_checker import LadenChecker
 from planners.regrasp.tool_segment import SuckedObject
-from planners.scene.arm import Arm
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene
 from tests.kinematics.arm_oracle import PinocchioArm

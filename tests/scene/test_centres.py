@@ -11,14 +11,14 @@ import trimesh
 from geometry.mesh_shapes import angle, file_of
 
 from app.intake import accept_task
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.document_members import document_of
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import read_task
-from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import from_pose7, rotation_x, to_pose7, transform
+from planners.geometry.solid_mesh import take_mesh
 from planners.graph.rejections import Rejections
 from planners.regrasp.tool_plan import ToolOutcome
-from planners.scene.cell import known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.solid import solid_of
 from planners.scene.suction_tool import known_tools, load_tool

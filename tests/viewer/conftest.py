@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planners.scene.cell import Cell, load_cell
+from planners.cell.cell import Cell, load_cell
 from workers.simulation.recorder import UNITS
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from app.viewer.room import FIELD_OF_VIEW, VIEWS
+from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
-from planners.scene.cell import known_cells, load_cell
 
 LAPTOP = 900.0 / 442.0
 """Width over height of the scene on a screen of 1366 x 768."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, to_pose7
 from planners.progress import Progress
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.execution import Execution
 from workers.simulation.outcome import Failure, SimulationOutcome
 from workers.simulation.settings import SimulationSettings

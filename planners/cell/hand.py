@@ -9,21 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from planners.errors import AssetError, LiftwrightError
-from planners.geometry.convex import CollisionBody, ConvexShape
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, cylinder
-from planners.scene.asset_files import (
+from planners.cell.asset_files import (
     AssetShelf,
     GripperFile,
     MeshFile,
     SensorFile,
     StickFile,
     fingerprint,
+    hull_points,
+    mesh_path,
     read_hand_file,
     read_sensor_file,
 )
-from planners.scene.meshes import Hull, enclosing_hull, hull_points, hull_with_faces, mesh_path
+from planners.errors import AssetError, LiftwrightError
+from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder, enclosing_hull
+from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.geometry.surface import Hull, hull_with_faces
 
 TCP_STEP = 1e-3
 """Steps of a gripper's TCP table [m]: interpolated linearly between them, the TCP is right to 2 micrometres."""

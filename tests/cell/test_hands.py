@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from planners.cell.asset_files import shipped_shelf
+from planners.cell.hand import WidthError, load_hand
 from planners.geometry.pose import rotation_x
-from planners.scene.asset_files import shipped_shelf
-from planners.scene.hand import WidthError, load_hand
+from tests.cell.cell_probe import GRIPPER_URDF, mesh_origins, moved, obj_vertices, outside
 from tests.kinematics.arm_oracle import published_urdf
-from tests.scene_cell.cell_probe import GRIPPER_URDF, mesh_origins, moved, obj_vertices, outside
 
 WIDTHS = [0.0, 0.013, 0.04, 0.0731, 0.085]
 MESHES = "grippers/robotiq_2f_85/meshes/collision/robotiq_arg2f_85_{}.obj"

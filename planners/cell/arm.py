@@ -1,19 +1,32 @@
-"""One arm as it comes from its maker: kinematic table, joint limits and links, wherever it is mounted."""
+"""An arm: the robot as it comes from its maker, mounted somewhere, with a hand."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from planners.cell.asset_files import (
+    AssetShelf,
+    LinkFile,
+    LinkName,
+    RobotFile,
+    fingerprint,
+    hull_points,
+    mesh_path,
+    read_robot_file,
+)
+from planners.cell.hand import Gripper, Pusher
 from planners.errors import AssetError
-from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array
+from planners.geometry.convex import CollisionBody, ConvexShape, enclosing_hull
+from planners.geometry.pose import Array, Transform, to_pose7
+from planners.geometry.surface import Hull, hull_with_faces
 from planners.kinematics.inverse import is_ur_type
-from planners.scene.asset_files import AssetShelf, LinkFile, LinkName, RobotFile, fingerprint, read_robot_file
-from planners.scene.meshes import Hull, enclosing_hull, hull_points, hull_with_faces, mesh_path
+from planners.kinematics.joint_torque import WeighedArm
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,3 +132,95 @@ def _link(file: LinkFile, where: str) -> Link:
         raise AssetError(f"{where}: {error}") from error
     points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
     return Link(file.name, points, ConvexShape(enclosing_hull(points)))
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """One arm of a cell. Frame "<name>/i" is its frame after i joints: 0 is the base, 6 the flange."""
+
+    name: str
+    robot: Robot
+    T_world_base: Transform
+    """The controller's base frame."""
+    home: Array
+    """(6,) where the joints rest [rad]."""
+    hand: Gripper | Pusher
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Six names, unique in the cell."""
+        return tuple(f"{self.name}_{joint}" for joint in self.robot.joint_names)
+
+    @property
+    def dh(self) -> Array:
+        """(6, 4) columns a, alpha, d, theta0 [m, rad]."""
+        return self.robot.dh
+
+    @property
+    def position_min(self) -> Array:
+        """(6,) [rad]."""
+        return self.robot.position_min
+
+    @property
+    def position_max(self) -> Array:
+        """(6,) [rad]."""
+        return self.robot.position_max
+
+    @property
+    def velocity_max(self) -> Array:
+        """(6,) [rad/s]."""
+        return self.robot.velocity_max
+
+    @property
+    def acceleration_max(self) -> Array:
+        """(6,) [rad/s^2]."""
+        return self.robot.acceleration_max
+
+    @property
+    def torque_max(self) -> Array:
+        """(6,) [Nm]."""
+        return self.robot.torque_max
+
+    @cached_property
+    def masses(self) -> Array:
+        """(7, 4) of the six links that move, then of the hand: mass [kg], and centre of mass [m].
+
+        Link i is in frame i + 1, the hand in frame 6, the flange.
+        """
+        return np.vstack([self.robot.masses, [self.hand.mass, *self.hand.com]])
+
+    def weighed(self, gravity: Array) -> WeighedArm:
+        """Return what joint torques follow from; `gravity` is (3,) in the world [m/s^2]."""
+        return WeighedArm(self.dh, self.T_world_base, self.masses, np.asarray(gravity, dtype=float))
+
+    @property
+    def spare_payload(self) -> float:
+        """Largest mass that the hand may carry: the payload less what is mounted on the flange [kg]."""
+        return self.robot.payload - self.hand.mass
+
+    def link_bodies(self) -> tuple[CollisionBody, ...]:
+        """Return the links "<name>_base" to "<name>_wrist_3"; link i is in frame "<name>/i"."""
+        return tuple(
+            CollisionBody(f"{self.name}_{link.name}", self.name, f"{self.name}/{i}", (link.shape,))
+            for i, link in enumerate(self.robot.links)
+        )
+
+    def hand_bodies(self, width: float | None) -> tuple[CollisionBody, ...]:
+        """Return the bodies of the hand; `width` is the opening of a gripper [m], the widest when None."""
+        if isinstance(self.hand, Pusher):
+            return self.hand.bodies(self.name)
+        return self.hand.bodies(self.name, self.hand.width_max if width is None else width)
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of a plan document's `cell.arms`."""
+        return {
+            "base": to_pose7(self.T_world_base),
+            "dh": self.dh.tolist(),
+            "position_min": self.position_min.tolist(),
+            "position_max": self.position_max.tolist(),
+            "velocity_max": self.velocity_max.tolist(),
+            "acceleration_max": self.acceleration_max.tolist(),
+            "torque_max": self.torque_max.tolist(),
+            "links": [{"mass": mass, "com": com} for mass, *com in self.robot.masses.tolist()],
+            "payload": self.robot.payload,
+        }

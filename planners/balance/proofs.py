@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.balanced import UnbalanceProof
+from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
 from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.solver import PROOF_MARGIN, Balance
-from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.geometry.pose import Array
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
+from planners.cell.cell import Cell
 from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.geometry.surface import hull_with_faces
 from planners.kinematics.forward import link_frames
-from planners.scene.cell import Cell
-from planners.scene.meshes import hull_with_faces
 from tests.kinematics.arm_oracle import MODELS, published_urdf
 
 ARM_URDF = "arms/ur3e/ur3e.urdf"

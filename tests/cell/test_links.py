@@ -7,12 +7,12 @@ import pinocchio as pin
 import pytest
 from scipy.spatial import ConvexHull
 
-from planners.scene.asset_files import shipped_shelf
-from planners.scene.cell import load_cell
-from planners.scene.meshes import HullSettings, enclosing_hull
-from planners.scene.robot import load_robot
+from planners.cell.arm import load_robot
+from planners.cell.asset_files import shipped_shelf
+from planners.cell.cell import load_cell
+from planners.geometry.convex import HullSettings, enclosing_hull
+from tests.cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
 from tests.kinematics.arm_oracle import published_urdf
-from tests.scene_cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
 
 URDF_LINKS = {
     "base": ("base_link_inertia", "base"),

@@ -11,12 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from planners.errors import AssetError
-from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Array, Transform, transform
-from planners.geometry.shapes import box
-from planners.scene.arm import Arm
-from planners.scene.asset_files import (
+from planners.cell.arm import Arm, load_robot
+from planners.cell.asset_files import (
     ARM_NAMES,
     AssetShelf,
     BoxFile,
@@ -29,8 +25,10 @@ from planners.scene.asset_files import (
     read_mount_file,
     shipped_shelf,
 )
-from planners.scene.hand import Gripper, Pusher, load_hand
-from planners.scene.robot import load_robot
+from planners.cell.hand import Gripper, Pusher, load_hand
+from planners.errors import AssetError
+from planners.geometry.convex import CollisionBody, box
+from planners.geometry.pose import Array, Transform, transform
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
+from planners.cell.arm import Arm
+from planners.cell.hand import Gripper
 from planners.geometry.pose import Array
-from planners.scene.arm import Arm
-from planners.scene.hand import Gripper
 
 SLACK = 0.010
 """Added to what an arm spans [m]: more than all tolerances of where bodies rest, are held and end."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from planners.cell.arm import Arm
+from planners.cell.arm_span import SLACK, ArmSpan, out_of_reach
+from planners.cell.cell import known_cells, load_cell
+from planners.cell.hand import Gripper
 from planners.certify.arm_span import reach_bound
 from planners.certify.document_view import read_document
 from planners.certify.kinematics import ArmKinematics
-from planners.scene.arm import Arm
-from planners.scene.arm_span import SLACK, ArmSpan, out_of_reach
-from planners.scene.cell import known_cells, load_cell
-from planners.scene.hand import Gripper
 
 ARMS = [arm for name in known_cells() for arm in load_cell(name).arms.values()]
 
