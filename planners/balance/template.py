@@ -115,7 +115,7 @@ class Columns:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The contacts, in this order; see `ContactWrench.name`."""
+        """The contacts, in this order; see `Balanced.contacts`."""
         fingers = () if self.grip is None else ("grip_0", "grip_1")
         push = ("push",) if self.push is not None else ()
         return (*fingers, *push, *(f"environment_{index}" for index in range(len(self.environment))), "cup")

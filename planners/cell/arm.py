@@ -24,7 +24,6 @@ from planners.cell.hand import Gripper, Pusher
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody, ConvexShape, enclosing_hull
 from planners.geometry.pose import Array, Transform, to_pose7
-from planners.geometry.surface import Hull, hull_with_faces
 from planners.kinematics.inverse import is_ur_type
 from planners.kinematics.joint_torque import WeighedArm
 
@@ -63,10 +62,6 @@ class Robot:
     """[m]"""
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
-
-    def link_hulls(self) -> dict[LinkName, Hull]:
-        """Return the unsimplified convex hull of each link, in the frame that the link moves with."""
-        return {link.name: hull_with_faces(link.points) for link in self.links}
 
 
 def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
@@ -190,7 +185,7 @@ class Arm:
         return np.vstack([self.robot.masses, [self.hand.mass, *self.hand.com]])
 
     def weighed(self, gravity: Array) -> WeighedArm:
-        """Return what joint torques follow from; `gravity` is (3,) in the world [m/s^2]."""
+        """Return the arm as compiled code weighs it; `gravity` is (3,) in the world [m/s^2]."""
         return WeighedArm(self.dh, self.T_world_base, self.masses, np.asarray(gravity, dtype=float))
 
     @property

@@ -27,7 +27,7 @@ from planners.cell.asset_files import (
 )
 from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.errors import AssetError
-from planners.geometry.convex import CollisionBody, box
+from planners.geometry.convex import CollisionBody, box, sorted_pair
 from planners.geometry.pose import Array, Transform, transform
 
 
@@ -147,7 +147,7 @@ class Cell:
         """
         bodies = self.collision_bodies()
         pairs = itertools.combinations(bodies, 2)
-        return frozenset(_sorted(a.name, b.name) for a, b in pairs if _never_collide(a.frame, b.frame))
+        return frozenset(sorted_pair(a.name, b.name) for a, b in pairs if _never_collide(a.frame, b.frame))
 
     def body_documents(self) -> dict[str, dict[str, Any]]:
         """Return the entries of the table and the platform in a plan document's `bodies`."""
@@ -252,10 +252,6 @@ def _columns(frame: FrameFile) -> list[StaticBox]:
     size = np.array([frame.profile, frame.profile, frame.height])
     centers = [np.array([x, y, 0.5 * frame.height]) for x, y in frame.columns]
     return [StaticBox(f"frame_{i}", "frame", center, size) for i, center in enumerate(centers)]
-
-
-def _sorted(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)
 
 
 def _never_collide(frame_a: str, frame_b: str) -> bool:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.collision.distance import Indices, core_bounds, face_gap, relative_transform
+from planners.collision.distance import Cores, Indices, core_bounds, face_gap, relative_transform
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 
@@ -34,20 +34,13 @@ MAX_DEPTH = 24
 class CollisionKernel(NamedTuple):
     """Everything a query needs: shapes, arms, placements, pairs. Indices are int32, numbers float64."""
 
-    vertices: Array
-    """(v, 3), all shapes' vertices, each in its own frame."""
-    vertex_range: Indices
-    """(s, 2), first vertex of a shape and end."""
+    cores: Cores
     radius: Array
     """(s,), what grows each shape."""
     spheres: Array
     """(s, 4), centre in the frame of the shape and radius of a ball around it (its growth included)."""
     boxes: Array
     """(s, 6), centre and half extents, along the axes of its frame, of a box around its core."""
-    normals: Array
-    """(n, 3), normals of the faces of all cores, outward, each in its own frame."""
-    normal_range: Indices
-    """(s, 2), first normal of a shape and end."""
     shape_frame: Indices
     """(s,)"""
     dh: Array
@@ -190,23 +183,10 @@ def core_gap(kernel: CollisionKernel, pair: int, near: float, far: float, scratc
     f, g = int(kernel.shape_frame[a]), int(kernel.shape_frame[b])
     _start_axis(scratch.axis, pair, scratch.centers, a, b, scratch.frames, f)
     relative_transform(scratch.frames, f, g, scratch.T_a_b)
-    lower, _ = core_bounds(
-        kernel.vertices, kernel.vertex_range, a, b, scratch.T_a_b, near, far, scratch.axis, pair, scratch.simplex
-    )
+    axis = scratch.axis[pair]
+    lower, _ = core_bounds(kernel.cores, a, b, scratch.T_a_b, near, far, axis, scratch.simplex)
     if near < 0.0 and lower <= far:
-        lower = face_gap(
-            kernel.vertices,
-            kernel.vertex_range,
-            kernel.normals,
-            kernel.normal_range,
-            a,
-            b,
-            scratch.T_a_b,
-            lower,
-            far,
-            scratch.axis,
-            pair,
-        )
+        lower = face_gap(kernel.cores, a, b, scratch.T_a_b, lower, far, axis)
     return lower
 
 

@@ -119,7 +119,7 @@ class _Solid:
         return [side for side in (low, high) if side is not None]
 
     def _cost(self, cell: _Cell, plane: Array) -> tuple[float, float]:
-        """Return the volume of both hulls over that before, and how uneven they are where that ties."""
+        """Return the volume of both hulls over that of the cell's [1], and for ties the larger of the two [m³]."""
         volumes = []
         for planes, triangles in self._sides(cell, plane):
             points = np.vstack([triangles.reshape(-1, 3), self._corners_inside(planes)])
@@ -159,10 +159,10 @@ class _Solid:
             if np.all(planes[:, :3] @ corner <= planes[:, 3] + self.rounding):
                 corners.append(corner)
         points = np.array(corners).reshape(-1, 3)
-        return points[winding_numbers(self.vertices, self.faces, points) > 0.5]
+        return points[winding_numbers(self.vertices[self.faces], points) > 0.5]
 
     def _excess(self, hull: ConvexHull) -> tuple[float, Array]:
-        """Return how far a hull reaches beyond the solid, and where."""
+        """Return how far a hull reaches beyond the solid [m], and the (3,) point where it does."""
         probes = self._probes(hull)
         distances, near = (np.asarray(found) for found in self.tree.query(probes, k=min(8, len(self.samples))))
         heights = np.einsum("pki,pki->pk", probes[:, None] - self.samples[near], self.normals[near])
@@ -172,7 +172,7 @@ class _Solid:
         for k in candidates[: self.settings.verified]:
             if distances[k, 0] <= excess:
                 break
-            if winding_numbers(self.vertices, self.faces, probes[k][None])[0] < 0.5:
+            if winding_numbers(self.vertices[self.faces], probes[k][None])[0] < 0.5:
                 nearest = distance(self.vertices, self.faces[self.owners[near[k]]], probes[k])
                 if nearest > excess:
                     excess, farthest = nearest, probes[k]

@@ -55,6 +55,17 @@ def convex_outline(corners: Sequence[Sequence[float]] | Array) -> Array:
     return outline
 
 
+def rectangle(x: float, y: float) -> Array:
+    """Return the (4, 2) corners of a rectangle about the origin along the axes [m]; corner 0 is at -x, -y."""
+    return 0.5 * np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+
+
+def circle(radius: float, count: int) -> Array:
+    """Return (count, 2) points on a circle about the origin [m]; point 0 is at +x."""
+    angles = 2.0 * math.pi * np.arange(count) / count
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
 def side_lengths(outline: Array) -> Array:
     """Return the (n,) lengths of the sides [m]."""
     return np.linalg.norm(_sides(outline), axis=1)

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from planners.geometry.convex_cover import CoverSettings, cover
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, read_mesh_file
 from planners.geometry.pose import Array
-from planners.geometry.surface import Faces, centroid, triangle_normals, volume, winding_numbers
+from planners.geometry.surface import Faces, centroid, shared_sides, triangle_normals, volume, winding_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ def take_mesh(content: bytes, file_format: MeshFormat, settings: CoverSettings |
 
 
 def repaired(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
-    """Return a closed surface of one solid, outward.
+    """Make triangles the closed, outward surface of one solid.
 
     Raises:
         MeshRefused: It is open, not a surface, in several pieces, flat, or goes through itself.
@@ -135,7 +135,7 @@ def _merged(vertices: Array, faces: Faces) -> tuple[Array, Faces]:
 
 
 def _renumbered(faces: Faces) -> tuple[Faces, Faces]:
-    """Return the numbers of the vertices that triangles have, and the triangles by their places among them."""
+    """Return the vertex numbers (k,) that triangles use, and the triangles (m, 3) in terms of places in that list."""
     used, places = np.unique(faces, return_inverse=True)
     return used, places.reshape(-1, 3).astype(np.int64)
 
@@ -146,18 +146,15 @@ def _neighbours(faces: Faces) -> Faces:
     Raises:
         MeshRefused: An edge does not belong to two triangles, or the triangles are not connected.
     """
-    sides = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    owners = np.tile(np.arange(len(faces)), 3)
-    forward = sides[:, 0] < sides[:, 1]
-    edges, number, count = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
-    number = number.reshape(-1)
+    sides, bounds = shared_sides(faces)
+    count = np.diff(bounds)
     if np.any(count == 1):
         raise MeshRefused(f"the mesh is open: {int(np.sum(count == 1))} edges belong to one triangle only")
     if np.any(count > 2):
         raise MeshRefused(f"the mesh is no surface: {int(np.sum(count > 2))} edges belong to more than two triangles")
-    order = np.argsort(number, kind="stable").reshape(len(edges), 2)
-    same_way = forward[order[:, 0]] == forward[order[:, 1]]
-    rows = np.column_stack([owners[order], same_way]).astype(np.int64)
+    pairs = sides.reshape(-1, 2)
+    same_way = faces.ravel()[pairs[:, 0]] == faces.ravel()[pairs[:, 1]]
+    rows = np.column_stack([pairs // 3, same_way]).astype(np.int64)
     graph = coo_array((np.ones(len(rows)), (rows[:, 0], rows[:, 1])), shape=(len(faces), len(faces)))
     pieces, _ = connected_components(graph, directed=False)
     if pieces > 1:
@@ -200,8 +197,8 @@ def _refuse_crossings(vertices: Array, faces: Faces, diagonal: float) -> None:
     spread = largest[np.unique(np.linspace(0, len(largest) - 1, CROSSING_PROBES).astype(int))]
     spread = spread[areas[spread] > SHARPEST * diagonal**2]
     middles, away = vertices[faces[spread]].mean(axis=1), PROBE_DISTANCE * diagonal * normals[spread]
-    front = winding_numbers(vertices, faces, middles + away)
-    behind = winding_numbers(vertices, faces, middles - away)
+    front = winding_numbers(vertices[faces], middles + away)
+    behind = winding_numbers(vertices[faces], middles - away)
     if np.any(np.abs(front) > 0.5) or np.any(np.abs(behind - 1.0) > 0.5):
         raise MeshRefused("the mesh goes through itself, or has places thinner than can be told")
 
@@ -211,7 +208,7 @@ _HALF_AROUND = tuple(step for step in itertools.product((-1, 0, 1), repeat=3) if
 
 
 def clusters(points: Array, radius: float) -> NDArray[np.int64]:
-    """Return the number of the cluster that each of the (n, 3) points is in, counted in order of their first points.
+    """Number the clusters of points in the order of their first points, and return each point's: (n,).
 
     Points no farther apart than `radius` are in one cluster, and so are all that a chain of such steps leads to. A
     step of a cluster is never longer than 2 sqrt(3) radii; whether one between these two lengths is taken is not
@@ -219,7 +216,7 @@ def clusters(points: Array, radius: float) -> NDArray[np.int64]:
     much as sorting the points, also where they coincide and have n² pairs.
 
     Args:
-        points: finite, at least one, and spread over no more than a million radii.
+        points: (n, 3), finite, at least one, and spread over no more than a million radii.
         radius: positive, in the unit of the points.
     """
     cubes = np.floor((points - points.min(axis=0)) / radius).astype(np.int64)
@@ -235,7 +232,7 @@ def clusters(points: Array, radius: float) -> NDArray[np.int64]:
 
 
 def _touching(occupied: NDArray[np.int64], step: int) -> NDArray[np.int64]:
-    """Return which of the occupied cubes, sorted, have an occupied one a step away, and which that is: (2, k)."""
+    """Return (2, k) places in the sorted numbers of occupied cubes: of a cube, and of the one that is `step` away."""
     places = np.searchsorted(occupied, occupied + step)
     there = np.flatnonzero(places < len(occupied))
     there = there[occupied[places[there]] == occupied[there] + step]

@@ -22,6 +22,7 @@ from planners.contract.scene_document import (
     UnrecognisedPart,
 )
 from planners.errors import SceneError
+from planners.geometry import polygon
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, to_pose7
 from planners.perception.camera import Camera
@@ -170,8 +171,7 @@ def _find_tool(scan: ScanSpec, picture: NDArray[np.uint8], notes: list[str]) -> 
 def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) -> Surroundings:
     """Collect what is known: the cell's own bodies, the tool where it was seen, else in its rest."""
     (table,) = (box for box in cell.boxes if box.name == "table")
-    x, y = 0.5 * table.size[:2]
-    workspace = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) + table.center[:2]
+    workspace = polygon.rectangle(table.size[0], table.size[1]) + table.center[:2]
     bodies: list[ConvexShape] = [shape for body in cell.bodies if body.name != "table" for shape in body.shapes]
     if T_world_tool is None and cell.tool_rest is not None:
         T_world_tool = cell.tool_rest.T_world_tool

@@ -197,10 +197,9 @@ def _goal_outline(given: Any) -> Array | None:
         return None
     match shape:
         case {"type": "box", "size": [x, y, z]} if all(_is_number(side) for side in (x, y, z)):
-            corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) * 0.5
+            corners = polygon.rectangle(x, y)
         case {"type": "cylinder", "radius": r, "height": h} if _is_number(r) and _is_number(h):
-            angles = 2.0 * math.pi * np.arange(24) / 24
-            corners = r * np.column_stack([np.cos(angles), np.sin(angles)])
+            corners = polygon.circle(r, 24)
         case _:
             return None
     return corners @ T[:2, :2].T + T[:2, 3]
@@ -227,7 +226,7 @@ def _settled_tool(tool: SeenToolPart, cell: Cell) -> Transform:
 
 
 def _clearances(parts: Sequence[ObjectPart]) -> dict[str, float]:
-    """Return how far each object's sides are moved out, by name [m]: as uncertain as they are, where there is room."""
+    """Return the clearance of each object's sides, by name [m]: their uncertainty, or what a neighbour leaves of it."""
     rings = {part.name: _ring(part) for part in parts}
     clearances = {}
     for part in parts:
@@ -254,11 +253,7 @@ def _size(part: ObjectPart) -> tuple[float, float, float]:
 
 def _ring(part: ObjectPart) -> Array:
     x, y, _ = _size(part)
-    if part.shape.type == "box":
-        corners = 0.5 * np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-    else:
-        angles = 2.0 * math.pi * np.arange(48) / 48
-        corners = 0.5 * x * np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = polygon.rectangle(x, y) if part.shape.type == "box" else polygon.circle(0.5 * x, 48)
     T = from_pose7(part.pose)
     return corners @ T[:2, :2].T + T[:2, 3]
 
@@ -273,7 +268,7 @@ def _gap(a: Array, b: Array) -> float:
 
 
 def _beyond(outline: Array, points: Array) -> float:
-    """Return how far the side of an outline that most of all keeps (n, 2) points away does so [m]."""
+    """Return the largest distance [m] by which a single side of a convex outline (k, 2) parts points (n, 2) from it."""
     offsets = (points[:, None, :] - outline[None, :, :]) * polygon.inward_normals(outline)[None, :, :]
     return float(-offsets.sum(axis=2).max(axis=0).min())
 
@@ -292,8 +287,7 @@ def _obstacles(left: Sequence[Standing], scene: SceneDocument, cell: Cell) -> li
 
 def _simple(outline: Array) -> Array:
     """Return a convex outline with few corners round a convex outline: the lines that touch it in even directions."""
-    angles = 2.0 * math.pi * np.arange(OUTLINE_CORNERS) / OUTLINE_CORNERS
-    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    normals = polygon.circle(1.0, OUTLINE_CORNERS)
     reach = (outline @ normals.T).max(axis=0) + 1e-3
     following, reached = np.roll(normals, -1, axis=0), np.roll(reach, -1)
     determinant = normals[:, 0] * following[:, 1] - normals[:, 1] * following[:, 0]

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 from planners.cell.cell import Cell
 from planners.collision.distance import distance
 from planners.errors import SceneError
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 
@@ -112,7 +112,7 @@ def first_overlap(
 ) -> tuple[PlacedBody, PlacedBody] | None:
     """Return the first pair, in the order given, that touches or overlaps, as `refuse_overlaps` checks them."""
     pairs = _near(group, others, 0.0)
-    return next(((a, b) for a, b in pairs if _sorted_names(a, b) not in allowed and gap(a, b) <= 0.0), None)
+    return next(((a, b) for a, b in pairs if sorted_pair(a.name, b.name) not in allowed and gap(a, b) <= 0.0), None)
 
 
 def refuse_inside(
@@ -164,8 +164,8 @@ def gaps_below(
     bodies: Sequence[PlacedBody], within: float, pairs: Container[tuple[str, str]]
 ) -> dict[tuple[str, str], float]:
     """Return the gaps [m] of those sorted pairs of names that are closer together than `within` [m]."""
-    near = ((a, b) for a, b in _near(bodies, bodies, within) if _sorted_names(a, b) in pairs)
-    gaps = {_sorted_names(a, b): gap(a, b) for a, b in near}
+    near = ((a, b) for a, b in _near(bodies, bodies, within) if sorted_pair(a.name, b.name) in pairs)
+    gaps = {sorted_pair(a.name, b.name): gap(a, b) for a, b in near}
     return {names: width for names, width in gaps.items() if width < within}
 
 
@@ -186,7 +186,3 @@ def _near(
     if group is others:
         near = np.triu(near, k=1)
     yield from ((group[i], others[j]) for i, j in np.argwhere(near))
-
-
-def _sorted_names(a: PlacedBody, b: PlacedBody) -> tuple[str, str]:
-    return (a.name, b.name) if a.name < b.name else (b.name, a.name)

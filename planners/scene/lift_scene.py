@@ -17,6 +17,7 @@ from planners.contract.task_spec import (
 )
 from planners.errors import SceneError
 from planners.geometry import polygon
+from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body, Plate
 from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
@@ -60,8 +61,6 @@ class PlateLiftScene:
     """What the plate rests on."""
     support_top: float
     """Height of the surface that the plate rests on [m]."""
-    support_outline: Array
-    """(n, 2) that surface in the world, counter-clockwise [m]."""
     cup: SuctionCup
     lifter_model: Literal["paper", "cable"]
     friction: PlateLiftFriction
@@ -121,7 +120,6 @@ def build_lift_scene(
         support=support,
         support_name="support" if surface.name == "support" else "table",
         support_top=surface.height,
-        support_outline=surface.outline,
         cup=place_cup(task.cup, plate, lifter),
         lifter_model=task.lifter_model,
         friction=task.friction,
@@ -187,7 +185,7 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     cup = [_placed(scene.cup.body, "/cup/position")]
     cable = [_placed(scene.cup.cable, "/cup/position")]
     arms = placed_arms(cell, scene.start_positions, scene.start_widths)
-    resting = {_sorted_pair("plate", scene.support_name)}
+    resting = {sorted_pair("plate", scene.support_name)}
     excess = {body.name: body.solid.excess for body in scene.bodies()}
     refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess)
     refuse_overlaps(plate, [*fixed, *support, *obstacles], resting)
@@ -200,7 +198,3 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
 
 def _placed(body: Body, pointer: str) -> PlacedBody:
     return placed_body(body.collision_body(), body.T_world_body, pointer)
-
-
-def _sorted_pair(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)

@@ -52,9 +52,10 @@ def face_tilt(face: FlatFace, T_world_body: Transform) -> float:
 
 
 def scalar_last_hint(T_world_body: Transform) -> str:
-    """Return a question to end a refusal with, if a body that does not stand upright would with w last; else nothing.
+    """Return a question about the order of a quaternion's components, for the end of a refusal; or an empty text.
 
-    With w first, a yaw written as x, y, z, w turns the body over about an axis across its x axis.
+    It is asked where the body would stand upright with w last: a yaw written as x, y, z, w turns the body over, about
+    an axis across its x axis, when it is read with w first.
     """
     w, x, *_ = to_pose7(T_world_body)[3:]
     upright = T_world_body[2, 2] >= math.cos(REST_TILT)

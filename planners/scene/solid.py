@@ -251,15 +251,13 @@ def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
     """Build the solid of a shape of the contract; both have the same frame."""
     match shape:
         case Box():
-            x, y, z = (0.5 * length for length in shape.size)
-            outline = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-            return ExtrudedSolid(outline, 2.0 * z, False, box(shape.size))
+            x, y, z = shape.size
+            return ExtrudedSolid(polygon.rectangle(x, y), z, False, box(shape.size))
         case Prism():
             extruded = prism(shape.outline, shape.height)
             return ExtrudedSolid(np.array(shape.outline), shape.height, False, extruded)
         case Cylinder():
-            angles = 2.0 * math.pi * np.arange(RIM_POINTS) / RIM_POINTS
-            rim = shape.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+            rim = polygon.circle(shape.radius, RIM_POINTS)
             return ExtrudedSolid(rim, shape.height, True, cylinder(shape.radius, shape.height))
 
 

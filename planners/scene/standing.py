@@ -54,7 +54,7 @@ def first_fall(bodies: Sequence[Body], footings: Sequence[Footing]) -> Fall | No
 
 
 class Standing:
-    """Asks of many arrangements of the same bodies whether they stand; what one is asked helps with the next."""
+    """Decides of many arrangements of the same bodies whether they stand, and keeps what arrangements share."""
 
     def __init__(self, still: Sequence[Surface]) -> None:
         """Take the level places of what never moves."""

@@ -12,6 +12,8 @@ from scipy.spatial import ConvexHull, KDTree
 from planners.cell.cell import Cell
 from planners.contract.task_spec import ObjectToMove, SuctionToolTask
 from planners.errors import SceneError
+from planners.geometry import polygon
+from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_inside, refuse_overlaps
@@ -146,7 +148,7 @@ def refuse_overlaps_but_rest(
     Raises:
         BodiesOverlap: for a pair that overlaps.
     """
-    resting = frozenset(_sorted_pair(name, support) for name, below in supports.items() for support in below)
+    resting = frozenset(sorted_pair(name, support) for name, below in supports.items() for support in below)
     refuse_overlaps(group, [other for other in others if other not in group], resting, when)
     refuse_overlaps(group, group, resting, when)
     by_name = {other.name: other for other in (*others, *group)}
@@ -291,10 +293,5 @@ def _changes_nothing(body: Body, turn: Transform) -> bool:
 
 
 def _top_of_box(name: str, center: Array, size: Array) -> Surface:
-    x, y, z = 0.5 * size
-    corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) + center[:2]
-    return Surface(name, float(center[2] + z), corners)
-
-
-def _sorted_pair(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)
+    corners = polygon.rectangle(size[0], size[1]) + center[:2]
+    return Surface(name, float(center[2] + 0.5 * size[2]), corners)

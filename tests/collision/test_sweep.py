@@ -11,10 +11,10 @@ from scipy.spatial.distance import cdist
 from planners.collision.kernel import make_scratch, place_center, place_frames
 from planners.collision.model import Attached, CollisionModel, Fixed, Riding, Upright
 from planners.collision.sweep import bound_travel
-from planners.geometry.convex import CollisionBody, box, capsule, sphere
+from planners.geometry.convex import CollisionBody, box, capsule
 from planners.geometry.pose import frame_from_z, transform
 from tests.collision.coal_scene import world_frames
-from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting
+from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting, sphere
 
 STEP = 0.002
 """Of the dense sampling [rad]."""
