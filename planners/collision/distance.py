@@ -235,7 +235,7 @@ def core_bounds(
     b_start, b_end = cores.vertex_range[b, 0], cores.vertex_range[b, 1]
     nx, ny, nz = axis[0], axis[1], axis[2]
     lower, upper = -math.inf, math.inf
-    count = 0
+    count = int(np.int64(0))
     for _ in range(MAX_ITERATIONS):
         i = support(vertices, a_start, a_end, nx, ny, nz)
         j = support(

@@ -179,8 +179,9 @@ def core_gap(kernel: CollisionKernel, pair: int, near: float, far: float, scratc
     The frames and centres of both shapes are in place. Where `near` is negative the bound may be too: the cores then
     overlap by no more than its size.
     """
-    a, b = int(kernel.pairs[pair, 0]), int(kernel.pairs[pair, 1])
-    f, g = int(kernel.shape_frame[a]), int(kernel.shape_frame[b])
+    # One width of integers, so that what follows is compiled once.
+    a, b = int(np.int64(kernel.pairs[pair, 0])), int(np.int64(kernel.pairs[pair, 1]))
+    f, g = int(np.int64(kernel.shape_frame[a])), int(np.int64(kernel.shape_frame[b]))
     _start_axis(scratch.axis, pair, scratch.centers, a, b, scratch.frames, f)
     relative_transform(scratch.frames, f, g, scratch.T_a_b)
     axis = scratch.axis[pair]

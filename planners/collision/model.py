@@ -16,7 +16,7 @@ from planners.collision.kernel import (
     first_collisions,
 )
 from planners.collision.pairing import choose_pairs, pair_columns, pair_margins, used_shapes
-from planners.collision.sweep import sweep_edge, sweep_path
+from planners.collision.sweep import edge_collision, path_collision
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape, NamePair, sorted_pair
 from planners.geometry.pose import Array, Transform, transform
@@ -97,12 +97,12 @@ class CollisionQuery:
 
     def edge(self, q_from: Array, q_to: Array) -> EdgeResult:
         """Check a straight joint motion, ends included (`planners.collision.sweep.edge_collision`)."""
-        pair, fraction = sweep_edge(self.kernel, np.array(q_from, dtype=float), np.array(q_to, dtype=float))
+        pair, fraction = edge_collision(self.kernel, np.array(q_from, dtype=float), np.array(q_to, dtype=float))
         return EdgeResult(pair < 0, fraction, pair)
 
     def path(self, Q: Array) -> EdgeResult:
         """Check the polyline through the configurations (n, 6 per arm) [rad], ends included."""
-        pair, k, fraction = sweep_path(self.kernel, np.ascontiguousarray(Q, dtype=float))
+        pair, k, fraction = path_collision(self.kernel, np.ascontiguousarray(Q, dtype=float))
         return EdgeResult(pair < 0, k + fraction, pair)
 
     def pair_names(self, pair: int) -> NamePair:

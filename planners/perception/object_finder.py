@@ -38,7 +38,7 @@ COARSEST = 0.008
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class KnownPlace:
     """What is known of the place before anybody looks."""
 
     table_height: float | None = None
@@ -60,7 +60,7 @@ class SeenTable:
 
 
 def perceive_objects(
-    view: DepthView, surroundings: Surroundings, settings: PerceptionSettings, rng: np.random.Generator
+    view: DepthView, place: KnownPlace, settings: PerceptionSettings, rng: np.random.Generator
 ) -> SeenTable:
     """Find the table and the objects on it.
 
@@ -68,14 +68,14 @@ def perceive_objects(
         ScanRefused: There is no table to be seen, or its pixels are too far apart.
     """
     points = view.points()
-    plane = find_table(points[np.isfinite(view.depth)], view.eye, surroundings.table_height, settings, rng)
+    plane = find_table(points[np.isfinite(view.depth)], view.eye, place.table_height, settings, rng)
     pitch = pitch_at_table(view, plane)
     if pitch > COARSEST:
         detail = f"the image's pixels are {1e3 * pitch:.1f} mm apart on the table, more than {1e3 * COARSEST:g} mm"
         raise ScanRefused("depth", detail)
     view = view.thinned(max(1, round(settings.pitch / pitch)))
-    relief = Relief.of(view, plane, _known(view, surroundings.bodies, settings), settings)
-    return SeenTable(plane, find_objects(relief, surroundings.workspace, settings), view)
+    relief = Relief.of(view, plane, _known(view, place.bodies, settings), settings)
+    return SeenTable(plane, find_objects(relief, place.workspace, settings), view)
 
 
 def _known(view: DepthView, bodies: Sequence[ConvexShape], settings: PerceptionSettings) -> Mask:

@@ -28,7 +28,7 @@ from planners.geometry.pose import Array, Transform, from_pose7, inverse, to_pos
 from planners.perception.camera import Camera
 from planners.perception.depth_view import LARGEST_IMAGE, DepthView
 from planners.perception.marker_board import BoardNotSeen, MarkerBoard, SeenBoard, find_board
-from planners.perception.object_finder import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import KnownPlace, SeenTable, perceive_objects
 from planners.perception.perceived_object import PerceivedObject
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.preview import draw_preview
@@ -84,10 +84,10 @@ def perceive(
     notes: list[str] = []
     picture = read_colour(files["colour"]) if "colour" in files else None
     tool = None if picture is None else _find_tool(scan, picture, notes)
-    surroundings = _surroundings(scan, cell, None if tool is None else tool[1])
+    place = _known_place(scan, cell, None if tool is None else tool[1])
     try:
         view = _view(scan, files)
-        seen = None if view is None else perceive_objects(view, surroundings, settings, np.random.default_rng(SEED))
+        seen = None if view is None else perceive_objects(view, place, settings, np.random.default_rng(SEED))
     except ScanRefused as refused:
         # What looks at a view does not know whether an image or a cloud became it.
         raise ScanRefused("depth" if scan.cloud is None else "cloud", refused.detail) from refused
@@ -168,7 +168,7 @@ def _find_tool(scan: ScanSpec, picture: NDArray[np.uint8], notes: list[str]) -> 
     return seen, seen.T_world_board @ inverse(from_pose7(markers.pose))
 
 
-def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) -> Surroundings:
+def _known_place(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) -> KnownPlace:
     """Collect what is known: the cell's own bodies, the tool where it was seen, else in its rest."""
     (table,) = (box for box in cell.boxes if box.name == "table")
     workspace = polygon.rectangle(table.size[0], table.size[1]) + table.center[:2]
@@ -177,7 +177,7 @@ def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) ->
         T_world_tool = cell.tool_rest.T_world_tool
     if scan.tool is not None and T_world_tool is not None:
         bodies += [part.placed(T_world_tool) for part in load_tool(scan.tool).body.solid.convex_parts]
-    return Surroundings(cell.table_top, workspace, bodies)
+    return KnownPlace(cell.table_top, workspace, bodies)
 
 
 def _tool_part(scan: ScanSpec, board: SeenBoard, T_world_tool: Transform) -> SeenToolPart:

@@ -47,7 +47,7 @@ NAMED = ("shape", "pose")
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class UprightObject:
     """A perceived object as a task has it: upright, with clearance, exactly on what carries it."""
 
     part: ObjectPart
@@ -104,10 +104,10 @@ def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -
     return filled
 
 
-def stand_up(scene: SceneDocument, cell: Cell) -> list[Standing]:
+def stand_up(scene: SceneDocument, cell: Cell) -> list[UprightObject]:
     """Put a scene's objects upright onto the cell's table and onto one another, with clearance all round."""
     clearances = _clearances(scene.objects)
-    done: dict[str, Standing] = {}
+    done: dict[str, UprightObject] = {}
     for part in sorted(scene.objects, key=lambda each: each.pose[2]):
         bottom = cell.table_top if part.supported_by == TABLE else done[part.supported_by].top
         x, y, z = _size(part)
@@ -115,7 +115,7 @@ def stand_up(scene: SceneDocument, cell: Cell) -> list[Standing]:
         size = (max(NARROWEST, x + beyond), max(NARROWEST, y + beyond), z)
         T = from_pose7(part.pose)
         yaw = math.atan2(T[1, 0], T[0, 0])
-        done[part.name] = Standing(
+        done[part.name] = UprightObject(
             part, size, transform(rotation_z(yaw), [part.pose[0], part.pose[1], bottom + 0.5 * z])
         )
     return [done[part.name] for part in scene.objects]
@@ -147,7 +147,7 @@ def _is_perceived(given: Mapping[str, Any]) -> bool:
     return "detection" in given or not all(name in given for name in NAMED)
 
 
-def _filled_object(index: int, given: Any, standing: Sequence[Standing], used: set[str]) -> Any:
+def _filled_object(index: int, given: Any, standing: Sequence[UprightObject], used: set[str]) -> Any:
     if not isinstance(given, dict) or not _is_perceived(given):
         return given
     member = "detection" if "detection" in given else "name"
@@ -273,7 +273,7 @@ def _beyond(outline: Array, points: Array) -> float:
     return float(-offsets.sum(axis=2).max(axis=0).min())
 
 
-def _obstacles(left: Sequence[Standing], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
+def _obstacles(left: Sequence[UprightObject], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
     obstacles = [{"name": each.part.name, "shape": each.shape, "pose": to_pose7(each.T_world_object)} for each in left]
     for i, piece in enumerate(scene.unrecognised):
         height = max(LOWEST_OBSTACLE, piece.top - cell.table_top)

@@ -218,7 +218,7 @@ def _higher(
 
 
 def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int) -> Mask:
-    """Tell which pixels have nothing measured beyond them in a direction: a shadow ends, the border of a cloud does not."""
+    """Tell which pixels have nothing measured beyond them in a direction: shadows end, a cloud's border does not."""
     measured = np.isfinite(relief.heights)
     lines, along, across = (measured, columns, rows) if dc else (measured.T, rows, columns)
     forward = dr + dc > 0
