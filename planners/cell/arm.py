@@ -58,8 +58,6 @@ class Robot:
     """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
     payload: float
     """Largest mass at the flange [kg]."""
-    reach: float
-    """[m]"""
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
@@ -98,7 +96,6 @@ def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
         links=tuple(_link(link, f"{path}: links.{i}.mesh") for i, link in enumerate(link_files)),
         masses=np.array([[link.mass, *link.com] for link in file.masses]),
         payload=file.payload,
-        reach=file.reach,
         fingerprint=fingerprint(_contents(file, link_files)),
     )
 

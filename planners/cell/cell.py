@@ -110,6 +110,12 @@ class Cell:
         """Names of the arms that carry a stick."""
         return tuple(name for name, arm in self.arms.items() if isinstance(arm.hand, Pusher))
 
+    def gripper(self, arm: str) -> Gripper:
+        """Return the hand of one of the `gripper_arms`."""
+        hand = self.arms[arm].hand
+        assert isinstance(hand, Gripper)
+        return hand
+
     def payload_force(self, arm: str) -> float:
         """Return the largest net force that an arm's hand may bear: what its payload leaves beside the hand [N]."""
         return self.arms[arm].spare_payload * float(np.linalg.norm(self.gravity))

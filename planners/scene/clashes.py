@@ -14,6 +14,7 @@ from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
+from planners.scene.body import Body
 
 _IDENTITY = np.eye(4)
 _ROUNDING = 1e-9
@@ -59,6 +60,11 @@ def placed_body(body: CollisionBody, T_world_frame: Array, pointer: str | None) 
     lowest = np.min([shape.vertices.min(axis=0) - shape.radius for shape in shapes], axis=0)
     highest = np.max([shape.vertices.max(axis=0) + shape.radius for shape in shapes], axis=0)
     return PlacedBody(body.name, pointer, shapes, lowest, highest)
+
+
+def placed_at_start(body: Body, pointer: str) -> PlacedBody:
+    """Take a body of a scene to where it is at the start."""
+    return placed_body(body.collision_body(), body.T_world_body, pointer)
 
 
 def arm_frames(cell: Cell, positions: Array) -> dict[str, Transform]:

@@ -26,7 +26,6 @@ from planners.geometry.pose import Array, Transform, frame_from_z, from_pose7, t
 from planners.scene.body import Body, Plate
 from planners.scene.placements import CONTAINMENT_SLACK
 from planners.scene.rest import (
-    REST_GAP,
     REST_TILT,
     Surface,
     face_tilt,
@@ -38,6 +37,7 @@ from planners.scene.rest import (
     scalar_last_hint,
     settled,
     upper_surface,
+    why_apart,
 )
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import solid_of
@@ -103,13 +103,8 @@ def _why_not_level(who: str, body: Body, surface: Surface) -> str:
         degrees = math.degrees(tilt)
         hint = scalar_last_hint(body.T_world_body)
         return f"{who} is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees{hint}"
-    heights = gaps(face, body.T_world_body, surface.height)
-    farthest = 1e3 * float(heights[np.argmax(np.abs(heights))])
-    where = "above" if farthest > 0.0 else "below"
-    return (
-        f"{who} rests on nothing: its bottom face is {abs(farthest):.4g} mm {where} the top of the {surface.name}, "
-        f"more than {1e3 * REST_GAP:g} mm"
-    )
+    why = why_apart(face, body.T_world_body, surface.height, f"the {surface.name}")
+    return f"{who} {why}"
 
 
 def _check_footprint(corners: Array, surface: Surface) -> None:

@@ -20,7 +20,7 @@ from planners.geometry import polygon
 from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body, Plate
-from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
+from planners.scene.clashes import placed_arms, placed_at_start, placed_body, refuse_inside, refuse_overlaps
 from planners.scene.lift_placements import (
     GivenGrip,
     GivenPush,
@@ -34,11 +34,11 @@ from planners.scene.lift_placements import (
 )
 from planners.scene.placements import (
     CONTAINMENT_SLACK,
+    box_top,
     check_names,
     find_cell,
     place_obstacle,
     start_positions,
-    table_surface,
 )
 from planners.scene.shape_source import ShapeSource, Uploads
 
@@ -110,7 +110,7 @@ def build_lift_scene(
     cell = find_cell(task.cell, cells, _lifts_plates, needed)
     check_names(((obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)), cell)
     shapes = ShapeSource(uploads)
-    table = table_surface(cell)
+    table = box_top(cell.boxes[0])
     support = None if task.support is None else place_support(task.support, table, shapes)
     plate, surface = place_plate(task, support, table)
     _check_pad(task, plate)
@@ -124,14 +124,14 @@ def build_lift_scene(
         lifter_model=task.lifter_model,
         friction=task.friction,
         hand_force_limit=task.hand_force_limit,
-        squeeze=_squeeze(task, _gripper(cell)),
+        squeeze=_squeeze(task, cell.gripper(cell.gripper_arms[0])),
         mass_tolerance=task.plate.mass_tolerance,
         com_tolerance=task.plate.com_tolerance,
         obstacles=tuple(place_obstacle(i, obstacle, shapes) for i, obstacle in enumerate(task.obstacles)),
         start_positions=start_positions(task.start_positions, cell),
         start_widths={name: _open_around(plate, cell) for name in cell.gripper_arms},
         seed=task.seed,
-        given_grips=settle_grips(task.options, plate, _gripper(cell)),
+        given_grips=settle_grips(task.options, plate, cell.gripper(cell.gripper_arms[0])),
         given_pushes=settle_pushes(task.options, plate),
     )
     _refuse_overlaps_at_start(scene)
@@ -140,12 +140,6 @@ def build_lift_scene(
 
 def _lifts_plates(cell: Cell) -> bool:
     return len(cell.gripper_arms) == 1 and len(cell.pusher_arms) == 1
-
-
-def _gripper(cell: Cell) -> Gripper:
-    hand = cell.arms[cell.gripper_arms[0]].hand
-    assert isinstance(hand, Gripper)
-    return hand
 
 
 def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:
@@ -162,7 +156,7 @@ def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:
 
 
 def _open_around(plate: Plate, cell: Cell) -> float:
-    return min(plate.height + 2.0 * FINGER_GAP, _gripper(cell).width_max)
+    return min(plate.height + 2.0 * FINGER_GAP, cell.gripper(cell.gripper_arms[0]).width_max)
 
 
 def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
@@ -179,11 +173,11 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     """
     cell = scene.cell
     fixed = [placed_body(body, np.eye(4), None) for body in cell.bodies]
-    obstacles = [_placed(body, f"/obstacles/{i}/pose") for i, body in enumerate(scene.obstacles)]
-    support = [] if scene.support is None else [_placed(scene.support, "/support/pose")]
-    plate = [_placed(scene.plate, "/plate_pose")]
-    cup = [_placed(scene.cup.body, "/cup/position")]
-    cable = [_placed(scene.cup.cable, "/cup/position")]
+    obstacles = [placed_at_start(body, f"/obstacles/{i}/pose") for i, body in enumerate(scene.obstacles)]
+    support = [] if scene.support is None else [placed_at_start(scene.support, "/support/pose")]
+    plate = [placed_at_start(scene.plate, "/plate_pose")]
+    cup = [placed_at_start(scene.cup.body, "/cup/position")]
+    cable = [placed_at_start(scene.cup.cable, "/cup/position")]
     arms = placed_arms(cell, scene.start_positions, scene.start_widths)
     resting = {sorted_pair("plate", scene.support_name)}
     excess = {body.name: body.solid.excess for body in scene.bodies()}
@@ -194,7 +188,3 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     refuse_overlaps(arms, [*plate, *cup, *cable, *support, *obstacles])
     refuse_overlaps(arms, fixed, cell.excluded_pairs)
     refuse_overlaps(arms, arms, cell.excluded_pairs)
-
-
-def _placed(body: Body, pointer: str) -> PlacedBody:
-    return placed_body(body.collision_body(), body.T_world_body, pointer)

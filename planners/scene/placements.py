@@ -5,28 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
-from planners.cell.cell import Cell, known_cells, load_cell
+from planners.cell.cell import Cell, StaticBox, known_cells, load_cell
 from planners.contract.task_spec import Obstacle
 from planners.errors import SceneError
+from planners.geometry import polygon
 from planners.geometry.pose import Array, from_pose7
 from planners.scene.body import Body
-from planners.scene.rest import (
-    Surface,
-)
+from planners.scene.rest import Surface
 from planners.scene.shape_source import ShapeSource
 
 CONTAINMENT_SLACK = 1e-9
 """Rounding allowed where a point must lie inside a body [m]."""
 
 
-def table_surface(cell: Cell) -> Surface:
-    """Return the top of the cell's table."""
-    (table,) = (body for body in cell.bodies if body.name == "table")
-    corners = np.vstack([shape.vertices for shape in table.shapes])
-    top = corners[np.abs(corners[:, 2] - cell.table_top) < 1e-6, :2]
-    return Surface("table", cell.table_top, top[ConvexHull(top).vertices])
+def box_top(box: StaticBox) -> Surface:
+    """Return the top of a box of the cell."""
+    outline = polygon.rectangle(box.size[0], box.size[1]) + box.center[:2]
+    return Surface(box.name, float(box.center[2] + 0.5 * box.size[2]), outline)
 
 
 def place_obstacle(index: int, obstacle: Obstacle, shapes: ShapeSource) -> Body:

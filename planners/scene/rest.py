@@ -98,6 +98,11 @@ def overhang(corners: Array, surface: Surface) -> float:
     return outside if outside > EDGE_SLACK else 0.0
 
 
+def lowest_point(solid: Solid, T_world_body: Transform) -> float:
+    """Return the least height of a placed body's surface in the world [m]."""
+    return float((solid.surface()[0] @ T_world_body[2, :3]).min() + T_world_body[2, 3])
+
+
 def upper_surface(name: str, solid: Solid, T_world_body: Transform) -> Surface | None:
     """Return the top of a settled body as a surface: its highest flat face; None where that is not level."""
     face = max(solid.flat_faces(), key=lambda face: float(T_world_body[2, :3] @ face.normal))
@@ -172,7 +177,9 @@ def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iter
         return Unsupported("rests on nothing: nothing level is below it")
     fitting = [place for place in below if rests_level(face, T_world_body, place.height)]
     if not fitting:
-        return Unsupported(_why_apart(face, T_world_body, below) + _advice(solid, T_world_body, com, below))
+        nearest = _nearest(face, T_world_body, below)
+        why = why_apart(face, T_world_body, nearest.height, nearest.name)
+        return Unsupported(why + _advice(solid, T_world_body, com, below))
     height = max(place.height for place in fitting)
     T_settled = settled(face, T_world_body, height)
     touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]
@@ -226,13 +233,13 @@ def _why_tilted(solid: Solid, tilt: float) -> str:
     )
 
 
-def _why_apart(face: FlatFace, T_world_body: Transform, below: Sequence[Surface]) -> str:
-    nearest = _nearest(face, T_world_body, below)
-    heights = gaps(face, T_world_body, nearest.height)
+def why_apart(face: FlatFace, T_world_body: Transform, height: float, below: str) -> str:
+    """Say of a body that a level face of it is too far from the top, at `height` [m], of what is below it."""
+    heights = gaps(face, T_world_body, height)
     farthest = 1e3 * float(heights[np.argmax(np.abs(heights))])
     where = "above" if farthest > 0.0 else "below"
     return (
-        f"rests on nothing: its bottom face is {abs(farthest):.4g} mm {where} the top of {nearest.name}, "
+        f"rests on nothing: its bottom face is {abs(farthest):.4g} mm {where} the top of {below}, "
         f"more than {1e3 * REST_GAP:g} mm"
     )
 

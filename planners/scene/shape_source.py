@@ -14,7 +14,7 @@ from planners.errors import SceneError
 from planners.geometry.convex import ConvexShape, enclosing_hull
 from planners.geometry.pose import Array
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
-from planners.scene.solid import MeshSolid, Solid, solid_of
+from planners.scene.solid import MeshSolid, Solid, inline_mesh, solid_of
 
 PLANNED_SHAPES = ("box", "cylinder", "prism", "mesh")
 """The types of shapes that can be planned with."""
@@ -55,7 +55,7 @@ class ShapeSource:
         if shape not in self._found:
             mesh = self._mesh(shape, pointer).scaled(shape.scale)
             _check_size(mesh, pointer)
-            self._found[shape] = _stated(mesh), mesh_solid(mesh)
+            self._found[shape] = inline_mesh((mesh.vertices, mesh.faces), mesh.parts), mesh_solid(mesh)
         return self._found[shape]
 
     def _mesh(self, shape: Mesh, pointer: str) -> SolidMesh:
@@ -68,15 +68,6 @@ class ShapeSource:
         if mesh is None:
             raise SceneError(f"{pointer}/upload", f"there is no upload {shape.upload}; POST the file to /v1/meshes")
         return mesh
-
-
-def _stated(mesh: SolidMesh) -> InlineMesh:
-    return InlineMesh(
-        type="mesh",
-        vertices=mesh.vertices.tolist(),
-        faces=mesh.faces.tolist(),
-        convex_parts=[part.tolist() for part in mesh.parts],
-    )
 
 
 def mesh_solid(mesh: SolidMesh) -> MeshSolid:

@@ -97,7 +97,8 @@ def load_tool(
     solid = _solid(given.shapes, shapes or ShapeSource())
     T = np.eye(4) if T_world_tool is None else T_world_tool
     com = solid.centroid if given.com is None else np.array(given.com)
-    body = Body(TOOL_NAME, "tool", inline_mesh(solid), solid, given.mass, com, T, static=False)
+    stated = inline_mesh(solid.surface(), (part.vertices for part in solid.convex_parts))
+    body = Body(TOOL_NAME, "tool", stated, solid, given.mass, com, T, static=False)
     cup = given.cup
     return SuctionTool(name, body, given.mass, com, CupData(cup.radius, cup.max_force, cup.mu, cup.kappa))
 
