@@ -19,6 +19,7 @@ from assets import assets_folder
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
 from planners.errors import AssetError
+from planners.geometry.mesh_file import obj_vertices
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_y, rotation_z, transform
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
@@ -458,9 +459,7 @@ def hull_points(mesh: MeshFile) -> Array:
     """
     path = mesh_path(mesh)
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-        rows = [line.split()[1:4] for line in lines if line.startswith("v ")]
-        points = np.array(rows, dtype=float).reshape(-1, 3) * mesh.scale
+        points = obj_vertices(path.read_bytes()) * mesh.scale
         return points[ConvexHull(points).vertices]
     except (QhullError, ValueError) as error:
         raise AssetError(f"{mesh.path} of the package {mesh.package!r} spans no volume") from error

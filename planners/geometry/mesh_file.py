@@ -33,6 +33,14 @@ MOST_PROPERTIES = 100
 """Of a PLY's elements together."""
 MOST_ROWS_BEHIND = 1000
 """Lines that a PLY of text may have behind those it announces: every one is parsed."""
+LONGEST_LINE = 100_000
+"""Of an OBJ [bytes]."""
+_STL_BEGIN = 84
+"""Of a binary STL's triangles, behind its title and their number [bytes]."""
+_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+# What follows a line's start is matched in one way only: the time is that of reading the file once.
+_VERTEX_OR_FACE = re.compile(rb"^[ \t]*([vf])[ \t]+([^\n]*)", re.MULTILINE)
+_CORNER = re.compile(rb"^[ \t]*vertex[ \t]+([^\n]{0,200})", re.MULTILINE | re.IGNORECASE)
 
 
 class MeshRefused(LiftwrightError):
@@ -75,18 +83,6 @@ def _check_counts(counts: _Counts) -> None:
         raise MeshRefused(f"the mesh has {counts.triangles} triangles, at most {MOST_TRIANGLES} are taken: simplify it")
     if counts.vertices > MOST_VERTICES:
         raise MeshRefused(f"the mesh has {counts.vertices} vertices, at most {MOST_VERTICES} are taken: simplify it")
-
-
-def _count_stl(content: bytes) -> _Counts:
-    try:
-        triangles = count_stl(content)
-    except ValueError as error:
-        raise MeshRefused(f"the file is no STL file: {error}") from error
-    return _Counts(triangles, 3 * triangles)
-
-
-def _count_obj(content: bytes) -> _Counts:
-    return _Counts(*count_obj(content))
 
 
 def _count_ply(content: bytes) -> _Counts:
@@ -205,33 +201,28 @@ def _list_of(tree: Mapping[str, Any], name: str) -> list[Any]:
     return entries
 
 
-LONGEST_LINE = 100_000
-"""[bytes]"""
-# What follows a line's start is matched in one way only: the time is that of reading the file once.
-_VERTEX_OR_FACE = re.compile(rb"^[ \t]*([vf])[ \t]+([^\n]*)", re.MULTILINE)
-
-
-def count_obj(content: bytes) -> tuple[int, int]:
-    """Return how many triangles and vertices a file has.
-
-    Raises:
-        ValueError: A line is too long.
-    """
+def _count_obj(content: bytes) -> _Counts:
     triangles = vertices = 0
     for kind, rest in _lines(content):
         if kind == b"v":
             vertices += 1
         else:
             triangles += max(0, len(rest.split()) - 2)
-    return triangles, vertices
+    return _Counts(triangles, vertices)
 
 
-def read_obj(content: bytes) -> tuple[Array, Faces]:
-    """Return vertices (n, 3) and triangles (m, 3), in the file's own unit; a face of more corners is a fan of them.
+def obj_vertices(content: bytes) -> Array:
+    """Return the vertices (n, 3) of an OBJ file, in its order and unit.
 
     Raises:
-        ValueError: A vertex or a face is not made of numbers, or there is no such vertex.
+        ValueError: A vertex is not made of numbers, or a line is too long.
     """
+    rows = [rest.split()[:3] for kind, rest in _lines(content) if kind == b"v"]
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+def _read_obj(content: bytes) -> tuple[Array, Faces]:
+    """Return vertices and triangles; a face of more corners is a fan of them."""
     vertices: list[tuple[float, float, float]] = []
     triangles: list[tuple[int, int, int]] = []
     for kind, rest in _lines(content):
@@ -262,34 +253,20 @@ def _place(word: bytes, so_far: int) -> int:
     return number - 1 if number > 0 else so_far + number if number < 0 else -1
 
 
-_BEGIN = 84
-"""Of a binary file's triangles, behind its title and their number [bytes]."""
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-# What follows a line's start is matched in one way only: the time is that of reading the file once.
-_CORNER = re.compile(rb"^[ \t]*vertex[ \t]+([^\n]{0,200})", re.MULTILINE | re.IGNORECASE)
-
-
-def count_stl(content: bytes) -> int:
-    """Return how many triangles a file has.
-
-    Raises:
-        ValueError: It is neither as long as the triangles it announces, nor text.
-    """
+def _count_stl(content: bytes) -> _Counts:
     if _is_binary(content):
-        return (len(content) - _BEGIN) // _TRIANGLE.itemsize
-    if not content[:1000].lstrip().lower().startswith(b"solid"):
-        raise ValueError("its length is not that of the triangles it announces")
-    return sum(1 for _ in _CORNER.finditer(content)) // 3
+        triangles = (len(content) - _STL_BEGIN) // _STL_TRIANGLE.itemsize
+    elif content[:1000].lstrip().lower().startswith(b"solid"):
+        triangles = sum(1 for _ in _CORNER.finditer(content)) // 3
+    else:
+        raise MeshRefused("the file is no STL file: its length is not that of the triangles it announces")
+    return _Counts(triangles, 3 * triangles)
 
 
-def read_stl(content: bytes) -> tuple[Array, Faces]:
-    """Return vertices (3 m, 3) and triangles (m, 3), in the file's own unit; solids of a text are taken together.
-
-    Raises:
-        ValueError: A vertex of a text is not made of three numbers, or they are not three for every triangle.
-    """
+def _read_stl(content: bytes) -> tuple[Array, Faces]:
+    """Return vertices, three for every triangle, and triangles; solids of a text are taken together."""
     if _is_binary(content):
-        vertices = np.frombuffer(content, _TRIANGLE, offset=_BEGIN)["corners"].astype(float).reshape(-1, 3)
+        vertices = np.frombuffer(content, _STL_TRIANGLE, offset=_STL_BEGIN)["corners"].astype(float).reshape(-1, 3)
     else:
         corners = [[float(word) for word in line[1].split()[:3]] for line in _CORNER.finditer(content)]
         vertices = np.array(corners, dtype=float).reshape(-1, 3)
@@ -297,10 +274,10 @@ def read_stl(content: bytes) -> tuple[Array, Faces]:
 
 
 def _is_binary(content: bytes) -> bool:
-    if len(content) < _BEGIN:
+    if len(content) < _STL_BEGIN:
         return False
     (triangles,) = struct.unpack_from("<I", content, 80)
-    return len(content) == _BEGIN + _TRIANGLE.itemsize * triangles
+    return len(content) == _STL_BEGIN + _STL_TRIANGLE.itemsize * triangles
 
 
 _BROKEN = (
@@ -312,8 +289,8 @@ _COUNTERS: Mapping[MeshFormat, Callable[[bytes], _Counts]] = MappingProxyType(
 )
 _READERS: Mapping[MeshFormat, Callable[[bytes], tuple[Array, Faces]]] = MappingProxyType(
     {
-        "stl": read_stl,
-        "obj": read_obj,
+        "stl": _read_stl,
+        "obj": _read_obj,
         "ply": lambda content: _read_scene(content, "ply"),
         "glb": lambda content: _read_scene(content, "glb"),
     }

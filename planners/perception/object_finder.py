@@ -249,7 +249,8 @@ def _without_sides(facet: TopFacet, outline: Outline, relief: Relief) -> Outline
     drop = EDGE_REACH * relief.noise
     if isinstance(outline, Disc):
         reach = drop * float(np.linalg.norm(away))
-        return _disc_like(outline, outline.center - 0.5 * _toward(away, reach), outline.radius - reach / math.pi)
+        center = outline.center - 0.5 * _toward(away, reach)
+        return replace(outline, center=center, radius=outline.radius - reach / math.pi)
     center, size = outline.center.copy(), list(outline.size)
     for k in (0, 1):
         axis = outline.axes[:, k]
@@ -258,19 +259,12 @@ def _without_sides(facet: TopFacet, outline: Outline, relief: Relief) -> Outline
         beyond = max(0.0, abs(lean) - edge) * drop
         size[k] -= beyond
         center -= 0.5 * math.copysign(beyond, lean) * axis
-    return Rectangle(
-        center, outline.yaw, (size[0], size[1]), outline.residual, outline.fitting, outline.sides_seen,
-        outline.edge_std, outline.yaw_std,
-    )  # fmt: skip
+    return replace(outline, center=center, size=(size[0], size[1]))
 
 
 def _toward(direction: Array, length: float) -> Array:
     norm = float(np.linalg.norm(direction))
     return direction * (length / norm) if norm > 0.0 else np.zeros(2)
-
-
-def _disc_like(disc: Disc, center: Array, radius: float) -> Disc:
-    return Disc(center, radius, disc.residual, disc.fitting, disc.sides_seen, disc.edge_std)
 
 
 def _stacked(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -311,7 +305,7 @@ def _widened(candidate: Candidate, relief: Relief, settings: PerceptionSettings)
         radius = float(np.quantile(radii[on_shoulder], 0.85)) + 0.25 * facet.pitch
     if radius < disc.radius + WIDER:
         return candidate
-    return replace(candidate, outline=_disc_like(disc, disc.center, radius))
+    return replace(candidate, outline=replace(disc, radius=radius))
 
 
 def _around(outline: Outline, pitch: float, relief: Relief) -> tuple[Array, Array, Array]:
