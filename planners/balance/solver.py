@@ -163,13 +163,13 @@ class Balance:
         return None
 
     def _middle(self, contacts: _Contacts, contact_map: Array, squeezed: Array) -> tuple[Array, Array] | None:
-        """Return forces far from all limits and how far each may move, None if there are none."""
+        """Return forces (k,) far from all limits and how far each may move (k,) [N]; None if there are none."""
         template = self._template(contacts.structure)
         infeasible, x, _ = template.solve(contact_map, contacts.gravity, squeezed, Manner.CENTRAL)
         return None if infeasible or not np.all(np.isfinite(x)) else (x, template.room(x)[: contact_map.shape[1]])
 
     def _holds(self, contacts: _Contacts, contact_map: Array, squeezed: Array, near: tuple[Array, Array]) -> bool:
-        """Whether forces that hold a similar plate are within their limits once they are moved to hold this one."""
+        """Tell whether forces that hold a similar plate keep within their limits when moved to hold this one."""
         x, room = near[0].copy(), near[1]
         _move_to_balance(x, contact_map, contacts.gravity + squeezed, room)
         residual, slack = _closed(self._template(contacts.structure), contacts, contact_map, squeezed, x)

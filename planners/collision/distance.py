@@ -44,7 +44,7 @@ class Cores(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def support(vertices: Array, start: int, end: int, x: float, y: float, z: float) -> int:
-    """Return which of `vertices[start:end]` reaches farthest along (x, y, z)."""
+    """Return the number of the vertex, of `vertices[start:end]` (n, 3), that reaches farthest along (x, y, z)."""
     best = start
     farthest = vertices[start, 0] * x + vertices[start, 1] * y + vertices[start, 2] * z
     for i in range(start + 1, end):
@@ -174,7 +174,7 @@ def _nearest_on_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
 
 @njit(cache=True, nogil=True)
 def _nearest_on_simplex(simplex: Array, count: int) -> tuple[float, float, float, int]:
-    """Return the point of the simplex nearest the origin, and a bit for each vertex that carries it."""
+    """Return the point of `count` vertices of (4, 3) nearest the origin, and a bit for each that carries it."""
     ax, ay, az = simplex[0, 0], simplex[0, 1], simplex[0, 2]
     if count == 1:
         return ax, ay, az, 1
@@ -273,7 +273,7 @@ def core_bounds(
 
 @njit(cache=True, nogil=True)
 def _gap_along(cores: Cores, a: int, b: int, T_a_b: Array, x: float, y: float, z: float) -> float:
-    """Return how far b lies beyond a along the unit vector (x, y, z) of a's frame; negative where they overlap."""
+    """Return the gap of cores a and b along the unit vector (x, y, z) of a's frame [m]; negative where they overlap."""
     vertices = cores.vertices
     i = support(vertices, cores.vertex_range[a, 0], cores.vertex_range[a, 1], x, y, z)
     local_x = T_a_b[0, 0] * x + T_a_b[1, 0] * y + T_a_b[2, 0] * z

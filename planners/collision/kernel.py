@@ -150,7 +150,7 @@ def _place_followers(followers: Indices, T_parent_follower: Array, frames: Array
 
 @njit(cache=True, nogil=True)
 def place_center(spheres: Array, shape_frame: Indices, frames: Array, shape: int, centers: Array) -> None:
-    """Write where the centre of a shape's bounding sphere is in the world."""
+    """Write the centre, a row of `centers` (s, 3), of a shape's bounding sphere in the world [m]."""
     f = shape_frame[shape]
     x, y, z = spheres[shape, 0], spheres[shape, 1], spheres[shape, 2]
     for i in range(3):

@@ -440,5 +440,5 @@ def _bounding_box(shape: ConvexShape) -> Array:
 
 
 def _bounding_sphere(shape: ConvexShape) -> Array:
-    """Return the centre and radius of a ball around a shape."""
+    """Return the (4,) centre and radius of a ball around a shape [m]."""
     return shape.ball + np.array([0.0, 0.0, 0.0, shape.radius + _DRAWN_RIGHT])

@@ -172,7 +172,7 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
 
 @njit(cache=True, nogil=True)
 def _moving_pairs(pairs: Indices, pending: Indices) -> int:
-    """Write the pairs whose shapes can move against each other into row 0; return how many they are."""
+    """Write the pairs whose shapes can move against each other into row 0 of (depths, p); return how many they are."""
     count = 0
     for pair in range(len(pairs)):
         if pairs[pair, 2] != STILL or pairs[pair, 3] != STILL:

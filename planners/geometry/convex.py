@@ -179,7 +179,7 @@ def _farthest_points(points: Array, settings: HullSettings) -> list[int]:
 
 
 def _pushed_out(vertices: Array, points: Array) -> Array:
-    """Move each vertex half the depth of the cuts of its faces along their normals, deep cuts counting most."""
+    """Move each vertex (m, 3) half as far as its faces cut off points (n, 3), along normals; deep cuts count most."""
     hull = ConvexHull(vertices)
     normals = hull.equations[:, :3]
     cuts = np.maximum((points @ normals.T + hull.equations[:, 3]).max(axis=0), 0.0)

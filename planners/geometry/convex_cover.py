@@ -136,7 +136,7 @@ class _Solid:
             yield np.vstack([cell.planes, row]), _clipped(cell.triangles, row, self.rounding)
 
     def _planes_for(self, cell: _Cell) -> list[Array]:
-        """Return planes that may cut the hollow at `cell.farthest` off: of faces near it, and right through it."""
+        """Return planes (4,) that may cut the hollow at `cell.farthest` off: of faces near it, and right through it."""
         _, near = self.tree.query(cell.farthest, k=min(64, len(self.samples)))
         planes: list[Array] = []
         chosen: list[Array] = []
@@ -179,7 +179,7 @@ class _Solid:
         return excess, farthest
 
     def _probes(self, hull: ConvexHull) -> Array:
-        """Return points in a hull: on its faces, and anywhere inside."""
+        """Return points (p, 3) in a hull: on its faces, and anywhere inside."""
         corners = hull.points[hull.simplices]
         areas = triangle_normals(hull.points, hull.simplices.astype(np.int64))[1]
         count = self.settings.probes // 2
@@ -191,7 +191,7 @@ class _Solid:
         return np.vstack([corners.mean(axis=1), on_faces, center + depth * (on_faces - center)])
 
     def _sample(self) -> tuple[Array, Faces]:
-        """Return points spread over the surface, and which triangle each is on."""
+        """Return points (s, 3) spread over the surface, and the triangle (s,) that each is on."""
         _, areas = triangle_normals(self.vertices, self.faces)
         whole = np.flatnonzero(areas > 0.0)
         extra = self.rng.choice(len(areas), self.settings.samples, p=areas / areas.sum())
@@ -214,7 +214,7 @@ def _clipped(triangles: Array, plane: Array, rounding: float) -> Array:
 
 
 def _cut_triangle(corners: Array, heights: Array) -> Array:
-    """Return the one or two triangles that are left below a plane of one that crosses it."""
+    """Return the (t, 3, 3) triangles below a plane of one (3, 3) that crosses it, with `heights` (3,) above it."""
     kept: list[Array] = []
     for k in range(3):
         here, there = heights[k], heights[(k + 1) % 3]

@@ -163,7 +163,7 @@ class _Patches:
         return np.searchsorted(pairs, np.arange(count + 1) * count), pairs % count
 
     def triangles(self) -> tuple[Indices, Indices]:
-        """Return (starts, triangles) of each patch."""
+        """Return (starts, triangles): patch p has `triangles[starts[p]:starts[p + 1]]`."""
         members = np.argsort(self.patch_of, kind="stable")
         return np.searchsorted(self.patch_of[members], np.arange(len(self.areas) + 1)), members
 
@@ -184,7 +184,7 @@ def _facets(mesh: _Mesh, patches: _Patches, settings: FacetSettings) -> Iterator
 
 
 def _facet(mesh: _Mesh, patches: _Patches, triangles: Indices, inside: NDArray[np.bool_], coplanar: float) -> Facet:
-    """Assemble the facet of the triangles, of which the first belongs to the seed."""
+    """Assemble the facet of triangles (k,), of which the first belongs to the seed."""
     normals = patches.normals[patches.patch_of[triangles]]
     normal, areas = normals[0], mesh.areas[triangles]
     corners = mesh.vertices[mesh.faces[triangles]]
@@ -259,7 +259,7 @@ def _longest_side(loops: tuple[Array, ...], normal: Array) -> Array:
 
 
 def _by_falling_size(sizes: Array, ties: Indices) -> Indices:
-    """Return the order of falling size; of equal ones, up to rounding, the lower tie comes first."""
+    """Return the order (n,) of falling size; of equal ones, up to rounding, the lower tie comes first."""
     largest = sizes.max(initial=0.0)
     if largest <= 0.0:
         return np.argsort(ties)

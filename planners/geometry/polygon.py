@@ -84,7 +84,7 @@ def inward_normals(outline: Array) -> Array:
 
 
 def area(outline: Array) -> float:
-    """Return the enclosed area [m²]."""
+    """Return the area that an outline (n, 2) encloses [m²]."""
     x, y = outline[:, 0], outline[:, 1]
     return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
 
@@ -127,7 +127,7 @@ def overlap(outline: Array, other: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _clipped(corners: Array, sides: Array) -> Array:
-    """Keep the part of a polygon on the inner side of each side of another, without corners that coincide."""
+    """Clip a polygon (n, 2) by each side of another (m, 2), and drop corners that coincide."""
     kept = corners
     for side in range(len(sides)):
         start, end = sides[side], sides[(side + 1) % len(sides)]
@@ -164,5 +164,5 @@ def _sides(outline: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the z component of the cross product, row by row."""
+    """Return the z components (...) of the cross products of vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -163,7 +163,7 @@ def _neighbours(faces: Faces) -> Faces:
 
 
 def _turned_alike(faces: Faces, neighbours: Faces) -> Faces:
-    """Turn triangles over until all look to the same side.
+    """Turn triangles (m, 3) over until all look to the same side; `neighbours` as of `_neighbours`.
 
     Raises:
         MeshRefused: The surface has one side only.

@@ -68,7 +68,7 @@ def side_neighbours(faces: Faces) -> Faces:
 
 
 def volume(vertices: Array, faces: Faces) -> float:
-    """Return the volume inside [m³]; negative where the triangles look inward."""
+    """Return the volume inside triangles (m, 3) of vertices (n, 3) [m³]; negative where they look inward."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
@@ -137,7 +137,7 @@ def hull_faces(vertices: Array) -> list[FlatPiece]:
 
 
 def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
-    """Return convex flat pieces that together are the surface: a flat place whole if it is convex, else triangles."""
+    """Divide a surface into convex flat pieces: a flat place is one if it is convex, else one for each triangle."""
     normals, areas = triangle_normals(vertices, faces)
     pieces: list[FlatPiece] = []
     for group in coplanar_groups(faces, normals, areas):

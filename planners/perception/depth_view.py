@@ -42,7 +42,7 @@ class DepthView:
 
     @classmethod
     def from_depth(cls, depth: Array, camera: Camera) -> Self:
-        """Take a depth image [m].
+        """Take a depth image (h, w) [m].
 
         Raises:
             ScanRefused: Too few of its pixels are measurements.

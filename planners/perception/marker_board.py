@@ -146,7 +146,7 @@ def _markers(image: NDArray[np.uint8], board: MarkerBoard) -> tuple[tuple[int, .
 
 
 def _poses(model: Array, pixels: Array, camera: Camera) -> list[tuple[float, Array, Array]]:
-    """Return the poses of a flat model, refined, with their errors [px], the best first."""
+    """Return the poses of a flat model (n, 3) seen at pixels (n, 2), refined, with errors [px], the best first."""
     K, distortion = camera.matrix, camera.distortion_array
     count, turns, moves, _ = cv2.solvePnPGeneric(model, pixels, K, distortion, flags=cv2.SOLVEPNP_IPPE)
     poses = []

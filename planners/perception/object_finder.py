@@ -309,7 +309,7 @@ def _widened(candidate: Candidate, relief: Relief, settings: PerceptionSettings)
 
 
 def _around(outline: Outline, pitch: float, relief: Relief) -> tuple[Array, Array, Array]:
-    """Return x, y and z, in the table's frame, of what was measured near an outline."""
+    """Return x, y and z, (n,) each, in the table's frame, of what was measured near an outline [m]."""
     reach = float(np.ptp(outline.corners(), axis=0).max()) * 0.5 + WIDEST + 4.0 * pitch
     x, y, z = np.moveaxis(relief.points, -1, 0)
     with np.errstate(invalid="ignore"):

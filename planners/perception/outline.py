@@ -173,7 +173,7 @@ def _nearest_side(local: Array, size: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 def _seen_of_side(local: Array, side: int, size: Array, pitch: float) -> float:
-    """Return the share of a side's length near which its edge was seen."""
+    """Return the share of a side's length near which its edge, (n, 2) in the rectangle's axes, was seen [1]."""
     length = float(size[1 - side // 2])
     bins = max(3, int(length / (2.0 * pitch)))
     at = ((local[:, 1 - side // 2] / length + 0.5) * bins).astype(np.int64)

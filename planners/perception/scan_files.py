@@ -180,7 +180,7 @@ def read_cloud(content: bytes, unit: float, part: str = "cloud") -> Array:
 
 
 def read_npy(content: bytes, part: str) -> NDArray[np.generic]:
-    """Return the array of real numbers in an NPY file.
+    """Return the array of real numbers in an NPY file, of up to three dimensions.
 
     Raises:
         ScanRefused: It is no such file, or too large.

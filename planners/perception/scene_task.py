@@ -259,7 +259,7 @@ def _ring(part: ObjectPart) -> Array:
 
 
 def _gap(a: Array, b: Array) -> float:
-    """Return how far two convex outlines are apart [m], negative by how deep they overlap."""
+    """Return the distance of two convex outlines (n, 2) [m], negative by how deep they overlap."""
     separation = max(_beyond(a, b), _beyond(b, a))
     if separation <= 0.0:
         return separation

@@ -123,7 +123,7 @@ def _median(heights: Array) -> Array:
 
 
 def _stands_alone(heights: Array, alike: float) -> Mask:
-    """Tell which pixels have fewer than two neighbours of about their height."""
+    """Tell which pixels (h, w) have fewer than two neighbours within `alike` [m] of their height."""
     similar = np.zeros(heights.shape, dtype=np.int64)
     padded = np.pad(heights, 1, constant_values=np.nan)
     h, w = heights.shape

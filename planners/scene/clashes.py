@@ -54,7 +54,7 @@ class PlacedBody:
 
 
 def placed_body(body: CollisionBody, T_world_frame: Array, pointer: str | None) -> PlacedBody:
-    """Take a body from its frame to the world."""
+    """Take a body from its frame to the world; `T_world_frame` is (4, 4)."""
     R, p = T_world_frame[:3, :3], T_world_frame[:3, 3]
     shapes = tuple(ConvexShape(shape.vertices @ R.T + p, shape.radius) for shape in body.shapes)
     lowest = np.min([shape.vertices.min(axis=0) - shape.radius for shape in shapes], axis=0)

@@ -108,7 +108,7 @@ def _why_not_level(who: str, body: Body, surface: Surface) -> str:
 
 
 def _check_footprint(corners: Array, surface: Surface) -> None:
-    """Refuse a plate whose bottom face is not wholly on its surface."""
+    """Refuse a plate whose bottom face, (k, 2) seen from above, is not wholly on its surface."""
     beyond = overhang(corners, surface)
     if beyond == 0.0:
         return
@@ -298,5 +298,5 @@ def _unit(direction: Sequence[float] | Array) -> Array:
 
 
 def _angle(a: Array, b: Array) -> float:
-    """Return the angle between two unit vectors [rad]."""
+    """Return the angle between two unit vectors (3,) [rad]."""
     return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

@@ -260,7 +260,7 @@ def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[S
 
 
 def _is_steady(face: FlatFace, com: Array) -> bool:
-    """Tell whether the centre of mass is above a face that lies on a level plane."""
+    """Tell whether the centre of mass (3,) is above a face that lies on a level plane."""
     sides = np.roll(face.corners, -1, axis=0) - face.corners
     return bool(np.all(np.cross(sides, com - face.corners) @ face.normal >= 0.0))
 

@@ -79,7 +79,7 @@ def mesh_solid(mesh: SolidMesh) -> MeshSolid:
 
 
 def _beyond(drawn: Array, part: Array) -> float:
-    """Bound how far a drawing reaches beyond its part [m]: from its corners to the part's planes."""
+    """Bound how far a drawing (m, 3) reaches beyond its part (n, 3) [m]: from its corners to the part's planes."""
     if drawn is part:
         return 0.0
     planes = ConvexHull(part).equations

@@ -235,7 +235,7 @@ class _GoalPile:
     standing: Standing
 
     def turns_at_rest(self, index: int, turns: Array) -> Array:
-        """Return the turns of a goal after which all objects stand, and are clear of one another."""
+        """Return those turns (k, 4, 4) of a goal after which all objects stand, and are clear of one another."""
         body, footing = self.bodies[index], self.footings[index]
         places = [*self.still.places, *self._places_of_others(index)]
         under = [place for place in places if place.name in footing.supports]
