@@ -30,8 +30,8 @@ from app.settings import ServiceSettings
 from app.upload_gate import UploadGate
 from app.viewer.theatre import Theatre
 from app.webhook_desk import WebhookDesk
+from planners.cell.cell import Cell, known_cells, load_cell
 from planners.contract.strict_json import parse_json
-from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.database import Database, open_database
 from workers.job_queue import JobQueue

@@ -21,7 +21,7 @@ from planners.contract.problems import Problem, problem_of, problems_of
 from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 from workers.database_loss import DATABASE_GONE, said_by
 from workers.webhook_target import TargetRefused
 

@@ -9,15 +9,14 @@ import anyio
 from starlette.requests import ClientDisconnect, Request
 
 from app.errors import BodyStalled, BodyTooLarge, EncodedBody, NotJsonMedia
+from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import read_task, write_task
 from planners.errors import SceneError
 from planners.perception.scene_task import fill_from_scene
-from planners.scene.cell import Cell
-from planners.scene.scene import build_scene
+from planners.scene.scene import build_scene, with_centres
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
-from planners.scene.task_centres import with_centres
 
 Scenes = Callable[[str], SceneDocument | None]
 """Finds what was perceived in a scene, by its id; None if there is none."""

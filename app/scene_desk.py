@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from app.access.caller import ANYBODY, Caller
 from app.access.scope import Scope
 from app.errors import SceneInUse, SceneNotFound
+from planners.cell.cell import Cell
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
 from planners.errors import SceneError
 from planners.perception.perceive import perceive
 from planners.perception.seen_points import SeenPoints
-from planners.scene.cell import Cell
 from workers.job_queue import JobQueue
 from workers.plan_store import PlanStore
 from workers.scene_store import SceneStore, StoredScene

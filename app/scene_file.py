@@ -14,14 +14,14 @@ from app.bad_input import BAD_INPUT, refuse
 from app.scan_files import DESCRIPTION_FILE, NotScanFiles, ScanFiles, read_scan_files
 from app.service_client import ServiceClient, ServiceRefused
 from app.whole_file import written_whole
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.problems import problems_of
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import ObjectPart, SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import SceneError
 from planners.perception.perceive import perceive
-from planners.perception.refusal import ScanRefused
-from planners.scene.cell import known_cells, load_cell
+from planners.perception.scan_files import ScanRefused
 
 PERCEIVED = 0
 

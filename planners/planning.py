@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
 from planners.geometry.pose import to_pose7s
@@ -25,10 +26,9 @@ from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.cell import Cell
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
+from planners.scene.scene import with_centres
 from planners.scene.suction_tool import SuctionTool
-from planners.scene.task_centres import with_centres
 from planners.scene.tool_scene import SuctionToolScene
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import structlog
 
+from planners.cell.cell import Cell
 from planners.progress import Progress, silent
 from planners.regrasp.handovers import (
     HandoverDatabase,
@@ -17,7 +18,6 @@ from planners.regrasp.handovers import (
     find_handovers,
     handover_key,
 )
-from planners.scene.cell import Cell
 from planners.scene.suction_tool import SuctionTool
 
 CAPACITY = 500

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from planners.cell.cell import Cell, known_cells, load_cell
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.errors import LiftwrightError
@@ -25,7 +26,6 @@ from planners.planning import HandoverSource, plan
 from planners.progress import Progress, silent
 from planners.regrasp.handovers import find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions

@@ -7,8 +7,9 @@ from fastapi import APIRouter, Request
 from app.example_tasks import example_tasks
 from app.resources import Resource
 from app.routes.given import Settings
-from planners.scene.asset_files import known_meshes
-from planners.scene.scene import PLANNED_KINDS, PLANNED_LIFTERS
+from planners.cell.asset_files import known_meshes
+from planners.scene.lift_scene import PLANNED_LIFTERS
+from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
 from planners.scene.suction_tool import known_tools
 from workers.software import describe_software

@@ -15,8 +15,7 @@ from app.resources import MeshLinks, MeshResource, ProblemDocument
 from app.routes.given import Settings
 from app.upload_gate import UploadGate
 from planners.geometry.mesh_file import MeshFormat
-from planners.geometry.mesh_intake import take_mesh
-from planners.geometry.solid_mesh import SolidMesh
+from planners.geometry.solid_mesh import SolidMesh, take_mesh
 from planners.scene.shape_source import LONGEST_MESH, MILLIMETRE
 from workers.mesh_store import MeshStore
 

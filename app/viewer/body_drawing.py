@@ -12,7 +12,7 @@ from viser import FrameHandle, SceneApi
 from app.viewer.nodes import add_frame
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.geometry.pose import Array, from_pose7
-from planners.scene.meshes import hull_with_faces
+from planners.geometry.surface import hull_with_faces
 
 EDGE_DARKENING = 0.62
 OUTLINED = ("plate", "object", "support", "obstacle", "table")

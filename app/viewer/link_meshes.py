@@ -20,10 +20,9 @@ from trimesh.exchange.gltf import export_glb
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
+from planners.cell.asset_files import MeshFile, mesh_path
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
-from planners.scene.asset_files import MeshFile
-from planners.scene.meshes import mesh_path
 
 Faces = NDArray[np.int64]
 Colour = tuple[float, float, float]

@@ -12,10 +12,10 @@ from app.viewer.palette import rgb, vivid_tint
 from app.viewer.perceived_words import size_of, size_words
 from app.viewer.robot_drawing import RobotDrawing
 from app.viewer.stage import light_scene
+from planners.cell.cell import Cell
 from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart, UnrecognisedPart
 from planners.geometry.pose import Array, from_pose7
 from planners.perception.seen_points import NOBODY, SeenPoints
-from planners.scene.cell import Cell
 from planners.scene.suction_tool import load_tool
 
 LAYERS = ("points", "around", "models", "names", "tool", "robot")

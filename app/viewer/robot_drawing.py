@@ -10,9 +10,8 @@ from viser import FrameHandle, SceneApi
 
 from app.viewer.link_meshes import HANDS, LinkMeshes
 from app.viewer.nodes import add_frame, place
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.scene.arm import Arm
-from planners.scene.asset_files import (
+from planners.cell.arm import Arm
+from planners.cell.asset_files import (
     AssetShelf,
     GripperFile,
     LinkFile,
@@ -21,9 +20,10 @@ from planners.scene.asset_files import (
     read_robot_file,
     shipped_shelf,
 )
-from planners.scene.cell import Cell
-from planners.scene.hand import Gripper, Pusher
-from planners.scene.meshes import hull_with_faces
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper, Pusher
+from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.geometry.surface import hull_with_faces
 
 SENSOR_COLOUR = (44, 48, 54)
 STICK_COLOUR = (176, 182, 190)

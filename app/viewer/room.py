@@ -19,10 +19,10 @@ from app.viewer.link_meshes import LinkMeshes
 from app.viewer.perceived_stage import PerceivedStage
 from app.viewer.sources import SourceName, Sources
 from app.viewer.stage import Stage
+from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
 from planners.geometry.pose import Array
 from planners.perception.seen_points import SeenPoints
-from planners.scene.cell import Cell
 
 LOOPBACK = "127.0.0.1"
 

@@ -17,10 +17,10 @@ from app.viewer.robot_drawing import RobotDrawing
 from app.viewer.sources import SourceName, Sources
 from app.viewer.timeline import Moment, Touch, by_hand
 from app.viewer.tool_story import subjects_of
+from planners.cell.cell import Cell
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
+from planners.geometry.surface import hull_with_faces
 from planners.kinematics.forward import link_frames
-from planners.scene.cell import Cell
-from planners.scene.meshes import hull_with_faces
 from planners.scene.suction_tool import TOOL_NAME
 
 LEAST_FORCE = 0.05

@@ -20,7 +20,7 @@ from app.viewer.recording import record
 from app.viewer.room import Room
 from app.viewer.sources import Sources
 from app.viewer.story import tell_story
-from planners.scene.cell import Cell
+from planners.cell.cell import Cell
 
 MOST_ROOMS = 24
 """Each room is a server with a scene in memory, some 10 MB."""

@@ -22,20 +22,6 @@ class UnbalanceReason(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class ContactWrench:
-    """What one contact exerts on the plate."""
-
-    name: str
-    """"grip_0", "grip_1", "push", "environment_0"..., "cup"."""
-    T_plate_contact: Array
-    """4x4; z is the normal into the plate."""
-    wrench_contact: Array
-    """(6,), in the contact frame."""
-    wrench_world: Array
-    """(6,), in world axes, about the contact point."""
-
-
-@dataclass(frozen=True, eq=False)
 class HeldPlate:
     """How a plate is held: what is asked of program (5)."""
 
@@ -54,7 +40,8 @@ class Balanced:
     held: HeldPlate
     """What was asked."""
     contacts: tuple[str, ...]
-    """The names of the contacts, in the order of the arrays below; see `ContactWrench.name`."""
+    """The names of the contacts, in the order of the arrays below: "grip_0", "grip_1", "push", "environment_0"...,
+    "cup"."""
     frames: Callable[[], tuple[Array, Array]]
     """Gives `points` and `rotations`; a search asks for them at few of its many answers."""
     exerted: Callable[[], Array]
@@ -66,14 +53,8 @@ class Balanced:
     f_plus_gp: float
     """Largest effort of a hand [N]: normal force of the stick, net force of a squeezing gripper, normal force of free
     fingers; 0 without a hand."""
-    f_plus_s: float
-    """Bound on the cup's net pull [N]; equal to `suction_force`, as it is minimised."""
     suction_force: float
-    """Net pull of the cup, or tension of the cable [N]."""
-    residual_force: float
-    """Norm of the sum of all forces and the weight [N]."""
-    residual_moment: float
-    """Norm of their moment about the centre of mass [Nm]."""
+    """Net pull of the cup, or tension of the cable [N]; f+_s of (5a), which is minimised down to it."""
     least_slack: float
     """Distance to the nearest limit, in N (torques over their contact's length)."""
 
@@ -98,23 +79,6 @@ class Balanced:
         forces = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, :3])
         torques = np.einsum("mij,mj->mi", self.rotations, self.wrenches_contact[:, 3:])
         return rotated(self.held.rotation_world_plate, np.concatenate([forces, torques], axis=1))
-
-    def wrench(self, name: str) -> ContactWrench:
-        """Return the wrench of the contact of that name.
-
-        Raises:
-            ValueError: there is no such contact.
-        """
-        return self._wrench(self.contacts.index(name))
-
-    def wrenches(self) -> tuple[ContactWrench, ...]:
-        """Return the wrenches of all contacts."""
-        return tuple(self._wrench(index) for index in range(len(self.contacts)))
-
-    def _wrench(self, index: int) -> ContactWrench:
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = self.rotations[index], self.points[index]
-        return ContactWrench(self.contacts[index], T, self.wrenches_contact[index], self.wrenches_world[index])
 
 
 @dataclass(frozen=True, eq=False)

@@ -159,7 +159,7 @@ def contact_axes(normal: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a x b for two single vectors, ten times faster than `np.cross`."""
+    """Return a x b for two vectors (3,), ten times faster than `np.cross`."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

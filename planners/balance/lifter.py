@@ -44,7 +44,7 @@ class SuctionPad:
         return math.pi * self.cup.kappa / _SQRT2
 
     def limits(self) -> tuple[Array, Array]:
-        """Return (E, e): the variables x are within the limits when `E @ x + e >= 0`."""
+        """Return E (k, 6) and e (k,) [N]: the variables x are within the limits when `E @ x + e >= 0`."""
         rows, offsets = [], []
         for index, factor in ((0, _SQRT3), (1, _SQRT3), (5, _SQRT3)):
             for sign in (1.0, -1.0):
@@ -104,7 +104,7 @@ class Cable:
     """Index of the pull among the variables."""
 
     def limits(self) -> tuple[Array, Array]:
-        """Return (E, e): the variable x is within the limits when `E @ x + e >= 0`."""
+        """Return E (2, 1) and e (2,) [N]: the variable x is within the limits when `E @ x + e >= 0`."""
         return np.array([[1.0], [-1.0]]), np.array([0.0, self.cup.max_force])
 
     def contact_map(self, up: Array) -> Array:

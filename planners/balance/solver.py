@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from copy import copy
 from functools import partial
 from typing import NamedTuple
@@ -12,9 +11,9 @@ from numba import njit
 
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
+from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
-from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.balance.template import TORQUE_LENGTH, Columns, CompiledSolvers, Fingers, Manner, Structure, Template
 from planners.balance.uncertainty import Uncertainty
 from planners.errors import LiftwrightError
@@ -164,13 +163,13 @@ class Balance:
         return None
 
     def _middle(self, contacts: _Contacts, contact_map: Array, squeezed: Array) -> tuple[Array, Array] | None:
-        """Return forces far from all limits and how far each may move, None if there are none."""
+        """Return forces (k,) far from all limits and how far each may move (k,) [N]; None if there are none."""
         template = self._template(contacts.structure)
         infeasible, x, _ = template.solve(contact_map, contacts.gravity, squeezed, Manner.CENTRAL)
         return None if infeasible or not np.all(np.isfinite(x)) else (x, template.room(x)[: contact_map.shape[1]])
 
     def _holds(self, contacts: _Contacts, contact_map: Array, squeezed: Array, near: tuple[Array, Array]) -> bool:
-        """Whether forces that hold a similar plate are within their limits once they are moved to hold this one."""
+        """Tell whether forces that hold a similar plate keep within their limits when moved to hold this one."""
         x, room = near[0].copy(), near[1]
         _move_to_balance(x, contact_map, contacts.gravity + squeezed, room)
         residual, slack = _closed(self._template(contacts.structure), contacts, contact_map, squeezed, x)
@@ -201,7 +200,7 @@ class Balance:
         if not infeasible:
             residual, slack = _closed(template, contacts, contact_map, squeezed, x)
             if slack >= 0.0 and np.abs(residual).max() <= MAX_RESIDUAL * self.weight:
-                return self._balanced(template, contacts, contact_map, x, residual, slack)
+                return self._balanced(template, contacts, contact_map, x, slack)
             # What no forces at all can close is square to them: a proof where the solver breaks down.
             proofs.append(_proof_from_dual(residual, np.zeros(3)))
         proofs.append(_proof_from_dual(z[:6], template.net_multiplier(z)))
@@ -236,7 +235,7 @@ class Balance:
         return np.concatenate(blocks, axis=1), squeezed
 
     def _rest_map(self, contacts: _Contacts) -> Array:
-        """Return the part of G that does not depend on the hands, the same for many holds."""
+        """Return the columns of G, (6, k), that do not depend on the hands; many holds share them."""
         key = (contacts.up.tobytes(), contacts.points.tobytes())
         known = self._rest_maps.get(key)
         if known is None:
@@ -247,7 +246,7 @@ class Balance:
         return known
 
     def _hand_map(self, hand: GripContacts | PushContact) -> tuple[Array, Array]:
-        """Return what a hand's variables exert, (6, k), and what it exerts whatever they are, (6,)."""
+        """Return the map (6, k) from a hand's variables to its wrench, and its wrench (6,) where they are all zero."""
         known = self._hand_maps.get(hand)
         if known is not None:
             return known
@@ -262,10 +261,9 @@ class Balance:
         return result
 
     def _balanced(
-        self, template: Template, contacts: _Contacts, contact_map: Array, x: Array, residual: Array, least_slack: float
+        self, template: Template, contacts: _Contacts, contact_map: Array, x: Array, least_slack: float
     ) -> Balanced:
         columns = template.columns
-        pull = float(x[columns.pull])
         return Balanced(
             held=HeldPlate(contacts.rotation_world_plate, contacts.points, contacts.grip, contacts.push),
             contacts=columns.names,
@@ -274,10 +272,7 @@ class Balance:
             hand_wrenches=self._hand_wrenches(columns, contacts, contact_map, x),
             objective=float(template.cost @ x),
             f_plus_gp=0.0 if columns.hand_effort is None else float(x[columns.hand_effort]),
-            f_plus_s=pull,
-            suction_force=pull,
-            residual_force=math.hypot(*residual[:3]),
-            residual_moment=math.hypot(*residual[3:]) * TORQUE_LENGTH,
+            suction_force=float(x[columns.pull]),
             least_slack=least_slack,
         )
 

@@ -115,7 +115,7 @@ class Columns:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The contacts, in this order; see `ContactWrench.name`."""
+        """The contacts, in this order; see `Balanced.contacts`."""
         fingers = () if self.grip is None else ("grip_0", "grip_1")
         push = ("push",) if self.push is not None else ()
         return (*fingers, *push, *(f"environment_{index}" for index in range(len(self.environment))), "cup")
@@ -139,13 +139,13 @@ class _Cones:
         self.linear.append((row, bound))
 
     def no_more_than(self, row: Array, index: int) -> None:
-        """Bound `row @ x` by the variable at an index."""
+        """Bound `row @ x`, with a row (size,), by the variable at an index."""
         bounded = -row
         bounded[index] += 1.0
         self.linear.append((bounded, 0.0))
 
     def of_variables(self, columns: slice) -> Array:
-        """Return the rows that pick variables out of x."""
+        """Return the rows (k, size) that pick variables out of x."""
         return np.eye(self.size)[columns]
 
     def friction(self, forces: Array, mu: float, rest: Array | None = None) -> None:
@@ -347,7 +347,7 @@ class Template:
         return _least_slack(self.rows, self.offsets, x, self._bounding, self._effort_cone, self._starts)
 
     def room(self, x: Array) -> Array:
-        """Return how far each variable of x may move alone, within the limits, as far as they are linear near x [N]."""
+        """Return (size,): how far each variable of x may move alone, as far as the limits are linear near x [N]."""
         return _room(self.rows, self.offsets, x, self._bounding, self._effort_cone, self._starts)
 
     def effort(self, x: Array) -> float:

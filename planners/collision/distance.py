@@ -11,6 +11,7 @@ callers read as a collision.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,9 +29,22 @@ DEGENERATE = 1e-13
 """A tetrahedron whose height over a face, relative to its size, is below this counts as flat."""
 
 
+class Cores(NamedTuple):
+    """The cores of shapes, each in a frame of its own."""
+
+    vertices: Array
+    """(v, 3) of all shapes [m]."""
+    vertex_range: Indices
+    """(s, 2), first vertex of a shape and end."""
+    normals: Array
+    """(n, 3), normals of the faces of all cores, outward."""
+    normal_range: Indices
+    """(s, 2), first normal of a shape and end."""
+
+
 @njit(cache=True, nogil=True)
 def support(vertices: Array, start: int, end: int, x: float, y: float, z: float) -> int:
-    """Return which of `vertices[start:end]` reaches farthest along (x, y, z)."""
+    """Return the number of the vertex, of `vertices[start:end]` (n, 3), that reaches farthest along (x, y, z)."""
     best = start
     farthest = vertices[start, 0] * x + vertices[start, 1] * y + vertices[start, 2] * z
     for i in range(start + 1, end):
@@ -160,7 +174,7 @@ def _nearest_on_tetrahedron(simplex: Array) -> tuple[float, float, float, int]:
 
 @njit(cache=True, nogil=True)
 def _nearest_on_simplex(simplex: Array, count: int) -> tuple[float, float, float, int]:
-    """Return the point of the simplex nearest the origin, and a bit for each vertex that carries it."""
+    """Return the point of `count` vertices of (4, 3) nearest the origin, and a bit for each that carries it."""
     ax, ay, az = simplex[0, 0], simplex[0, 1], simplex[0, 2]
     if count == 1:
         return ax, ay, az, 1
@@ -196,16 +210,7 @@ def _holds(simplex: Array, count: int, x: float, y: float, z: float) -> bool:
 
 @njit(cache=True, nogil=True)
 def core_bounds(
-    vertices: Array,
-    vertex_range: Indices,
-    a: int,
-    b: int,
-    T_a_b: Array,
-    near: float,
-    far: float,
-    axis: Array,
-    row: int,
-    simplex: Array,
+    cores: Cores, a: int, b: int, T_a_b: Array, near: float, far: float, axis: Array, simplex: Array
 ) -> tuple[float, float]:
     """Bound the distance between two cores from below and above, as sharply as the question needs.
 
@@ -213,25 +218,24 @@ def core_bounds(
     far = nan no answer is good enough, and the bounds close in on the distance itself.
 
     Args:
-        vertices: (n, 3) of all shapes, each in its own frame.
-        vertex_range: (s, 2), first vertex of each shape and end.
+        cores: of all shapes.
         a: one shape.
         b: the other.
         T_a_b: (3, 4), b's frame in a's.
         near: no need to look closer than this [m].
         far: no need to look farther than this [m].
-        axis: (p, 3), whose `row` is a unit vector in a's frame from a towards b that is tried first; the best one
-            found is written back.
-        row: of `axis`.
+        axis: (3,) unit vector in a's frame from a towards b that is tried first; the best one found is written back.
         simplex: (4, 3) work space.
 
     Returns:
         (lower, upper): the distance lies between them. `lower` is negative while no plane parts the cores.
     """
-    a_start, a_end, b_start, b_end = vertex_range[a, 0], vertex_range[a, 1], vertex_range[b, 0], vertex_range[b, 1]
-    nx, ny, nz = axis[row, 0], axis[row, 1], axis[row, 2]
+    vertices = cores.vertices
+    a_start, a_end = cores.vertex_range[a, 0], cores.vertex_range[a, 1]
+    b_start, b_end = cores.vertex_range[b, 0], cores.vertex_range[b, 1]
+    nx, ny, nz = axis[0], axis[1], axis[2]
     lower, upper = -math.inf, math.inf
-    count = 0
+    count = int(np.int64(0))
     for _ in range(MAX_ITERATIONS):
         i = support(vertices, a_start, a_end, nx, ny, nz)
         j = support(
@@ -249,7 +253,7 @@ def core_bounds(
         gap = nx * x + ny * y + nz * z
         if gap > lower:
             lower = gap
-            axis[row, 0], axis[row, 1], axis[row, 2] = nx, ny, nz
+            axis[0], axis[1], axis[2] = nx, ny, nz
         if lower > far or (lower > near and upper <= far) or upper - lower <= TOLERANCE:
             break
         if _holds(simplex, count, x, y, z):
@@ -268,69 +272,53 @@ def core_bounds(
 
 
 @njit(cache=True, nogil=True)
-def _gap_along(
-    vertices: Array, vertex_range: Indices, a: int, b: int, T_a_b: Array, x: float, y: float, z: float
-) -> float:
-    """Return how far b lies beyond a along the unit vector (x, y, z) of a's frame; negative where they overlap."""
-    i = support(vertices, vertex_range[a, 0], vertex_range[a, 1], x, y, z)
+def _gap_along(cores: Cores, a: int, b: int, T_a_b: Array, x: float, y: float, z: float) -> float:
+    """Return the gap of cores a and b along the unit vector (x, y, z) of a's frame [m]; negative where they overlap."""
+    vertices = cores.vertices
+    i = support(vertices, cores.vertex_range[a, 0], cores.vertex_range[a, 1], x, y, z)
     local_x = T_a_b[0, 0] * x + T_a_b[1, 0] * y + T_a_b[2, 0] * z
     local_y = T_a_b[0, 1] * x + T_a_b[1, 1] * y + T_a_b[2, 1] * z
     local_z = T_a_b[0, 2] * x + T_a_b[1, 2] * y + T_a_b[2, 2] * z
-    j = support(vertices, vertex_range[b, 0], vertex_range[b, 1], -local_x, -local_y, -local_z)
+    j = support(vertices, cores.vertex_range[b, 0], cores.vertex_range[b, 1], -local_x, -local_y, -local_z)
     near_b = local_x * vertices[j, 0] + local_y * vertices[j, 1] + local_z * vertices[j, 2]
     far_a = x * vertices[i, 0] + y * vertices[i, 1] + z * vertices[i, 2]
     return near_b + x * T_a_b[0, 3] + y * T_a_b[1, 3] + z * T_a_b[2, 3] - far_a
 
 
 @njit(cache=True, nogil=True)
-def face_gap(
-    vertices: Array,
-    vertex_range: Indices,
-    normals: Array,
-    normal_range: Indices,
-    a: int,
-    b: int,
-    T_a_b: Array,
-    lower: float,
-    enough: float,
-    axis: Array,
-    row: int,
-) -> float:
+def face_gap(cores: Cores, a: int, b: int, T_a_b: Array, lower: float, enough: float, axis: Array) -> float:
     """Sharpen a lower bound on the gap of overlapping cores by the normals of their faces.
 
     A bound of -d says that moving b by d parts them. Pairs of edges are not tried, so the bound may be too low.
 
     Args:
-        vertices: as in `core_bounds`.
-        vertex_range: as in `core_bounds`.
-        normals: (n, 3), outward normals of all shapes' faces.
-        normal_range: (s, 2), first normal of each shape and end.
+        cores: of all shapes.
         a: one shape.
         b: the other.
         T_a_b: (3, 4), b's frame in a's.
         lower: what is known already [m].
         enough: no need to look for a larger one [m].
-        axis: (p, 3), whose `row` receives the direction of the bound returned.
-        row: of `axis`.
+        axis: (3,), receives the direction of the bound returned.
     """
+    normals, normal_range = cores.normals, cores.normal_range
     for i in range(normal_range[a, 0], normal_range[a, 1]):
         if lower > enough:
             return lower
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
-        gap = _gap_along(vertices, vertex_range, a, b, T_a_b, x, y, z)
+        gap = _gap_along(cores, a, b, T_a_b, x, y, z)
         if gap > lower:
             lower = gap
-            axis[row, 0], axis[row, 1], axis[row, 2] = x, y, z
+            axis[0], axis[1], axis[2] = x, y, z
     for i in range(normal_range[b, 0], normal_range[b, 1]):
         if lower > enough:
             return lower
         x = -(T_a_b[0, 0] * normals[i, 0] + T_a_b[0, 1] * normals[i, 1] + T_a_b[0, 2] * normals[i, 2])
         y = -(T_a_b[1, 0] * normals[i, 0] + T_a_b[1, 1] * normals[i, 1] + T_a_b[1, 2] * normals[i, 2])
         z = -(T_a_b[2, 0] * normals[i, 0] + T_a_b[2, 1] * normals[i, 1] + T_a_b[2, 2] * normals[i, 2])
-        gap = _gap_along(vertices, vertex_range, a, b, T_a_b, x, y, z)
+        gap = _gap_along(cores, a, b, T_a_b, x, y, z)
         if gap > lower:
             lower = gap
-            axis[row, 0], axis[row, 1], axis[row, 2] = x, y, z
+            axis[0], axis[1], axis[2] = x, y, z
     return lower
 
 
@@ -341,17 +329,9 @@ def distance(shape_a: ConvexShape, T_world_a: Transform, shape_b: ConvexShape, T
     """
     vertices = np.ascontiguousarray(np.vstack([shape_a.vertices, shape_b.vertices]), dtype=float)
     split = len(shape_a.vertices)
-    lower, upper = core_bounds(
-        vertices,
-        np.array([[0, split], [split, len(vertices)]], dtype=np.int32),
-        0,
-        1,
-        np.ascontiguousarray((inverse(T_world_a) @ T_world_b)[:3]),
-        -math.inf,
-        math.nan,
-        np.array([[1.0, 0.0, 0.0]]),
-        0,
-        np.empty((4, 3)),
-    )
+    ranges = np.array([[0, split], [split, len(vertices)]], dtype=np.int32)
+    cores = Cores(vertices, ranges, np.empty((0, 3)), np.zeros((2, 2), dtype=np.int32))
+    T_a_b, axis = np.ascontiguousarray((inverse(T_world_a) @ T_world_b)[:3]), np.array([1.0, 0.0, 0.0])
+    lower, upper = core_bounds(cores, 0, 1, T_a_b, -math.inf, math.nan, axis, np.empty((4, 3)))
     core = max(lower, 0.0) if upper > TOLERANCE else 0.0
     return core - shape_a.radius - shape_b.radius

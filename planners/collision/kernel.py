@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.collision.distance import Indices, core_bounds, face_gap, relative_transform
+from planners.collision.distance import Cores, Indices, core_bounds, face_gap, relative_transform
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 
@@ -34,20 +34,13 @@ MAX_DEPTH = 24
 class CollisionKernel(NamedTuple):
     """Everything a query needs: shapes, arms, placements, pairs. Indices are int32, numbers float64."""
 
-    vertices: Array
-    """(v, 3), all shapes' vertices, each in its own frame."""
-    vertex_range: Indices
-    """(s, 2), first vertex of a shape and end."""
+    cores: Cores
     radius: Array
     """(s,), what grows each shape."""
     spheres: Array
     """(s, 4), centre in the frame of the shape and radius of a ball around it (its growth included)."""
     boxes: Array
     """(s, 6), centre and half extents, along the axes of its frame, of a box around its core."""
-    normals: Array
-    """(n, 3), normals of the faces of all cores, outward, each in its own frame."""
-    normal_range: Indices
-    """(s, 2), first normal of a shape and end."""
     shape_frame: Indices
     """(s,)"""
     dh: Array
@@ -157,7 +150,7 @@ def _place_followers(followers: Indices, T_parent_follower: Array, frames: Array
 
 @njit(cache=True, nogil=True)
 def place_center(spheres: Array, shape_frame: Indices, frames: Array, shape: int, centers: Array) -> None:
-    """Write where the centre of a shape's bounding sphere is in the world."""
+    """Write the centre, a row of `centers` (s, 3), of a shape's bounding sphere in the world [m]."""
     f = shape_frame[shape]
     x, y, z = spheres[shape, 0], spheres[shape, 1], spheres[shape, 2]
     for i in range(3):
@@ -186,27 +179,15 @@ def core_gap(kernel: CollisionKernel, pair: int, near: float, far: float, scratc
     The frames and centres of both shapes are in place. Where `near` is negative the bound may be too: the cores then
     overlap by no more than its size.
     """
-    a, b = int(kernel.pairs[pair, 0]), int(kernel.pairs[pair, 1])
-    f, g = int(kernel.shape_frame[a]), int(kernel.shape_frame[b])
+    # One width of integers, so that what follows is compiled once.
+    a, b = int(np.int64(kernel.pairs[pair, 0])), int(np.int64(kernel.pairs[pair, 1]))
+    f, g = int(np.int64(kernel.shape_frame[a])), int(np.int64(kernel.shape_frame[b]))
     _start_axis(scratch.axis, pair, scratch.centers, a, b, scratch.frames, f)
     relative_transform(scratch.frames, f, g, scratch.T_a_b)
-    lower, _ = core_bounds(
-        kernel.vertices, kernel.vertex_range, a, b, scratch.T_a_b, near, far, scratch.axis, pair, scratch.simplex
-    )
+    axis = scratch.axis[pair]
+    lower, _ = core_bounds(kernel.cores, a, b, scratch.T_a_b, near, far, axis, scratch.simplex)
     if near < 0.0 and lower <= far:
-        lower = face_gap(
-            kernel.vertices,
-            kernel.vertex_range,
-            kernel.normals,
-            kernel.normal_range,
-            a,
-            b,
-            scratch.T_a_b,
-            lower,
-            far,
-            scratch.axis,
-            pair,
-        )
+        lower = face_gap(kernel.cores, a, b, scratch.T_a_b, lower, far, axis)
     return lower
 
 

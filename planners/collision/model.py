@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.distance import Indices
+from planners.collision.distance import Cores, Indices
 from planners.collision.kernel import (
     RIGID,
     UPRIGHT,
@@ -16,15 +16,49 @@ from planners.collision.kernel import (
     first_collisions,
 )
 from planners.collision.pairing import choose_pairs, pair_columns, pair_margins, used_shapes
-from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
-from planners.collision.sweep import sweep_edge, sweep_path
+from planners.collision.sweep import edge_collision, path_collision
 from planners.errors import LiftwrightError
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.geometry.convex import CollisionBody, ConvexShape, NamePair, sorted_pair
 from planners.geometry.pose import Array, Transform, transform
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """At rest in the world."""
+
+    T_world_body: Transform
+
+
+@dataclass(frozen=True, eq=False)
+class Attached:
+    """Held by the flange of an arm."""
+
+    arm: str
+    T_flange_body: Transform
+
+
+@dataclass(frozen=True, eq=False)
+class Riding:
+    """Rigid on another frame, like the cup on the plate."""
+
+    frame: str
+    T_parent_body: Transform
+
+
+@dataclass(frozen=True, eq=False)
+class Upright:
+    """Axes of the world, origin at a point of another frame, like the cable above the cup."""
+
+    frame: str
+    point: Array
+    """(3,), in that frame [m]."""
+
+
+Placement = Fixed | Attached | Riding | Upright
+
 
 PairChoice = Callable[[CollisionBody, CollisionBody], bool]
 PairMask = NDArray[np.bool_]
-NamePair = tuple[str, str]
 
 _FLANGE = 6
 _DRAWN_RIGHT = 1e-9
@@ -63,12 +97,12 @@ class CollisionQuery:
 
     def edge(self, q_from: Array, q_to: Array) -> EdgeResult:
         """Check a straight joint motion, ends included (`planners.collision.sweep.edge_collision`)."""
-        pair, fraction = sweep_edge(self.kernel, np.array(q_from, dtype=float), np.array(q_to, dtype=float))
+        pair, fraction = edge_collision(self.kernel, np.array(q_from, dtype=float), np.array(q_to, dtype=float))
         return EdgeResult(pair < 0, fraction, pair)
 
     def path(self, Q: Array) -> EdgeResult:
         """Check the polyline through the configurations (n, 6 per arm) [rad], ends included."""
-        pair, k, fraction = sweep_path(self.kernel, np.ascontiguousarray(Q, dtype=float))
+        pair, k, fraction = path_collision(self.kernel, np.ascontiguousarray(Q, dtype=float))
         return EdgeResult(pair < 0, k + fraction, pair)
 
     def pair_names(self, pair: int) -> NamePair:
@@ -130,14 +164,14 @@ class CollisionModel:
         """
         _check_bodies(bodies)
         frames = _frame_names(tuple(arms), bodies)
-        skipped = {_sorted_pair(pair) for pair in excluded}
+        skipped = {sorted_pair(*pair) for pair in excluded}
         names = frozenset(body.name for body in bodies)
         _check_names((name for pair in skipped for name in pair), names)
         body_pairs = [
             (i, j)
             for i, a in enumerate(bodies)
             for j, b in enumerate(bodies[i + 1 :], start=i + 1)
-            if a.frame != b.frame and _sorted_pair((a.name, b.name)) not in skipped
+            if a.frame != b.frame and sorted_pair(a.name, b.name) not in skipped
         ]
         first_shape = np.cumsum([0, *(len(body.shapes) for body in bodies)])
         shape_pairs = [
@@ -158,7 +192,7 @@ class CollisionModel:
             shape_pairs=np.ascontiguousarray(rows[:, :2]),
             shape_pair_bodies=np.ascontiguousarray(rows[:, 2]),
             shapes=_bare_kernel(arms, bodies, frames),
-            pair_index={_sorted_pair(pair): k for k, pair in enumerate(pair_names)},
+            pair_index={sorted_pair(*pair): k for k, pair in enumerate(pair_names)},
             frame_numbers={name: k for k, name in enumerate(frames)},
             names=names,
             arm_drivers=_arm_drivers(len(arms), len(frames)),
@@ -227,7 +261,7 @@ class CollisionModel:
         chosen = self._chosen_pairs(placements, allowed, only)
         body_margins = np.full(len(self.pair_names), float(margin))
         for pair, value in margins.items():
-            index = self.pair_index.get(_sorted_pair(pair))
+            index = self.pair_index.get(sorted_pair(*pair))
             if index is not None:
                 body_margins[index] = value
         followers, T_parent_follower, frame_drivers = self._follow(placements)
@@ -261,7 +295,7 @@ class CollisionModel:
         else:
             chosen = only.copy() if isinstance(only, np.ndarray) else self.pair_mask(only)
         for pair in allowed:
-            index = self.pair_index.get(_sorted_pair(pair))
+            index = self.pair_index.get(sorted_pair(*pair))
             if index is not None:
                 chosen[index] = False
         absent = [frame for frame, placement in placements.items() if placement is None]
@@ -336,13 +370,8 @@ def _offset(placement: Placement) -> Transform:
             return transform(position=point)
 
 
-def _sorted_pair(pair: NamePair) -> NamePair:
-    a, b = pair
-    return (a, b) if a < b else (b, a)
-
-
 def _outward(body: CollisionBody) -> tuple[str, str, int]:
-    """Return what the pairs of a model depend on."""
+    """Return name, frame and number of shapes: all of a body that a model's pairs depend on."""
     return body.name, body.frame, len(body.shapes)
 
 
@@ -382,13 +411,15 @@ def _bare_kernel(
     normal_counts = [len(rows) for rows in normals]
     shape_frame = [frames.index(body.frame) for body in bodies for _ in body.shapes]
     return CollisionKernel(
-        vertices=np.vstack([shape.vertices for shape in shapes]).astype(float),
-        vertex_range=np.column_stack([ends - counts, ends]).astype(np.int32),
+        cores=Cores(
+            vertices=np.vstack([shape.vertices for shape in shapes]).astype(float),
+            vertex_range=np.column_stack([ends - counts, ends]).astype(np.int32),
+            normals=np.ascontiguousarray(np.vstack(normals)),
+            normal_range=np.column_stack([normal_ends - normal_counts, normal_ends]).astype(np.int32),
+        ),
         radius=np.array([shape.radius for shape in shapes], dtype=float),
         spheres=np.array([_bounding_sphere(shape) for shape in shapes]),
         boxes=np.array([_bounding_box(shape) for shape in shapes]),
-        normals=np.ascontiguousarray(np.vstack(normals)),
-        normal_range=np.column_stack([normal_ends - normal_counts, normal_ends]).astype(np.int32),
         shape_frame=np.array(shape_frame, dtype=np.int32),
         dh=np.array([dh for dh, _ in arms.values()], dtype=float).reshape(-1, 6, 4),
         T_world_base=np.array([T for _, T in arms.values()], dtype=float).reshape(-1, 4, 4),
@@ -409,5 +440,5 @@ def _bounding_box(shape: ConvexShape) -> Array:
 
 
 def _bounding_sphere(shape: ConvexShape) -> Array:
-    """Return the centre and radius of a ball around a shape."""
+    """Return the (4,) centre and radius of a ball around a shape [m]."""
     return shape.ball + np.array([0.0, 0.0, 0.0, shape.radius + _DRAWN_RIGHT])

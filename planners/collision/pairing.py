@@ -64,7 +64,7 @@ def pair_margins(
 
 @njit(cache=True, nogil=True)
 def used_shapes(pairs: Indices, drivers: Indices, n_arms: int) -> tuple[Indices, Indices]:
-    """Return the shapes that pairs name, and for each arm whether it moves one of them."""
+    """Return the shapes (k,) that pairs (p, 4) name, and for each arm (n_arms,) whether it moves one of them."""
     used, arms = np.zeros(len(drivers), np.int32), np.zeros(n_arms, np.int32)
     for k in range(len(pairs)):
         used[pairs[k, 0]] = used[pairs[k, 1]] = 1

@@ -103,7 +103,7 @@ def _unproven(
     drivers, pairs, margins = kernel.drivers, kernel.pairs, kernel.margin
     left = 0
     for i in range(count):
-        pair = pending[depth, i]
+        pair = int(np.int64(pending[depth, i]))
         a, b = pairs[pair, 0], pairs[pair, 1]
         for k in range(2):
             shape = pairs[pair, k]
@@ -147,7 +147,8 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
     counts = np.zeros(MAX_DEPTH + 1, np.int64)
     counts[0] = _moving_pairs(kernel.pairs, pending)
     scratch.stamp[:] = -1
-    depth, index, stamp = 0, 0, 0
+    # Typed numbers: literal ones would have the rest compiled for them once more.
+    depth, index, stamp = int(np.int64(0)), int(np.int64(0)), int(np.int64(0))
     while True:
         half = 0.5 ** (depth + 1)
         middle = (2 * index + 1) * half
@@ -171,7 +172,7 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
 
 @njit(cache=True, nogil=True)
 def _moving_pairs(pairs: Indices, pending: Indices) -> int:
-    """Write the pairs whose shapes can move against each other into row 0; return how many they are."""
+    """Write the pairs whose shapes can move against each other into row 0 of (depths, p); return how many they are."""
     count = 0
     for pair in range(len(pairs)):
         if pairs[pair, 2] != STILL or pairs[pair, 3] != STILL:
@@ -181,7 +182,7 @@ def _moving_pairs(pairs: Indices, pending: Indices) -> int:
 
 
 @njit(cache=True, nogil=True)
-def edge_collision(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch) -> tuple[int, float]:
+def edge_collision(kernel: CollisionKernel, q_from: Array, q_to: Array) -> tuple[int, float]:
     """Check the straight joint motion between two configurations, its ends included.
 
     Every configuration that is looked at keeps the margins, and between them no pair comes closer than contact (than
@@ -191,6 +192,7 @@ def edge_collision(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch:
         (pair, fraction): the pair in the way and where that was noticed (not always the first such place), or
         (-1, 1.0).
     """
+    scratch = make_scratch(kernel)
     pair = first_collision(kernel, q_to, scratch)
     if pair >= 0:
         return pair, 1.0
@@ -201,12 +203,13 @@ def edge_collision(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch:
 
 
 @njit(cache=True, nogil=True)
-def path_collision(kernel: CollisionKernel, Q: Array, scratch: Scratch) -> tuple[int, int, float]:
+def path_collision(kernel: CollisionKernel, Q: Array) -> tuple[int, int, float]:
     """Check a polyline Q (n, 6 per arm) like `edge_collision`: all its corners first, then between them.
 
     Returns:
         (pair, k, fraction): the place is `Q[k] + fraction (Q[k + 1] - Q[k])`; or (-1, n - 1, 0.0).
     """
+    scratch = make_scratch(kernel)
     for k in range(len(Q)):
         pair = first_collision(kernel, Q[k], scratch)
         if pair >= 0:
@@ -216,15 +219,3 @@ def path_collision(kernel: CollisionKernel, Q: Array, scratch: Scratch) -> tuple
         if pair >= 0:
             return pair, k, fraction
     return -1, len(Q) - 1, 0.0
-
-
-@njit(cache=True, nogil=True)
-def sweep_edge(kernel: CollisionKernel, q_from: Array, q_to: Array) -> tuple[int, float]:
-    """Ask `edge_collision` with work space of its own."""
-    return edge_collision(kernel, q_from, q_to, make_scratch(kernel))
-
-
-@njit(cache=True, nogil=True)
-def sweep_path(kernel: CollisionKernel, Q: Array) -> tuple[int, int, float]:
-    """Ask `path_collision` with work space of its own."""
-    return path_collision(kernel, Q, make_scratch(kernel))

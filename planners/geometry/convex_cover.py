@@ -119,7 +119,7 @@ class _Solid:
         return [side for side in (low, high) if side is not None]
 
     def _cost(self, cell: _Cell, plane: Array) -> tuple[float, float]:
-        """Return the volume of both hulls over that before, and how uneven they are where that ties."""
+        """Return the volume of both hulls over that of the cell's [1], and for ties the larger of the two [m³]."""
         volumes = []
         for planes, triangles in self._sides(cell, plane):
             points = np.vstack([triangles.reshape(-1, 3), self._corners_inside(planes)])
@@ -136,7 +136,7 @@ class _Solid:
             yield np.vstack([cell.planes, row]), _clipped(cell.triangles, row, self.rounding)
 
     def _planes_for(self, cell: _Cell) -> list[Array]:
-        """Return planes that may cut the hollow at `cell.farthest` off: of faces near it, and right through it."""
+        """Return planes (4,) that may cut the hollow at `cell.farthest` off: of faces near it, and right through it."""
         _, near = self.tree.query(cell.farthest, k=min(64, len(self.samples)))
         planes: list[Array] = []
         chosen: list[Array] = []
@@ -159,10 +159,10 @@ class _Solid:
             if np.all(planes[:, :3] @ corner <= planes[:, 3] + self.rounding):
                 corners.append(corner)
         points = np.array(corners).reshape(-1, 3)
-        return points[winding_numbers(self.vertices, self.faces, points) > 0.5]
+        return points[winding_numbers(self.vertices[self.faces], points) > 0.5]
 
     def _excess(self, hull: ConvexHull) -> tuple[float, Array]:
-        """Return how far a hull reaches beyond the solid, and where."""
+        """Return how far a hull reaches beyond the solid [m], and the (3,) point where it does."""
         probes = self._probes(hull)
         distances, near = (np.asarray(found) for found in self.tree.query(probes, k=min(8, len(self.samples))))
         heights = np.einsum("pki,pki->pk", probes[:, None] - self.samples[near], self.normals[near])
@@ -172,14 +172,14 @@ class _Solid:
         for k in candidates[: self.settings.verified]:
             if distances[k, 0] <= excess:
                 break
-            if winding_numbers(self.vertices, self.faces, probes[k][None])[0] < 0.5:
+            if winding_numbers(self.vertices[self.faces], probes[k][None])[0] < 0.5:
                 nearest = distance(self.vertices, self.faces[self.owners[near[k]]], probes[k])
                 if nearest > excess:
                     excess, farthest = nearest, probes[k]
         return excess, farthest
 
     def _probes(self, hull: ConvexHull) -> Array:
-        """Return points in a hull: on its faces, and anywhere inside."""
+        """Return points (p, 3) in a hull: on its faces, and anywhere inside."""
         corners = hull.points[hull.simplices]
         areas = triangle_normals(hull.points, hull.simplices.astype(np.int64))[1]
         count = self.settings.probes // 2
@@ -191,7 +191,7 @@ class _Solid:
         return np.vstack([corners.mean(axis=1), on_faces, center + depth * (on_faces - center)])
 
     def _sample(self) -> tuple[Array, Faces]:
-        """Return points spread over the surface, and which triangle each is on."""
+        """Return points (s, 3) spread over the surface, and the triangle (s,) that each is on."""
         _, areas = triangle_normals(self.vertices, self.faces)
         whole = np.flatnonzero(areas > 0.0)
         extra = self.rng.choice(len(areas), self.settings.samples, p=areas / areas.sum())
@@ -214,7 +214,7 @@ def _clipped(triangles: Array, plane: Array, rounding: float) -> Array:
 
 
 def _cut_triangle(corners: Array, heights: Array) -> Array:
-    """Return the one or two triangles that are left below a plane of one that crosses it."""
+    """Return the (t, 3, 3) triangles below a plane of one (3, 3) that crosses it, with `heights` (3,) above it."""
     kept: list[Array] = []
     for k in range(3):
         here, there = heights[k], heights[(k + 1) % 3]

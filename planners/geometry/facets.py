@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
+from planners.geometry.surface import side_neighbours
 
 Indices = NDArray[np.int64]
 
@@ -65,16 +66,6 @@ class Facet:
     """(n, 3) corners of the border each, in the body frame; the facet is on the left, seen from outside [m]."""
 
     @cached_property
-    def outlines(self) -> tuple[Array, ...]:
-        """Outer borders (n, 2), counter-clockwise in the facet frame: one, but where a facet is pinched to a point."""
-        return tuple(loop for loop in self._flat_loops if _signed_area(loop) > 0.0)
-
-    @cached_property
-    def holes(self) -> tuple[Array, ...]:
-        """Inner borders (n, 2), clockwise in the facet frame."""
-        return tuple(loop for loop in self._flat_loops if _signed_area(loop) <= 0.0)
-
-    @cached_property
     def border(self) -> Array:
         """(b, 2, 3) straight pieces of the border, in the facet frame [m]."""
         T = self.T_body_facet
@@ -86,11 +77,6 @@ class Facet:
         """Least and greatest x and y, (2,) each, in the facet frame [m]."""
         corners = self.border[:, 0, :2]
         return corners.min(axis=0), corners.max(axis=0)
-
-    @property
-    def _flat_loops(self) -> list[Array]:
-        T = self.T_body_facet
-        return [(loop - T[:3, 3]) @ T[:3, :2] for loop in self.loops]
 
 
 def find_facets(vertices: Array, faces: Indices, settings: FacetSettings | None = None) -> tuple[Facet, ...]:
@@ -112,26 +98,6 @@ def find_facets(vertices: Array, faces: Indices, settings: FacetSettings | None 
     mesh = _Mesh.read(np.ascontiguousarray(vertices, dtype=float), np.ascontiguousarray(faces, dtype=np.int64))
     patches = _Patches.of(mesh, settings.coplanar)
     return tuple(_facets(mesh, patches, settings))
-
-
-def side_neighbours(faces: Indices) -> Indices:
-    """Return (m, 3): the triangle beyond side k, from corner k to the next; -1 if there is not exactly one.
-
-    Neighbours run along their common side in opposite directions.
-    """
-    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
-    key = low * (int(faces.max()) + 1) + high
-    order = np.argsort(key, kind="stable")
-    ranked = key[order]
-    first = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1]]))
-    count = np.diff(np.append(first, len(ranked)))
-    one, other = order[first[count == 2]], order[first[count == 2] + 1]
-    opposite = tails[one] == heads[other]
-    one, other = one[opposite], other[opposite]
-    neighbours = np.full(len(key), -1, dtype=np.int64)
-    neighbours[one], neighbours[other] = other // 3, one // 3
-    return neighbours.reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +163,7 @@ class _Patches:
         return np.searchsorted(pairs, np.arange(count + 1) * count), pairs % count
 
     def triangles(self) -> tuple[Indices, Indices]:
-        """Return (starts, triangles) of each patch."""
+        """Return (starts, triangles): patch p has `triangles[starts[p]:starts[p + 1]]`."""
         members = np.argsort(self.patch_of, kind="stable")
         return np.searchsorted(self.patch_of[members], np.arange(len(self.areas) + 1)), members
 
@@ -218,7 +184,7 @@ def _facets(mesh: _Mesh, patches: _Patches, settings: FacetSettings) -> Iterator
 
 
 def _facet(mesh: _Mesh, patches: _Patches, triangles: Indices, inside: NDArray[np.bool_], coplanar: float) -> Facet:
-    """Assemble the facet of the triangles, of which the first belongs to the seed."""
+    """Assemble the facet of triangles (k,), of which the first belongs to the seed."""
     normals = patches.normals[patches.patch_of[triangles]]
     normal, areas = normals[0], mesh.areas[triangles]
     corners = mesh.vertices[mesh.faces[triangles]]
@@ -293,17 +259,12 @@ def _longest_side(loops: tuple[Array, ...], normal: Array) -> Array:
 
 
 def _by_falling_size(sizes: Array, ties: Indices) -> Indices:
-    """Return the order of falling size; of equal ones, up to rounding, the lower tie comes first."""
+    """Return the order (n,) of falling size; of equal ones, up to rounding, the lower tie comes first."""
     largest = sizes.max(initial=0.0)
     if largest <= 0.0:
         return np.argsort(ties)
     steps = np.round(_TIE * np.log(np.maximum(sizes / largest, 1e-30)))
     return np.lexsort((ties, -steps))
-
-
-def _signed_area(loop: Array) -> float:
-    x, y = loop.T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @njit(cache=True, nogil=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 import json
+import re
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
@@ -14,9 +16,7 @@ import numpy as np
 import trimesh
 
 from planners.errors import LiftwrightError
-from planners.geometry.obj_file import count_obj, read_obj
 from planners.geometry.pose import Array
-from planners.geometry.stl_file import count_stl, read_stl
 from planners.geometry.surface import Faces
 
 MeshFormat = Literal["stl", "ply", "obj", "glb"]
@@ -33,6 +33,14 @@ MOST_PROPERTIES = 100
 """Of a PLY's elements together."""
 MOST_ROWS_BEHIND = 1000
 """Lines that a PLY of text may have behind those it announces: every one is parsed."""
+LONGEST_LINE = 100_000
+"""Of an OBJ [bytes]."""
+_STL_BEGIN = 84
+"""Of a binary STL's triangles, behind its title and their number [bytes]."""
+_STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+# What follows a line's start is matched in one way only: the time is that of reading the file once.
+_VERTEX_OR_FACE = re.compile(rb"^[ \t]*([vf])[ \t]+([^\n]*)", re.MULTILINE)
+_CORNER = re.compile(rb"^[ \t]*vertex[ \t]+([^\n]{0,200})", re.MULTILINE | re.IGNORECASE)
 
 
 class MeshRefused(LiftwrightError):
@@ -75,18 +83,6 @@ def _check_counts(counts: _Counts) -> None:
         raise MeshRefused(f"the mesh has {counts.triangles} triangles, at most {MOST_TRIANGLES} are taken: simplify it")
     if counts.vertices > MOST_VERTICES:
         raise MeshRefused(f"the mesh has {counts.vertices} vertices, at most {MOST_VERTICES} are taken: simplify it")
-
-
-def _count_stl(content: bytes) -> _Counts:
-    try:
-        triangles = count_stl(content)
-    except ValueError as error:
-        raise MeshRefused(f"the file is no STL file: {error}") from error
-    return _Counts(triangles, 3 * triangles)
-
-
-def _count_obj(content: bytes) -> _Counts:
-    return _Counts(*count_obj(content))
 
 
 def _count_ply(content: bytes) -> _Counts:
@@ -205,6 +201,85 @@ def _list_of(tree: Mapping[str, Any], name: str) -> list[Any]:
     return entries
 
 
+def _count_obj(content: bytes) -> _Counts:
+    triangles = vertices = 0
+    for kind, rest in _lines(content):
+        if kind == b"v":
+            vertices += 1
+        else:
+            triangles += max(0, len(rest.split()) - 2)
+    return _Counts(triangles, vertices)
+
+
+def obj_vertices(content: bytes) -> Array:
+    """Return the vertices (n, 3) of an OBJ file, in its order and unit.
+
+    Raises:
+        ValueError: A vertex is not made of numbers, or a line is too long.
+    """
+    rows = [rest.split()[:3] for kind, rest in _lines(content) if kind == b"v"]
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+def _read_obj(content: bytes) -> tuple[Array, Faces]:
+    """Return vertices and triangles; a face of more corners is a fan of them."""
+    vertices: list[tuple[float, float, float]] = []
+    triangles: list[tuple[int, int, int]] = []
+    for kind, rest in _lines(content):
+        if kind == b"v":
+            x, y, z = rest.split()[:3]
+            vertices.append((float(x), float(y), float(z)))
+        else:
+            corners = [_place(word, len(vertices)) for word in rest.split()]
+            triangles += [(corners[0], b, c) for b, c in itertools.pairwise(corners[1:])]
+    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise ValueError("a face names a vertex that there is not")
+    return np.array(vertices, dtype=float).reshape(-1, 3), faces
+
+
+def _lines(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the first word and the rest of every line of a vertex or a face; a backslash joins a line to the next."""
+    joined = content.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    for line in _VERTEX_OR_FACE.finditer(joined):
+        if line.end() - line.start() > LONGEST_LINE:
+            raise ValueError(f"a line is longer than {LONGEST_LINE} bytes")
+        yield line[1], line[2].partition(b"#")[0]
+
+
+def _place(word: bytes, so_far: int) -> int:
+    """Return the place of the vertex of a corner like 7/1/2, or -1 for the last one there is so far."""
+    number = int(word.partition(b"/")[0])
+    return number - 1 if number > 0 else so_far + number if number < 0 else -1
+
+
+def _count_stl(content: bytes) -> _Counts:
+    if _is_binary(content):
+        triangles = (len(content) - _STL_BEGIN) // _STL_TRIANGLE.itemsize
+    elif content[:1000].lstrip().lower().startswith(b"solid"):
+        triangles = sum(1 for _ in _CORNER.finditer(content)) // 3
+    else:
+        raise MeshRefused("the file is no STL file: its length is not that of the triangles it announces")
+    return _Counts(triangles, 3 * triangles)
+
+
+def _read_stl(content: bytes) -> tuple[Array, Faces]:
+    """Return vertices, three for every triangle, and triangles; solids of a text are taken together."""
+    if _is_binary(content):
+        vertices = np.frombuffer(content, _STL_TRIANGLE, offset=_STL_BEGIN)["corners"].astype(float).reshape(-1, 3)
+    else:
+        corners = [[float(word) for word in line[1].split()[:3]] for line in _CORNER.finditer(content)]
+        vertices = np.array(corners, dtype=float).reshape(-1, 3)
+    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+
+
+def _is_binary(content: bytes) -> bool:
+    if len(content) < _STL_BEGIN:
+        return False
+    (triangles,) = struct.unpack_from("<I", content, 80)
+    return len(content) == _STL_BEGIN + _STL_TRIANGLE.itemsize * triangles
+
+
 _BROKEN = (
     ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, OverflowError, struct.error, OSError,
     LookupError,
@@ -214,8 +289,8 @@ _COUNTERS: Mapping[MeshFormat, Callable[[bytes], _Counts]] = MappingProxyType(
 )
 _READERS: Mapping[MeshFormat, Callable[[bytes], tuple[Array, Faces]]] = MappingProxyType(
     {
-        "stl": read_stl,
-        "obj": read_obj,
+        "stl": _read_stl,
+        "obj": _read_obj,
         "ply": lambda content: _read_scene(content, "ply"),
         "glb": lambda content: _read_scene(content, "glb"),
     }

@@ -55,6 +55,17 @@ def convex_outline(corners: Sequence[Sequence[float]] | Array) -> Array:
     return outline
 
 
+def rectangle(x: float, y: float) -> Array:
+    """Return the (4, 2) corners of a rectangle about the origin along the axes [m]; corner 0 is at -x, -y."""
+    return 0.5 * np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+
+
+def circle(radius: float, count: int) -> Array:
+    """Return (count, 2) points on a circle about the origin [m]; point 0 is at +x."""
+    angles = 2.0 * math.pi * np.arange(count) / count
+    return radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
 def side_lengths(outline: Array) -> Array:
     """Return the (n,) lengths of the sides [m]."""
     return np.linalg.norm(_sides(outline), axis=1)
@@ -73,7 +84,7 @@ def inward_normals(outline: Array) -> Array:
 
 
 def area(outline: Array) -> float:
-    """Return the enclosed area [m²]."""
+    """Return the area that an outline (n, 2) encloses [m²]."""
     x, y = outline[:, 0], outline[:, 1]
     return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
 
@@ -116,7 +127,7 @@ def overlap(outline: Array, other: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _clipped(corners: Array, sides: Array) -> Array:
-    """Keep the part of a polygon on the inner side of each side of another, without corners that coincide."""
+    """Clip a polygon (n, 2) by each side of another (m, 2), and drop corners that coincide."""
     kept = corners
     for side in range(len(sides)):
         start, end = sides[side], sides[(side + 1) % len(sides)]
@@ -153,5 +164,5 @@ def _sides(outline: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return the z component of the cross product, row by row."""
+    """Return the z components (...) of the cross products of vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

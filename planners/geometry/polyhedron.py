@@ -80,12 +80,6 @@ class Polyhedron:
             bounds[Element(ElementKind.FACE, index)] = edges | _vertex_elements(face)
         return bounds
 
-    def face_normal(self, face: int) -> Array:
-        """Return the outward unit normal (3,) of a face."""
-        a, b, c = self.vertices[list(self.faces[face][:3])]
-        normal = np.cross(b - a, c - b)
-        return normal / np.linalg.norm(normal)
-
 
 @dataclass(frozen=True, eq=False)
 class Prism:
@@ -124,15 +118,6 @@ class Prism:
             *((k, n + k) for k in range(n)),
         )
         return Prism(corners, float(height), Polyhedron(vertices, faces, edges))
-
-    @staticmethod
-    def from_box(size: Sequence[float] | Array) -> Prism:
-        """Build the prism of a box of full lengths (3,), its frame at the centre; corner 0 is at -x, -y."""
-        x, y, height = (float(value) for value in size)
-        if not (x > 0.0 and y > 0.0):
-            raise ShapeError(f"the lengths of a box are positive, not {x} and {y}")
-        a, b = 0.5 * x, 0.5 * y
-        return Prism.from_outline([[-a, -b], [a, -b], [a, b], [-a, b]], height)
 
     @property
     def bottom(self) -> Element:

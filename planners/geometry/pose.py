@@ -75,13 +75,13 @@ def to_pose7s(transforms: Array) -> Array:
 
 
 def skew(vector: Sequence[float] | Array) -> Array:
-    """Return S with `S @ v == cross(vector, v)`."""
+    """Return the (3, 3) matrix S with `S @ v == cross(vector, v)`."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rotation_from_vector(vector: Sequence[float] | Array) -> Array:
-    """Rotate by `|vector|` radians about `vector` (Rodrigues)."""
+    """Return the (3, 3) rotation by `|vector|` radians about `vector` (3,), by Rodrigues' formula."""
     v = np.asarray(vector, dtype=float)
     angle = float(np.linalg.norm(v))
     if angle < 1e-12:
@@ -91,7 +91,7 @@ def rotation_from_vector(vector: Sequence[float] | Array) -> Array:
 
 
 def rotation_angle(R_a: Array, R_b: Array) -> float:
-    """Return the angle of the rotation between two orientations [rad], accurate near 0 and near pi."""
+    """Return the angle between two orientations (3, 3) [rad], accurate near 0 and near pi."""
     R = R_a.T @ R_b
     sine = 0.5 * math.sqrt((R[2, 1] - R[1, 2]) ** 2 + (R[0, 2] - R[2, 0]) ** 2 + (R[1, 0] - R[0, 1]) ** 2)
     return math.atan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0))
@@ -105,17 +105,17 @@ def small_motion(T_from: Transform, T_to: Transform) -> Array:
 
 
 def rotation_x(angle: float) -> Array:
-    """Rotate about x [rad]."""
+    """Return the (3, 3) rotation about x [rad]."""
     return rotation_from_vector([angle, 0.0, 0.0])
 
 
 def rotation_y(angle: float) -> Array:
-    """Rotate about y [rad]."""
+    """Return the (3, 3) rotation about y [rad]."""
     return rotation_from_vector([0.0, angle, 0.0])
 
 
 def rotation_z(angle: float) -> Array:
-    """Rotate about z [rad]."""
+    """Return the (3, 3) rotation about z [rad]."""
     return rotation_from_vector([0.0, 0.0, angle])
 
 

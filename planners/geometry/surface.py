@@ -29,8 +29,46 @@ def triangle_normals(vertices: Array, faces: Faces) -> tuple[Array, Array]:
     return cross / np.where(length > 0.0, length, 1.0)[:, None], 0.5 * length
 
 
+def shared_sides(faces: Faces) -> tuple[Faces, Faces]:
+    """Group the sides of triangles by the edges that they lie on, whichever way they run.
+
+    Args:
+        faces: (m, 3) vertex numbers.
+
+    Returns:
+        (sides, bounds): `sides[bounds[e]:bounds[e + 1]]` lie on edge e, in rising order. Side 3 t + i runs from corner
+        i of triangle t to its next.
+    """
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    key = np.minimum(tails, heads) * (int(faces.max()) + 1) + np.maximum(tails, heads)
+    sides = np.argsort(key, kind="stable")
+    first = np.flatnonzero(np.diff(key[sides], prepend=-1))
+    return sides, np.append(first, len(sides))
+
+
+def side_neighbours(faces: Faces) -> Faces:
+    """Find the triangle beyond each side of each triangle.
+
+    Args:
+        faces: (m, 3) vertex numbers.
+
+    Returns:
+        (m, 3): the neighbour beyond side k, which runs from corner k to the next; -1 if there is not exactly one, or it
+        does not run along the side in the opposite direction.
+    """
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    sides, bounds = shared_sides(faces)
+    first = bounds[:-1][np.diff(bounds) == 2]
+    one, other = sides[first], sides[first + 1]
+    opposite = tails[one] == heads[other]
+    one, other = one[opposite], other[opposite]
+    neighbours = np.full(len(tails), -1, dtype=np.int64)
+    neighbours[one], neighbours[other] = other // 3, one // 3
+    return neighbours.reshape(-1, 3)
+
+
 def volume(vertices: Array, faces: Faces) -> float:
-    """Return the volume inside [m³]; negative where the triangles look inward."""
+    """Return the volume inside triangles (m, 3) of vertices (n, 3) [m³]; negative where they look inward."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
@@ -46,14 +84,22 @@ def centroid(vertices: Array, faces: Faces) -> Array:
     return middle + volumes @ (a + b + c) / (4.0 * volumes.sum())
 
 
-def winding_numbers(vertices: Array, faces: Faces, points: Array) -> Array:
-    """Return how often the surface goes round each of the (k, 3) points: 1 inside, 0 outside.
+def winding_numbers(corners: Array, points: Array) -> Array:
+    """Count how often a surface goes round points: 1 inside, 0 outside.
 
-    The sum of the triangles' solid angles over 4 pi (Van Oosterom and Strackee).
+    The sum of the triangles' solid angles over 4 pi (Van Oosterom, Strackee, "The solid angle of a plane triangle",
+    1983).
+
+    Args:
+        corners: (m, 3, 3) of the surface's triangles.
+        points: (k, 3).
+
+    Returns:
+        (k,) numbers [1].
     """
     numbers = np.empty(len(points))
     for i, point in enumerate(points):
-        a, b, c = (vertices[faces[:, k]] - point for k in range(3))
+        a, b, c = np.moveaxis(corners - point, 1, 0)
         la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
         triple = np.einsum("ij,ij->i", a, np.cross(b, c))
         dots = (np.einsum("ij,ij->i", p, q) * length for p, q, length in ((a, b, lc), (b, c, la), (c, a, lb)))
@@ -78,26 +124,20 @@ def distance(vertices: Array, faces: Faces, point: Array) -> float:
 
 def depth(vertices: Array, faces: Faces, point: Array) -> float:
     """Return how far a (3,) point is from the surface [m], negative outside."""
-    inside = winding_numbers(vertices, faces, point[None])[0] > 0.5
+    inside = winding_numbers(vertices[faces], point[None])[0] > 0.5
     return distance(vertices, faces, point) * (1.0 if inside else -1.0)
 
 
 def hull_faces(vertices: Array) -> list[FlatPiece]:
     """Return the faces of the convex hull of (n, 3) points, coplanar triangles joined."""
-    hull = ConvexHull(vertices)
-    index = np.zeros(len(vertices), dtype=np.int64)
-    index[hull.vertices] = np.arange(len(hull.vertices))
-    corners, faces = vertices[hull.vertices], index[hull.simplices]
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
+    corners, faces = hull_with_faces(vertices)
     normals, areas = triangle_normals(corners, faces)
     groups = coplanar_groups(faces, normals, areas)
     return [_hull_of(corners, faces[group], areas[group] @ normals[group])[0] for group in groups]
 
 
 def flat_pieces(vertices: Array, faces: Faces) -> list[FlatPiece]:
-    """Return convex flat pieces that together are the surface: a flat place whole if it is convex, else triangles."""
+    """Divide a surface into convex flat pieces: a flat place is one if it is convex, else one for each triangle."""
     normals, areas = triangle_normals(vertices, faces)
     pieces: list[FlatPiece] = []
     for group in coplanar_groups(faces, normals, areas):
@@ -119,7 +159,7 @@ def coplanar_groups(faces: Faces, normals: Array, areas: Array) -> list[Faces]:
         normals: (m, 3), as of `triangle_normals`.
         areas: (m,), likewise [m²].
     """
-    neighbours = _neighbours(faces)
+    neighbours = side_neighbours(faces)
     free = areas > 0.0
     groups: list[Faces] = []
     for seed in np.argsort(-areas, kind="stable"):
@@ -128,26 +168,13 @@ def coplanar_groups(faces: Faces, normals: Array, areas: Array) -> list[Faces]:
         free[seed] = False
         group, front = [seed], [seed]
         while front:
-            for other in neighbours.get(int(front.pop()), ()):
-                if free[other] and normals[other] @ normals[seed] > np.cos(SAME_NORMAL):
+            for other in neighbours[front.pop()]:
+                if other >= 0 and free[other] and normals[other] @ normals[seed] > np.cos(SAME_NORMAL):
                     free[other] = False
                     group.append(other)
                     front.append(other)
         groups.append(np.array(group, dtype=np.int64))
     return groups
-
-
-def _neighbours(faces: Faces) -> dict[int, list[int]]:
-    """Return the triangles that share a side with each triangle."""
-    owners: dict[tuple[int, int], list[int]] = {}
-    for number, (a, b, c) in enumerate(faces.tolist()):
-        for pair in ((a, b), (b, c), (c, a)):
-            owners.setdefault((min(pair), max(pair)), []).append(number)
-    neighbours: dict[int, list[int]] = {}
-    for sharing in owners.values():
-        for number in sharing:
-            neighbours.setdefault(number, []).extend(other for other in sharing if other != number)
-    return neighbours
 
 
 def _hull_of(vertices: Array, faces: Faces, vector_area: Array) -> tuple[FlatPiece, float]:
@@ -171,7 +198,7 @@ def _hull_of(vertices: Array, faces: Faces, vector_area: Array) -> tuple[FlatPie
 
 
 def _convex_corners(loop: Array, normal: Array) -> Array | None:
-    """Return those of (n, 3) points round a flat place that are corners; None unless it is convex."""
+    """Drop the points (n, 3) of a flat outline at which it runs straight on; None if it is not convex."""
     sides = np.roll(loop, -1, axis=0) - loop
     after = sides / np.linalg.norm(sides, axis=1)[:, None]
     before = np.roll(after, 1, axis=0)
@@ -185,7 +212,7 @@ def _convex_corners(loop: Array, normal: Array) -> Array | None:
 
 
 def _boundary_loop(faces: Faces) -> Faces | None:
-    """Return the corners round triangles that share sides, counter-clockwise; None if they have several borders."""
+    """Return the vertex numbers (k,) round connected triangles, counter-clockwise; None if borders are several."""
     sides = {(a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)}
     following = {a: b for a, b in sides if (b, a) not in sides}
     loop = [next(iter(following))] if following else []
@@ -195,3 +222,19 @@ def _boundary_loop(faces: Faces) -> Faces | None:
         loop.append(after)
     border = sum((b, a) not in sides for a, b in sides)
     return np.array(loop, dtype=np.int64) if loop and len(loop) == len(following) == border else None
+
+
+Hull = tuple[Array, NDArray[np.int64]]
+"""Vertices (n, 3) [m] and triangles (m, 3), counter-clockwise from outside."""
+
+
+def hull_with_faces(points: Array) -> Hull:
+    """Return the convex hull of `points` (n, 3) as a closed surface of triangles."""
+    hull = ConvexHull(points)
+    index = np.full(len(points), -1, dtype=np.int64)
+    index[hull.vertices] = np.arange(len(hull.vertices))
+    vertices, faces = points[hull.vertices], index[hull.simplices]
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    return vertices, faces

@@ -38,7 +38,7 @@ def rotations(points: Array, tolerance: float) -> Array:
 
 
 def _partner(offsets: Array, first: int) -> int:
-    """Return the point nearest the first one that, seen from the middle, is well off its direction."""
+    """Return the number of the point nearest the first one that, seen from the middle, is well off its direction."""
     away = np.linalg.norm(offsets - offsets[first], axis=1)
     along = offsets[first] / np.linalg.norm(offsets[first])
     across = np.linalg.norm(offsets - np.outer(offsets @ along, along), axis=1)
@@ -46,7 +46,7 @@ def _partner(offsets: Array, first: int) -> int:
 
 
 def _images(offsets: Array, reach: Array, first: int, second: int, tolerance: float) -> Iterator[tuple[int, int]]:
-    """Yield where a symmetry may take the two points."""
+    """Yield the numbers of the points that a symmetry may take the two points to."""
     apart = float(np.linalg.norm(offsets[first] - offsets[second]))
     slack = 2.0 * tolerance
     for one in np.flatnonzero(np.abs(reach - reach[first]) <= slack):

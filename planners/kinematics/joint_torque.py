@@ -109,7 +109,7 @@ def _accelerate(frames, masses, v, a, out):
 
 @njit(cache=True, nogil=True)
 def _lever(frame, row):
-    """Return from a frame's origin to a row's centre of mass, world axes."""
+    """Return the way from a frame's origin to a row's centre of mass, in world axes [m]."""
     x, y, z = row[1], row[2], row[3]
     return (
         frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z,

@@ -11,7 +11,7 @@ from planners.balance.balanced import Balanced
 from planners.balance.contacts import GripContacts, PushContact
 from planners.geometry.pose import Array
 from planners.manipulation.groundwork import balance_program
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 
 RESERVES = tuple(percent / 100.0 for percent in range(20, -1, -1))
 """Parts of limits that are kept back for the lifter's jerks; the first that is possible is taken."""

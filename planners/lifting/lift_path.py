@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.cell.arm import Arm
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics
 from planners.kinematics.windings import nearest_winding
-from planners.scene.arm import Arm
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 
 from planners.balance.balanced import Balanced, Unbalanced
-from planners.collision.model import CollisionQuery
-from planners.collision.placement import Attached
+from planners.collision.model import Attached, CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
 from planners.kinematics.inverse import BRANCHES

@@ -15,7 +15,7 @@ from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array, rotation_z, transform
 from planners.graph.rejections import Rejection
 from planners.manipulation.rim import RimPatch, RimStation, rim_stations
-from planners.scene.given_holds import GivenGrip
+from planners.scene.lift_placements import GivenGrip
 
 
 @dataclass(frozen=True)

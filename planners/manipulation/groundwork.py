@@ -18,7 +18,7 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.pushes import Push, generate_pushes, given_pushes
 from planners.manipulation.reach import HandReach, PairReach, PlateQuery
 from planners.manipulation.workcell import LiftWorkcell
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 
 
 def balance_program(scene: PlateLiftScene, cup_reserve: float = 0.0, reserve: float = 0.0) -> Balance:

@@ -1,7 +1,7 @@
 """Which holds can balance the plate where, and along which motions: program (5) asked as seldom as possible.
 
 Poses that differ by height or place alone share their answers, and every proof of imbalance is tested against all
-poses, grips and pushes at once (`planners.balance.certificates`).
+poses, grips and pushes at once (`planners.balance.proofs`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceProof
-from planners.balance.certificates import TwistTable
 from planners.balance.contacts import GripContacts, PushContact
+from planners.balance.proofs import TwistTable
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array, Transform
 from planners.graph.rejections import Rejection

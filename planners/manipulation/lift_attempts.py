@@ -16,7 +16,7 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.reserves import STEPS
 from planners.progress import Progress
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 
 _ROUNDING = 1e-6
 """Part of a step by which a reserve may miss it."""

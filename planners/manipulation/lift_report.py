@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.capacity import LiftCapacity
+from planners.cell.arm_span import OutOfReach
 from planners.graph.rejections import Rejection
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath
 from planners.manipulation.examiner import hands_of
@@ -19,7 +20,6 @@ from planners.manipulation.impasse import contact_name, find_impasse
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan, SequenceStep
 from planners.manipulation.lift_torques import LiftTorques
 from planners.manipulation.reserves import ReservedSegments, keeping_most
-from planners.scene.arm_span import OutOfReach
 from planners.segment import ContactSet, Segment
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from planners.manipulation.groundwork import hand_force_limit
 from planners.manipulation.lift_plan import LiftPlan
 from planners.plan.contacts import Contact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, ContactState, Grip, Hold, Push, Segment, SegmentKind
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from planners.segment import ContactSet, GripHold
 from planners.segment import Segment as LiftSegment
 

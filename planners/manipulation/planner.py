@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from planners.balance.capacity import LiftCapacity
 from planners.balance.contacts import GripContacts, PushContact
+from planners.cell.arm_span import ArmSpan, OutOfReach, out_of_reach
 from planners.errors import PlanningFaultError
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array
@@ -55,8 +56,7 @@ from planners.manipulation.lift_torques import OVERTAXED
 from planners.manipulation.rising import RisingReach
 from planners.manipulation.workcell import LiftWorkcell
 from planners.progress import Progress
-from planners.scene.arm_span import ArmSpan, OutOfReach, out_of_reach
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from planners.segment import Segment
 
 ALL_POSTURES = (1 << 64) - 1

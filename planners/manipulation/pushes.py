@@ -12,7 +12,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import Array, frame_from_z, rotation_z, transform
 from planners.manipulation.rim import RimPatch, RimStation, rim_stations
-from planners.scene.given_holds import PUSH_CONE, GivenPush
+from planners.scene.lift_placements import PUSH_CONE, GivenPush
 
 _UP = np.array([0.0, 0.0, 1.0])
 LARGEST_ROLLS = 8

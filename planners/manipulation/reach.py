@@ -17,15 +17,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.cell.arm import Arm
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
-from planners.kinematics.branch import follow_branch, multiply, within_limits
 from planners.kinematics.forward import jacobian, link_frames
-from planners.kinematics.inverse import BRANCHES, inverse_kinematics
+from planners.kinematics.inverse import BRANCHES, follow_branch, inverse_kinematics, multiply, within_limits
 from planners.kinematics.joint_torque import torques_at_rest
 from planners.kinematics.windings import wrap
-from planners.scene.arm import Arm
 
 CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""

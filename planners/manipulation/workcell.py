@@ -7,15 +7,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planners.collision.model import CollisionModel, CollisionQuery, PairChoice, PairMask
-from planners.collision.placement import Attached, Fixed, Placement, Upright
+from planners.cell.arm import Arm
+from planners.cell.hand import Gripper, Pusher
+from planners.collision.model import (
+    Attached,
+    CollisionModel,
+    CollisionQuery,
+    Fixed,
+    PairChoice,
+    PairMask,
+    Placement,
+    Upright,
+)
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, transform
 from planners.manipulation.reach import PlateQuery
-from planners.scene.arm import Arm
 from planners.scene.clashes import arm_frames, gaps_below, placed_body
-from planners.scene.hand import Gripper, Pusher
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 
 PLATE_FRAME = "plate"
 _SCENERY = frozenset({"plate", "cup", "cable"})

@@ -33,7 +33,7 @@ class Camera:
 
     @property
     def distortion_array(self) -> Array:
-        """The distortion as OpenCV takes it."""
+        """(5,) to (8,) coefficients of distortion, as OpenCV takes them [1]."""
         return np.array(self.distortion or (0.0,) * 5)
 
     def thinned(self, step: int) -> Camera:

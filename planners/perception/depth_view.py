@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform, inverse
 from planners.perception.camera import Camera
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 
 FEWEST_POINTS = 200
 """Fewer show no table [1]."""
@@ -42,7 +42,7 @@ class DepthView:
 
     @classmethod
     def from_depth(cls, depth: Array, camera: Camera) -> Self:
-        """Take a depth image [m].
+        """Take a depth image (h, w) [m].
 
         Raises:
             ScanRefused: Too few of its pixels are measurements.
@@ -146,7 +146,7 @@ class DepthView:
 
 
 def _step_of(shape: tuple[int, ...]) -> int:
-    """Return how many pixels it is from one that is kept of an image to the next."""
+    """Return the stride at which an image of a shape is thinned to `LARGEST_IMAGE` [px]."""
     return max(1, math.ceil(math.sqrt(shape[0] * shape[1] / LARGEST_IMAGE)))
 
 
@@ -171,7 +171,7 @@ def _line(rays: Array, pixels: NDArray[np.int64]) -> tuple[float, float, float] 
 
 
 def _pitch(rays: Array, span: Array) -> float:
-    """Return how far apart pixels are to be so that nearly every one has a point where there are any [1]."""
+    """Return the pitch of pixels, in x over z, at which nearly every pixel among points has one of its own [1]."""
     cells = 96
     counts, _, _ = np.histogram2d(rays[:, 0], rays[:, 1], bins=cells)
     filled = counts[counts > 0]

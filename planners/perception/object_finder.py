@@ -1,4 +1,4 @@
-"""From top facets to objects (paper A, V.A): the top's outline, carried down to what the object stands on."""
+"""From a depth view to the table and its objects (paper A, V.A): top facets, carried down to what they stand on."""
 
 from __future__ import annotations
 
@@ -13,12 +13,86 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.contract.shapes import Box, Cylinder
+from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, rotation_z, transform
+from planners.perception.depth_view import DepthView
 from planners.perception.outline import Disc, Outline, Rectangle, fit_outline
 from planners.perception.perceived_object import TABLE, ObjectUncertainty, PerceivedObject, Unrecognised
 from planners.perception.perception_settings import PerceptionSettings
+from planners.perception.scan_files import ScanRefused
 from planners.perception.seen_points import NOBODY
-from planners.perception.top_facets import EDGE_REACH, NOISE_REACH, Mask, Relief, TopFacet, find_top_facets, make_facet
+from planners.perception.table_plane import TablePlane, find_table
+from planners.perception.top_facets import (
+    EDGE_REACH,
+    NOISE_REACH,
+    Mask,
+    Relief,
+    TopFacet,
+    find_top_facets,
+    make_facet,
+    pitch_at_table,
+)
+
+COARSEST = 0.008
+"""With pixels farther apart on the table no edge can be told [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPlace:
+    """What is known of the place before anybody looks."""
+
+    table_height: float | None = None
+    """z of the table's top in the world; None: not known [m]."""
+    workspace: Array | None = None
+    """(n, 2) convex, counter-clockwise outline, in the world, of where objects may be; None: anywhere [m]."""
+    bodies: Sequence[ConvexShape] = ()
+    """What is there anyway, in the world: no part of it is an object."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenTable:
+    """A table and what stands on it."""
+
+    plane: TablePlane
+    findings: Findings
+    view: DepthView
+    """As it was looked at."""
+
+
+def perceive_objects(
+    view: DepthView, place: KnownPlace, settings: PerceptionSettings, rng: np.random.Generator
+) -> SeenTable:
+    """Find the table and the objects on it.
+
+    Raises:
+        ScanRefused: There is no table to be seen, or its pixels are too far apart.
+    """
+    points = view.points()
+    plane = find_table(points[np.isfinite(view.depth)], view.eye, place.table_height, settings, rng)
+    pitch = pitch_at_table(view, plane)
+    if pitch > COARSEST:
+        detail = f"the image's pixels are {1e3 * pitch:.1f} mm apart on the table, more than {1e3 * COARSEST:g} mm"
+        raise ScanRefused("depth", detail)
+    view = view.thinned(max(1, round(settings.pitch / pitch)))
+    relief = Relief.of(view, plane, _known(view, place.bodies, settings), settings)
+    return SeenTable(plane, find_objects(relief, place.workspace, settings), view)
+
+
+def _known(view: DepthView, bodies: Sequence[ConvexShape], settings: PerceptionSettings) -> Mask:
+    """Tell which pixels show bodies that are known."""
+    points = view.points()
+    known = np.zeros(view.shape, dtype=bool)
+    for body in bodies:
+        margin = settings.margin_of_known + body.radius
+        low, high = body.vertices.min(axis=0) - margin, body.vertices.max(axis=0) + margin
+        with np.errstate(invalid="ignore"):
+            near = np.argwhere(np.all((points >= low) & (points <= high), axis=2))
+        planes = ConvexHull(body.vertices).equations
+        seen = points[near[:, 0], near[:, 1]]
+        inside = np.all(seen @ planes[:, :3].T + planes[:, 3] <= margin, axis=1)
+        known[near[inside, 0], near[inside, 1]] = True
+    return known
+
 
 CUT = "it is cut by the border of the image"
 HIDDEN = "too little of its top's edge is seen"
@@ -175,7 +249,8 @@ def _without_sides(facet: TopFacet, outline: Outline, relief: Relief) -> Outline
     drop = EDGE_REACH * relief.noise
     if isinstance(outline, Disc):
         reach = drop * float(np.linalg.norm(away))
-        return _disc_like(outline, outline.center - 0.5 * _toward(away, reach), outline.radius - reach / math.pi)
+        center = outline.center - 0.5 * _toward(away, reach)
+        return replace(outline, center=center, radius=outline.radius - reach / math.pi)
     center, size = outline.center.copy(), list(outline.size)
     for k in (0, 1):
         axis = outline.axes[:, k]
@@ -184,19 +259,12 @@ def _without_sides(facet: TopFacet, outline: Outline, relief: Relief) -> Outline
         beyond = max(0.0, abs(lean) - edge) * drop
         size[k] -= beyond
         center -= 0.5 * math.copysign(beyond, lean) * axis
-    return Rectangle(
-        center, outline.yaw, (size[0], size[1]), outline.residual, outline.fitting, outline.sides_seen,
-        outline.edge_std, outline.yaw_std,
-    )  # fmt: skip
+    return replace(outline, center=center, size=(size[0], size[1]))
 
 
 def _toward(direction: Array, length: float) -> Array:
     norm = float(np.linalg.norm(direction))
     return direction * (length / norm) if norm > 0.0 else np.zeros(2)
-
-
-def _disc_like(disc: Disc, center: Array, radius: float) -> Disc:
-    return Disc(center, radius, disc.residual, disc.fitting, disc.sides_seen, disc.edge_std)
 
 
 def _stacked(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -237,11 +305,11 @@ def _widened(candidate: Candidate, relief: Relief, settings: PerceptionSettings)
         radius = float(np.quantile(radii[on_shoulder], 0.85)) + 0.25 * facet.pitch
     if radius < disc.radius + WIDER:
         return candidate
-    return replace(candidate, outline=_disc_like(disc, disc.center, radius))
+    return replace(candidate, outline=replace(disc, radius=radius))
 
 
 def _around(outline: Outline, pitch: float, relief: Relief) -> tuple[Array, Array, Array]:
-    """Return x, y and z, in the table's frame, of what was measured near an outline."""
+    """Return x, y and z, (n,) each, in the table's frame, of what was measured near an outline [m]."""
     reach = float(np.ptp(outline.corners(), axis=0).max()) * 0.5 + WIDEST + 4.0 * pitch
     x, y, z = np.moveaxis(relief.points, -1, 0)
     with np.errstate(invalid="ignore"):

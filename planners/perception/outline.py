@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.geometry import polygon
 from planners.geometry.pose import Array
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.top_facets import TopFacet
@@ -47,8 +48,8 @@ class Rectangle:
 
     def corners(self, beyond: float = 0.0) -> Array:
         """Return the (4, 2) corners, counter-clockwise, moved out by `beyond` along both sides [m]."""
-        x, y = (0.5 * side + beyond for side in self.size)
-        return np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) @ self.axes.T + self.center
+        x, y = (side + 2.0 * beyond for side in self.size)
+        return polygon.rectangle(x, y) @ self.axes.T + self.center
 
     def beyond(self, points: Array) -> Array:
         """Return how far (n, 2) points lie outside, negative inside [m]."""
@@ -74,8 +75,7 @@ class Disc:
 
     def corners(self, beyond: float = 0.0) -> Array:
         """Return (n, 2) points of the rim, counter-clockwise, moved out by `beyond` [m]."""
-        angles = 2.0 * math.pi * np.arange(DISC_CORNERS) / DISC_CORNERS
-        return self.center + (self.radius + beyond) * np.column_stack([np.cos(angles), np.sin(angles)])
+        return self.center + polygon.circle(self.radius + beyond, DISC_CORNERS)
 
     def beyond(self, points: Array) -> Array:
         """Return how far (n, 2) points lie outside, negative inside [m]."""
@@ -173,7 +173,7 @@ def _nearest_side(local: Array, size: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 def _seen_of_side(local: Array, side: int, size: Array, pitch: float) -> float:
-    """Return the share of a side's length near which its edge was seen."""
+    """Return the share of a side's length near which its edge, (n, 2) in the rectangle's axes, was seen [1]."""
     length = float(size[1 - side // 2])
     bins = max(3, int(length / (2.0 * pitch)))
     at = ((local[:, 1 - side // 2] / length + 0.5) * bins).astype(np.int64)

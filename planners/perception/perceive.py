@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.cell.asset_files import read_tool_file, shipped_shelf
+from planners.cell.cell import Cell
 from planners.contract.scan_spec import Intrinsics, ScanSpec
 from planners.contract.scene_document import (
     ObjectPart,
@@ -20,28 +22,28 @@ from planners.contract.scene_document import (
     UnrecognisedPart,
 )
 from planners.errors import SceneError
+from planners.geometry import polygon
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, to_pose7
 from planners.perception.camera import Camera
-from planners.perception.cloud_file import read_cloud, read_npy
 from planners.perception.depth_view import LARGEST_IMAGE, DepthView
 from planners.perception.marker_board import BoardNotSeen, MarkerBoard, SeenBoard, find_board
-from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import KnownPlace, SeenTable, perceive_objects
 from planners.perception.perceived_object import PerceivedObject
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.picture_file import (
+from planners.perception.preview import draw_preview
+from planners.perception.scan_files import (
     LARGEST_ASPECT,
     NPY,
     SHORTEST_SIDE,
+    ScanRefused,
     check_sides,
+    read_cloud,
     read_colour,
     read_depth_png,
+    read_npy,
 )
-from planners.perception.preview import draw_preview
-from planners.perception.refusal import ScanRefused
 from planners.perception.seen_points import SeenPoints
-from planners.scene.asset_files import read_tool_file, shipped_shelf
-from planners.scene.cell import Cell
 from planners.scene.suction_tool import load_tool
 
 PARTS = ("colour", "depth", "cloud")
@@ -82,10 +84,10 @@ def perceive(
     notes: list[str] = []
     picture = read_colour(files["colour"]) if "colour" in files else None
     tool = None if picture is None else _find_tool(scan, picture, notes)
-    surroundings = _surroundings(scan, cell, None if tool is None else tool[1])
+    place = _known_place(scan, cell, None if tool is None else tool[1])
     try:
         view = _view(scan, files)
-        seen = None if view is None else perceive_objects(view, surroundings, settings, np.random.default_rng(SEED))
+        seen = None if view is None else perceive_objects(view, place, settings, np.random.default_rng(SEED))
     except ScanRefused as refused:
         # What looks at a view does not know whether an image or a cloud became it.
         raise ScanRefused("depth" if scan.cloud is None else "cloud", refused.detail) from refused
@@ -166,17 +168,16 @@ def _find_tool(scan: ScanSpec, picture: NDArray[np.uint8], notes: list[str]) -> 
     return seen, seen.T_world_board @ inverse(from_pose7(markers.pose))
 
 
-def _surroundings(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) -> Surroundings:
+def _known_place(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) -> KnownPlace:
     """Collect what is known: the cell's own bodies, the tool where it was seen, else in its rest."""
     (table,) = (box for box in cell.boxes if box.name == "table")
-    x, y = 0.5 * table.size[:2]
-    workspace = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) + table.center[:2]
+    workspace = polygon.rectangle(table.size[0], table.size[1]) + table.center[:2]
     bodies: list[ConvexShape] = [shape for body in cell.bodies if body.name != "table" for shape in body.shapes]
     if T_world_tool is None and cell.tool_rest is not None:
         T_world_tool = cell.tool_rest.T_world_tool
     if scan.tool is not None and T_world_tool is not None:
         bodies += [part.placed(T_world_tool) for part in load_tool(scan.tool).body.solid.convex_parts]
-    return Surroundings(cell.table_top, workspace, bodies)
+    return KnownPlace(cell.table_top, workspace, bodies)
 
 
 def _tool_part(scan: ScanSpec, board: SeenBoard, T_world_tool: Transform) -> SeenToolPart:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from planners.contract.shapes import Box, Cylinder
+from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform
 
 TABLE = "table"
@@ -56,10 +54,9 @@ class PerceivedObject:
 
     def _outline(self, beyond: float) -> Array:
         if isinstance(self.shape, Cylinder):
-            angles = 2.0 * math.pi * np.arange(48) / 48
-            return (self.shape.radius + beyond) * np.column_stack([np.cos(angles), np.sin(angles)])
-        x, y = 0.5 * self.shape.size[0] + beyond, 0.5 * self.shape.size[1] + beyond
-        return np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+            return polygon.circle(self.shape.radius + beyond, 48)
+        x, y, _ = self.shape.size
+        return polygon.rectangle(x + 2.0 * beyond, y + 2.0 * beyond)
 
 
 @dataclass(frozen=True, eq=False)

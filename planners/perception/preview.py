@@ -12,7 +12,7 @@ from planners.geometry.pose import Array, Transform
 from planners.perception.camera import Camera
 from planners.perception.depth_view import DepthView
 from planners.perception.marker_board import SeenBoard
-from planners.perception.perceive_objects import SeenTable
+from planners.perception.object_finder import SeenTable
 from planners.perception.perceived_object import PerceivedObject
 
 Picture = NDArray[np.uint8]

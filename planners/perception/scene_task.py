@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.cell.cell import Cell
 from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart
 from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform, from_pose7, rotation_z, to_pose7, transform
 from planners.perception.perceived_object import TABLE
-from planners.scene.cell import Cell
 
 CERTAINTY = 2.0
 """Sides are moved out by so many of the uncertainties that are told: 19 of 20 are inside [1]."""
@@ -47,7 +47,7 @@ NAMED = ("shape", "pose")
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class UprightObject:
     """A perceived object as a task has it: upright, with clearance, exactly on what carries it."""
 
     part: ObjectPart
@@ -104,10 +104,10 @@ def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -
     return filled
 
 
-def stand_up(scene: SceneDocument, cell: Cell) -> list[Standing]:
+def stand_up(scene: SceneDocument, cell: Cell) -> list[UprightObject]:
     """Put a scene's objects upright onto the cell's table and onto one another, with clearance all round."""
     clearances = _clearances(scene.objects)
-    done: dict[str, Standing] = {}
+    done: dict[str, UprightObject] = {}
     for part in sorted(scene.objects, key=lambda each: each.pose[2]):
         bottom = cell.table_top if part.supported_by == TABLE else done[part.supported_by].top
         x, y, z = _size(part)
@@ -115,7 +115,7 @@ def stand_up(scene: SceneDocument, cell: Cell) -> list[Standing]:
         size = (max(NARROWEST, x + beyond), max(NARROWEST, y + beyond), z)
         T = from_pose7(part.pose)
         yaw = math.atan2(T[1, 0], T[0, 0])
-        done[part.name] = Standing(
+        done[part.name] = UprightObject(
             part, size, transform(rotation_z(yaw), [part.pose[0], part.pose[1], bottom + 0.5 * z])
         )
     return [done[part.name] for part in scene.objects]
@@ -147,7 +147,7 @@ def _is_perceived(given: Mapping[str, Any]) -> bool:
     return "detection" in given or not all(name in given for name in NAMED)
 
 
-def _filled_object(index: int, given: Any, standing: Sequence[Standing], used: set[str]) -> Any:
+def _filled_object(index: int, given: Any, standing: Sequence[UprightObject], used: set[str]) -> Any:
     if not isinstance(given, dict) or not _is_perceived(given):
         return given
     member = "detection" if "detection" in given else "name"
@@ -197,10 +197,9 @@ def _goal_outline(given: Any) -> Array | None:
         return None
     match shape:
         case {"type": "box", "size": [x, y, z]} if all(_is_number(side) for side in (x, y, z)):
-            corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) * 0.5
+            corners = polygon.rectangle(x, y)
         case {"type": "cylinder", "radius": r, "height": h} if _is_number(r) and _is_number(h):
-            angles = 2.0 * math.pi * np.arange(24) / 24
-            corners = r * np.column_stack([np.cos(angles), np.sin(angles)])
+            corners = polygon.circle(r, 24)
         case _:
             return None
     return corners @ T[:2, :2].T + T[:2, 3]
@@ -227,7 +226,7 @@ def _settled_tool(tool: SeenToolPart, cell: Cell) -> Transform:
 
 
 def _clearances(parts: Sequence[ObjectPart]) -> dict[str, float]:
-    """Return how far each object's sides are moved out, by name [m]: as uncertain as they are, where there is room."""
+    """Return the clearance of each object's sides, by name [m]: their uncertainty, or what a neighbour leaves of it."""
     rings = {part.name: _ring(part) for part in parts}
     clearances = {}
     for part in parts:
@@ -254,17 +253,13 @@ def _size(part: ObjectPart) -> tuple[float, float, float]:
 
 def _ring(part: ObjectPart) -> Array:
     x, y, _ = _size(part)
-    if part.shape.type == "box":
-        corners = 0.5 * np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-    else:
-        angles = 2.0 * math.pi * np.arange(48) / 48
-        corners = 0.5 * x * np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = polygon.rectangle(x, y) if part.shape.type == "box" else polygon.circle(0.5 * x, 48)
     T = from_pose7(part.pose)
     return corners @ T[:2, :2].T + T[:2, 3]
 
 
 def _gap(a: Array, b: Array) -> float:
-    """Return how far two convex outlines are apart [m], negative by how deep they overlap."""
+    """Return the distance of two convex outlines (n, 2) [m], negative by how deep they overlap."""
     separation = max(_beyond(a, b), _beyond(b, a))
     if separation <= 0.0:
         return separation
@@ -273,12 +268,12 @@ def _gap(a: Array, b: Array) -> float:
 
 
 def _beyond(outline: Array, points: Array) -> float:
-    """Return how far the side of an outline that most of all keeps (n, 2) points away does so [m]."""
+    """Return the largest distance [m] by which a single side of a convex outline (k, 2) parts points (n, 2) from it."""
     offsets = (points[:, None, :] - outline[None, :, :]) * polygon.inward_normals(outline)[None, :, :]
     return float(-offsets.sum(axis=2).max(axis=0).min())
 
 
-def _obstacles(left: Sequence[Standing], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
+def _obstacles(left: Sequence[UprightObject], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
     obstacles = [{"name": each.part.name, "shape": each.shape, "pose": to_pose7(each.T_world_object)} for each in left]
     for i, piece in enumerate(scene.unrecognised):
         height = max(LOWEST_OBSTACLE, piece.top - cell.table_top)
@@ -292,8 +287,7 @@ def _obstacles(left: Sequence[Standing], scene: SceneDocument, cell: Cell) -> li
 
 def _simple(outline: Array) -> Array:
     """Return a convex outline with few corners round a convex outline: the lines that touch it in even directions."""
-    angles = 2.0 * math.pi * np.arange(OUTLINE_CORNERS) / OUTLINE_CORNERS
-    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    normals = polygon.circle(1.0, OUTLINE_CORNERS)
     reach = (outline @ normals.T).max(axis=0) + 1e-3
     following, reached = np.roll(normals, -1, axis=0), np.roll(reach, -1)
     determinant = normals[:, 0] * following[:, 1] - normals[:, 1] * following[:, 0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 
 SAMPLE = 20_000
 """So many points decide which plane it is [1]."""
@@ -109,7 +109,7 @@ def _most_agreed(points: Array, settings: PerceptionSettings, rng: np.random.Gen
 
 
 def _refined(points: Array, normal: Array, offset: float, inlier: float) -> tuple[Array, float]:
-    """Fit the plane to the points on it by least squares, again and again."""
+    """Fit the plane n·x = d to the points (n, 3) within `inlier` [m] of it by least squares, four times."""
     for _ in range(4):
         on_plane = points[np.abs(points @ normal - offset) <= inlier]
         center = on_plane.mean(axis=0)

@@ -123,7 +123,7 @@ def _median(heights: Array) -> Array:
 
 
 def _stands_alone(heights: Array, alike: float) -> Mask:
-    """Tell which pixels have fewer than two neighbours of about their height."""
+    """Tell which pixels (h, w) have fewer than two neighbours within `alike` [m] of their height."""
     similar = np.zeros(heights.shape, dtype=np.int64)
     padded = np.pad(heights, 1, constant_values=np.nan)
     h, w = heights.shape
@@ -218,7 +218,7 @@ def _higher(
 
 
 def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int) -> Mask:
-    """Tell beyond which pixels nothing at all was measured any more: a shadow ends, the border of a cloud does not."""
+    """Tell which pixels have nothing measured beyond them in a direction: shadows end, a cloud's border does not."""
     measured = np.isfinite(relief.heights)
     lines, along, across = (measured, columns, rows) if dc else (measured.T, rows, columns)
     forward = dr + dc > 0

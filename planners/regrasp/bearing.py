@@ -14,13 +14,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.cell.arm import Arm
 from planners.geometry.pose import Array, Transform
-from planners.kinematics.branch import multiply
 from planners.kinematics.forward import link_frames
+from planners.kinematics.inverse import multiply
 from planners.regrasp.grasps import ToolGrasps
 from planners.regrasp.hold_statics import EPS
 from planners.regrasp.tool_segment import SuckedObject
-from planners.scene.arm import Arm
 from planners.scene.body import Body
 from planners.scene.tool_scene import SuctionToolScene
 

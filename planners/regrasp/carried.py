@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.cell.arm import Arm
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import flange_poses
 from planners.motion.limits import RateLimit
 from planners.motion.path import JointPath
-from planners.scene.arm import Arm
 
 _DIFFERENCE = 1e-4
 """Step of the differences, as a part of the path's length."""

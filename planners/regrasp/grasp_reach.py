@@ -19,12 +19,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
-from planners.collision.model import CollisionQuery, NamePair, PairChoice
-from planners.collision.placement import Fixed, Placement, Riding
+from planners.collision.model import CollisionQuery, Fixed, NamePair, PairChoice, Placement, Riding
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, inverse
-from planners.kinematics.branch import multiply
-from planners.kinematics.inverse import inverse_kinematics
+from planners.kinematics.inverse import inverse_kinematics, multiply
 from planners.kinematics.windings import LIMIT_SLACK, wrap
 from planners.regrasp.grasps import TOOL_FRAME, ToolGrasps, ToolGraspSettings
 from planners.regrasp.tool_workcell import ToolWorkcell

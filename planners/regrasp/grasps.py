@@ -9,15 +9,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.cell.hand import Gripper
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
-from planners.collision.model import CollisionModel
-from planners.collision.placement import Fixed
+from planners.collision.model import CollisionModel, Fixed
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
 from planners.graph.rejections import Rejection
 from planners.regrasp.pad_contacts import PadContacts, PadContactSettings, all_pad_contacts, spread
-from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 
 TOOL_FRAME = "tool"

@@ -10,13 +10,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
-from planners.kinematics.branch import multiply, within_limits
-from planners.kinematics.inverse import inverse_kinematics
+from planners.kinematics.inverse import inverse_kinematics, multiply, within_limits
 from planners.regrasp.grasps import ToolGrasps
-from planners.scene.cell import Cell
-from planners.scene.hand import Gripper
 
 
 @dataclass(frozen=True)

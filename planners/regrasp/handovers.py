@@ -19,9 +19,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
-from planners.collision.model import CollisionModel, CollisionQuery
-from planners.collision.placement import Fixed
+from planners.collision.model import CollisionModel, CollisionQuery, Fixed
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, inverse
@@ -32,8 +33,6 @@ from planners.regrasp.grasp_reach import Branches, GraspReach, Surroundings
 from planners.regrasp.grasps import TOOL_FRAME, FallenGrasp, ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
 from planners.regrasp.tool_workcell import ToolClearance, ToolWorkcell
-from planners.scene.cell import Cell
-from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 
 REVISION = 2

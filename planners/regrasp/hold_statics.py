@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from planners.cell.cell import StaticBox
 from planners.contract.shapes import Box
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, transform
@@ -31,7 +32,6 @@ from planners.regrasp.resting import RestingPoints, resting_points
 from planners.regrasp.suction_hold import SuctionLimit, cup_uses, least_margin
 from planners.regrasp.tool_segment import ContactForce, HeldReserve, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.body import Body
-from planners.scene.cell import StaticBox
 from planners.scene.solid import FlatFace, solid_of
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from planners.cell.arm import Arm
 from planners.geometry.pose import Array, Transform, inverse
 from planners.geometry.wrench import wrench_about
 from planners.graph.rejections import Rejection
@@ -22,7 +23,6 @@ from planners.kinematics.joint_torque import WeighedArm, joint_torques, torques_
 from planners.motion.trajectory import Trajectory
 from planners.regrasp.bearing import CarriedLoad
 from planners.regrasp.grasp_reach import Branches
-from planners.scene.arm import Arm
 
 OVERTAXED = "A joint would need more torque than it may give."
 """Why a grasp cannot have the tool at a pose."""

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from planners.cell.arm import Arm
 from planners.geometry.pose import Array
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.travel import least_travel
-from planners.scene.arm import Arm
 
 
 class NodeTravel:

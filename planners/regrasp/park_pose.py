@@ -6,8 +6,7 @@ import itertools
 
 import numpy as np
 
-from planners.collision.model import CollisionQuery
-from planners.collision.placement import Fixed, Placement
+from planners.collision.model import CollisionQuery, Fixed, Placement
 from planners.geometry.pose import Array
 from planners.regrasp.grasps import TOOL_FRAME
 from planners.regrasp.tool_workcell import ToolWorkcell

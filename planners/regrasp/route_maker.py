@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.collision.model import NamePair
-from planners.collision.placement import Fixed, Placement, Riding
+from planners.collision.model import Fixed, NamePair, Placement, Riding
 from planners.geometry.pose import Array, Transform, inverse
 from planners.regrasp.bearing import Bearing
 from planners.regrasp.grasp_layer import GraspLayer, LayerLoad

@@ -18,9 +18,8 @@ from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_from_vector, rotation_z, transform
 from planners.scene.body import Body
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body
-from planners.scene.footing import Footing, find_footing, lies_in_plane
 from planners.scene.moved_object import MovedObject
-from planners.scene.rest import Surface, lowest_face
+from planners.scene.rest import Footing, Surface, find_footing, lies_in_plane, lowest_face
 from planners.scene.solid import FlatFace
 from planners.scene.tool_placements import StillBodies
 

@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.cell.arm_span import ArmSpan, out_of_reach
+from planners.cell.hand import Gripper
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
 from planners.regrasp.hold_statics import OVERLOADED
 from planners.regrasp.suction_hold import Cup
-from planners.scene.arm_span import ArmSpan, out_of_reach
 from planners.scene.body import Body
-from planners.scene.hand import Gripper
 from planners.scene.moved_object import MovedObject
 from planners.scene.tool_scene import SuctionToolScene
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from planners.cell.arm import Arm
 from planners.collision.model import CollisionQuery, NamePair
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
@@ -34,7 +35,6 @@ from planners.regrasp.tool_stage import ToolStage
 from planners.regrasp.tool_traffic import ToolTraffic
 from planners.regrasp.travel import least_travel, straight_times
 from planners.regrasp.visit import Onward, Posture, StraightLeg, Visit
-from planners.scene.arm import Arm
 from planners.segment import SegmentKind
 
 SLOWER = 1.05

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from planners.cell.hand import Gripper
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.grasps import ToolGrasps
 from planners.regrasp.suction_route import RouteStart
-from planners.scene.hand import Gripper
 from planners.scene.tool_scene import SuctionToolScene
 
 STAGE = "grasp"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from planners.collision.model import PairMask
-from planners.collision.placement import Fixed, Placement
+from planners.collision.model import Fixed, PairMask, Placement
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections

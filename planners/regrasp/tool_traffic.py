@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from planners.collision.model import CollisionQuery, NamePair, PairMask
-from planners.collision.placement import Attached, Fixed, Placement, Riding
+from planners.collision.model import Attached, CollisionQuery, Fixed, NamePair, PairMask, Placement, Riding
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, inverse
 from planners.regrasp.grasps import TOOL_FRAME, ToolGrasps

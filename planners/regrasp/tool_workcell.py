@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from planners.collision.model import CollisionModel, CollisionQuery, NamePair, PairChoice, PairMask
-from planners.collision.placement import Placement
+from planners.cell.arm import Arm
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
+from planners.collision.model import CollisionModel, CollisionQuery, NamePair, PairChoice, PairMask, Placement
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.regrasp.grasps import TOOL_FRAME
-from planners.scene.arm import Arm
 from planners.scene.body import Body
-from planners.scene.cell import Cell
-from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
 

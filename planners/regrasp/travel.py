@@ -7,14 +7,13 @@ import math
 import numpy as np
 from numba import njit
 
+from planners.cell.arm import Arm
 from planners.geometry.pose import Array, Transform, inverse
-from planners.kinematics.branch import multiply
 from planners.kinematics.forward import link_frames
-from planners.kinematics.inverse import inverse_kinematics
+from planners.kinematics.inverse import inverse_kinematics, multiply
 from planners.kinematics.windings import wrap
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.grasp_reach import Branches
-from planners.scene.arm import Arm
 
 _CHORDS, _CHORD = 6, 0.5
 """The way of what is carried is measured along at least so many chords, each of at most so large joint steps [rad]."""

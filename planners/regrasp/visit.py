@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.cell.arm import Arm
 from planners.geometry.pose import Array, Transform, inverse
-from planners.kinematics.branch import follow_branch
+from planners.kinematics.inverse import follow_branch
 from planners.regrasp.tilt_leg import TiltLeg
 from planners.regrasp.tool_stage import HeldGrasp
-from planners.scene.arm import Arm
 
 _TURN = 2.0 * math.pi
 _WINDINGS = np.array([-_TURN, 0.0, _TURN])

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from planners.cell.cell import Cell
 from planners.collision.distance import distance
 from planners.errors import SceneError
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
-from planners.scene.cell import Cell
+from planners.scene.body import Body
 
 _IDENTITY = np.eye(4)
 _ROUNDING = 1e-9
@@ -53,12 +54,17 @@ class PlacedBody:
 
 
 def placed_body(body: CollisionBody, T_world_frame: Array, pointer: str | None) -> PlacedBody:
-    """Take a body from its frame to the world."""
+    """Take a body from its frame to the world; `T_world_frame` is (4, 4)."""
     R, p = T_world_frame[:3, :3], T_world_frame[:3, 3]
     shapes = tuple(ConvexShape(shape.vertices @ R.T + p, shape.radius) for shape in body.shapes)
     lowest = np.min([shape.vertices.min(axis=0) - shape.radius for shape in shapes], axis=0)
     highest = np.max([shape.vertices.max(axis=0) + shape.radius for shape in shapes], axis=0)
     return PlacedBody(body.name, pointer, shapes, lowest, highest)
+
+
+def placed_at_start(body: Body, pointer: str) -> PlacedBody:
+    """Take a body of a scene to where it is at the start."""
+    return placed_body(body.collision_body(), body.T_world_body, pointer)
 
 
 def arm_frames(cell: Cell, positions: Array) -> dict[str, Transform]:
@@ -112,7 +118,7 @@ def first_overlap(
 ) -> tuple[PlacedBody, PlacedBody] | None:
     """Return the first pair, in the order given, that touches or overlaps, as `refuse_overlaps` checks them."""
     pairs = _near(group, others, 0.0)
-    return next(((a, b) for a, b in pairs if _sorted_names(a, b) not in allowed and gap(a, b) <= 0.0), None)
+    return next(((a, b) for a, b in pairs if sorted_pair(a.name, b.name) not in allowed and gap(a, b) <= 0.0), None)
 
 
 def refuse_inside(
@@ -164,8 +170,8 @@ def gaps_below(
     bodies: Sequence[PlacedBody], within: float, pairs: Container[tuple[str, str]]
 ) -> dict[tuple[str, str], float]:
     """Return the gaps [m] of those sorted pairs of names that are closer together than `within` [m]."""
-    near = ((a, b) for a, b in _near(bodies, bodies, within) if _sorted_names(a, b) in pairs)
-    gaps = {_sorted_names(a, b): gap(a, b) for a, b in near}
+    near = ((a, b) for a, b in _near(bodies, bodies, within) if sorted_pair(a.name, b.name) in pairs)
+    gaps = {sorted_pair(a.name, b.name): gap(a, b) for a, b in near}
     return {names: width for names, width in gaps.items() if width < within}
 
 
@@ -186,7 +192,3 @@ def _near(
     if group is others:
         near = np.triu(near, k=1)
     yield from ((group[i], others[j]) for i, j in np.argwhere(near))
-
-
-def _sorted_names(a: PlacedBody, b: PlacedBody) -> tuple[str, str]:
-    return (a.name, b.name) if a.name < b.name else (b.name, a.name)

@@ -1,89 +1,30 @@
-"""From a task to its scene; and PlateLiftScene: everything a plate lift is planned for, checked and in one place."""
+"""From a task to its scene, and the centres of mass that a task leaves to its shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, overload
+from typing import overload
 
-import numpy as np
-
+from planners.cell.cell import Cell
+from planners.contract.quantities import Point3
 from planners.contract.task_spec import (
     KINDS,
-    HandForceLimit,
-    PlateLiftFriction,
+    CustomTool,
     PlateLiftTask,
     SuctionToolTask,
 )
-from planners.errors import SceneError
-from planners.geometry import polygon
-from planners.geometry.pose import Array, Transform
-from planners.scene.body import Body, Plate
-from planners.scene.cell import Cell
-from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
-from planners.scene.given_holds import GivenGrip, GivenPush, settle_grips, settle_pushes
-from planners.scene.hand import Gripper
-from planners.scene.placements import CONTAINMENT_SLACK, place_obstacle, place_plate, place_support, table_surface
-from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
-from planners.scene.suction_cup import DEFAULT_LIFTER, LifterShape, SuctionCup, place_cup
+from planners.geometry.pose import Array
+from planners.scene.lift_placements import (
+    DEFAULT_LIFTER,
+    LifterShape,
+)
+from planners.scene.lift_scene import PlateLiftScene, build_lift_scene
+from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
-from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 
 PLANNED_KINDS = KINDS
 """The kinds of task that can be planned."""
-PLANNED_LIFTERS: tuple[Literal["paper", "cable"], ...] = ("paper", "cable")
-FINGER_GAP = 0.008
-"""Between each pad and the plate while the gripper is open around it [m]: fully open fingers would need more room
-under a tilted plate."""
-
-
-@dataclass(frozen=True, eq=False)
-class PlateLiftScene:
-    """A plate lift at its start. Everything rests, nothing overlaps, every name is unique."""
-
-    cell: Cell
-    plate: Plate
-    """Settled: level and at `support_top`, though the task may have placed it a little off."""
-    support: Body | None
-    """The board it lies on or beside; None for the bare table."""
-    support_name: Literal["table", "support"]
-    """What the plate rests on."""
-    support_top: float
-    """Height of the surface that the plate rests on [m]."""
-    support_outline: Array
-    """(n, 2) that surface in the world, counter-clockwise [m]."""
-    cup: SuctionCup
-    lifter_model: Literal["paper", "cable"]
-    friction: PlateLiftFriction
-    hand_force_limit: HandForceLimit
-    squeeze: float | None
-    """What each pad of the gripper presses with when it bears nothing [N]; None: the paper's free fingers."""
-    mass_tolerance: float
-    """Share of the plate's mass by which it may be more or less [1]."""
-    com_tolerance: float
-    """Distance along each of the plate's axes by which its centre of mass may be off [m]."""
-    obstacles: tuple[Body, ...]
-    start_positions: Array
-    """(12,), left arm first [rad]."""
-    start_widths: dict[str, float]
-    """Opening of each gripper at the start, and whenever it holds nothing [m]: `FINGER_GAP` to either side of the
-    plate, or as far as it opens."""
-    seed: int
-    given_grips: tuple[GivenGrip, ...] | None
-    """Grips to use; None: generated ones."""
-    given_pushes: tuple[GivenPush, ...] | None
-    """Pushes to use; None: generated ones."""
-
-    @property
-    def T_world_plate(self) -> Transform:
-        """The plate at the start."""
-        return self.plate.T_world_body
-
-    def bodies(self) -> tuple[Body, ...]:
-        """Return the bodies the task brings: plate, support if any, cup, cable, obstacles."""
-        support = () if self.support is None else (self.support,)
-        return (self.plate, *support, self.cup.body, self.cup.cable, *self.obstacles)
 
 
 @overload
@@ -138,108 +79,32 @@ def build_scene(
     """
     if isinstance(task, SuctionToolTask):
         return build_tool_scene(task, cells, uploads, tools)
-    return _build_lift_scene(task, cells, lifter, uploads)
+    return build_lift_scene(task, cells, lifter, uploads)
 
 
-def _build_lift_scene(
-    task: PlateLiftTask, cells: Mapping[str, Cell] | None, lifter: LifterShape, uploads: Uploads
-) -> PlateLiftScene:
-    if task.lifter_model == "dexnet":
-        raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
-    needed = "a plate lift needs a cell with one gripper and one stick"
-    cell = find_cell(task.cell, cells, _lifts_plates, needed)
-    check_names(((obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)), cell)
-    shapes = ShapeSource(uploads)
-    table = table_surface(cell)
-    support = None if task.support is None else place_support(task.support, table, shapes)
-    plate, surface = place_plate(task, support, table)
-    _check_pad(task, plate)
-    scene = PlateLiftScene(
-        cell=cell,
-        plate=plate,
-        support=support,
-        support_name="support" if surface.name == "support" else "table",
-        support_top=surface.height,
-        support_outline=surface.outline,
-        cup=place_cup(task.cup, plate, lifter),
-        lifter_model=task.lifter_model,
-        friction=task.friction,
-        hand_force_limit=task.hand_force_limit,
-        squeeze=_squeeze(task, _gripper(cell)),
-        mass_tolerance=task.plate.mass_tolerance,
-        com_tolerance=task.plate.com_tolerance,
-        obstacles=tuple(place_obstacle(i, obstacle, shapes) for i, obstacle in enumerate(task.obstacles)),
-        start_positions=start_positions(task.start_positions, cell),
-        start_widths={name: _open_around(plate, cell) for name in cell.gripper_arms},
-        seed=task.seed,
-        given_grips=settle_grips(task.options, plate, _gripper(cell)),
-        given_pushes=settle_pushes(task.options, plate),
-    )
-    _refuse_overlaps_at_start(scene)
-    return scene
+def with_centres(
+    task: PlateLiftTask | SuctionToolTask, scene: PlateLiftScene | SuctionToolScene
+) -> PlateLiftTask | SuctionToolTask:
+    """Return a task with every centre of mass that it leaves out: what is planned with, and stated in documents.
 
-
-def _lifts_plates(cell: Cell) -> bool:
-    return len(cell.gripper_arms) == 1 and len(cell.pusher_arms) == 1
-
-
-def _gripper(cell: Cell) -> Gripper:
-    hand = cell.arms[cell.gripper_arms[0]].hand
-    assert isinstance(hand, Gripper)
-    return hand
-
-
-def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:
-    asked = task.hand_force_limit.squeeze
-    if task.contact_model == "paper":
-        if asked is not None:
-            detail = "the paper's contact model has no squeeze: leave it out, or take the contact model squeeze"
-            raise SceneError("/hand_force_limit/squeeze", detail)
-        return None
-    if asked is not None and not gripper.force_min <= asked <= gripper.force_max:
-        able = f"the gripper squeezes with {gripper.force_min:.4g} to {gripper.force_max:.4g} N"
-        raise SceneError("/hand_force_limit/squeeze", f"{able}, not with {asked:.4g} N")
-    return gripper.squeeze if asked is None else asked
-
-
-def _open_around(plate: Plate, cell: Cell) -> float:
-    return min(plate.height + 2.0 * FINGER_GAP, _gripper(cell).width_max)
-
-
-def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
-    inside = float(polygon.depth_inside(plate.outline, np.array([task.cup.position]))[0])
-    if inside < task.cup.radius - CONTAINMENT_SLACK:
-        beyond = 1e3 * (task.cup.radius - inside)
-        raise SceneError("/cup/position", f"the pad sticks out {beyond:.4g} mm over the edge of the plate's top face")
-
-
-def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
-    """Let what the task places touch the cell, and what never moves overlap what else never moves.
-
-    The plate, the cup, the cable and the arms must be clear of all but what they rest on.
+    Args:
+        task: as read.
+        scene: built from it; finding the centroid of a mesh takes the mesh.
     """
-    cell = scene.cell
-    fixed = [placed_body(body, np.eye(4), None) for body in cell.bodies]
-    obstacles = [_placed(body, f"/obstacles/{i}/pose") for i, body in enumerate(scene.obstacles)]
-    support = [] if scene.support is None else [_placed(scene.support, "/support/pose")]
-    plate = [_placed(scene.plate, "/plate_pose")]
-    cup = [_placed(scene.cup.body, "/cup/position")]
-    cable = [_placed(scene.cup.cable, "/cup/position")]
-    arms = placed_arms(cell, scene.start_positions, scene.start_widths)
-    resting = {_sorted_pair("plate", scene.support_name)}
-    excess = {body.name: body.solid.excess for body in scene.bodies()}
-    refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess)
-    refuse_overlaps(plate, [*fixed, *support, *obstacles], resting)
-    refuse_overlaps(cup, [*fixed, *support, *obstacles])
-    refuse_overlaps(cable, obstacles)
-    refuse_overlaps(arms, [*plate, *cup, *cable, *support, *obstacles])
-    refuse_overlaps(arms, fixed, cell.excluded_pairs)
-    refuse_overlaps(arms, arms, cell.excluded_pairs)
+    if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene):
+        return task.model_copy(update={"plate": task.plate.model_copy(update={"com": _numbers(scene.plate.com)})})
+    if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
+        objects = tuple(
+            given.model_copy(update={"com": _numbers(moved.body.com)})
+            for given, moved in zip(task.objects, scene.objects, strict=True)
+        )
+        tool = task.tool
+        if isinstance(tool, CustomTool):
+            tool = tool.model_copy(update={"com": _numbers(scene.tool.com)})
+        return task.model_copy(update={"objects": objects, "tool": tool})
+    return task
 
 
-def _placed(body: Body, pointer: str) -> PlacedBody:
-    return placed_body(body.collision_body(), body.T_world_body, pointer)
-
-
-def _sorted_pair(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)
+def _numbers(com: Array) -> Point3:
+    x, y, z = com.tolist()
+    return x, y, z

@@ -8,15 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.cell.asset_files import known_meshes, read_mesh_asset
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
 from planners.errors import SceneError
-from planners.geometry.convex import ConvexShape
-from planners.geometry.mesh_intake import take_mesh
+from planners.geometry.convex import ConvexShape, enclosing_hull
 from planners.geometry.pose import Array
-from planners.geometry.solid_mesh import SolidMesh
-from planners.scene.asset_files import known_meshes, read_mesh_asset
-from planners.scene.meshes import enclosing_hull
-from planners.scene.solid import MeshSolid, Solid, solid_of
+from planners.geometry.solid_mesh import SolidMesh, take_mesh
+from planners.scene.solid import MeshSolid, Solid, inline_mesh, solid_of
 
 PLANNED_SHAPES = ("box", "cylinder", "prism", "mesh")
 """The types of shapes that can be planned with."""
@@ -57,7 +55,7 @@ class ShapeSource:
         if shape not in self._found:
             mesh = self._mesh(shape, pointer).scaled(shape.scale)
             _check_size(mesh, pointer)
-            self._found[shape] = _stated(mesh), mesh_solid(mesh)
+            self._found[shape] = inline_mesh((mesh.vertices, mesh.faces), mesh.parts), mesh_solid(mesh)
         return self._found[shape]
 
     def _mesh(self, shape: Mesh, pointer: str) -> SolidMesh:
@@ -72,15 +70,6 @@ class ShapeSource:
         return mesh
 
 
-def _stated(mesh: SolidMesh) -> InlineMesh:
-    return InlineMesh(
-        type="mesh",
-        vertices=mesh.vertices.tolist(),
-        faces=mesh.faces.tolist(),
-        convex_parts=[part.tolist() for part in mesh.parts],
-    )
-
-
 def mesh_solid(mesh: SolidMesh) -> MeshSolid:
     """Return a mesh in metres as a solid; a part with many corners is drawn a little larger with few."""
     drawn = [enclosing_hull(part) for part in mesh.parts]
@@ -90,7 +79,7 @@ def mesh_solid(mesh: SolidMesh) -> MeshSolid:
 
 
 def _beyond(drawn: Array, part: Array) -> float:
-    """Bound how far a drawing reaches beyond its part [m]: from its corners to the part's planes."""
+    """Bound how far a drawing (m, 3) reaches beyond its part (n, 3) [m]: from its corners to the part's planes."""
     if drawn is part:
         return 0.0
     planes = ConvexHull(part).equations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
-from planners.geometry import polygon, shapes, surface
-from planners.geometry.convex import ConvexShape
+from planners.geometry import polygon, surface
+from planners.geometry.convex import ConvexShape, box, cylinder, prism
 from planners.geometry.pose import Array, Transform
 
 RIM_POINTS = 96
@@ -66,9 +66,13 @@ class Solid(ABC):
     def depth(self, point: Sequence[float] | Array) -> float:
         """Return how deep (3,) `point` lies inside [m], negative outside."""
 
-    @abstractmethod
     def flat_faces(self) -> list[FlatFace]:
-        """Return the faces it can rest on; of a round solid, only the flat ones."""
+        """Return the faces it can rest on: those of its convex hull; of a round solid, only the flat ones."""
+        return self._hull_faces
+
+    @cached_property
+    def _hull_faces(self) -> list[FlatFace]:
+        return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.surface()[0])]
 
     @abstractmethod
     def flat_pieces(self) -> list[FlatFace]:
@@ -171,17 +175,9 @@ class MeshSolid(Solid):
         """Return how far (3,) `point` is from the nearest triangle [m], negative outside."""
         return surface.depth(self.vertices, self.faces, np.asarray(point, dtype=float))
 
-    def flat_faces(self) -> list[FlatFace]:
-        """Return the faces of the convex hull: a body rests on its hull."""
-        return self._hull_faces
-
     def flat_pieces(self) -> list[FlatFace]:
         """Return the flat places of the mesh, whole where they are convex, else in triangles."""
         return self._pieces
-
-    @cached_property
-    def _hull_faces(self) -> list[FlatFace]:
-        return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.vertices)]
 
     @cached_property
     def _pieces(self) -> list[FlatFace]:
@@ -214,10 +210,6 @@ class CompoundSolid(Solid):
         at = np.asarray(point, dtype=float)
         return max(solid.depth(T[:3, :3].T @ (at - T[:3, 3])) for solid, T in self.pieces)
 
-    def flat_faces(self) -> list[FlatFace]:
-        """Return the faces of the convex hull: a body rests on its hull."""
-        return self._hull_faces
-
     def flat_pieces(self) -> list[FlatFace]:
         """Return the flat places of all pieces."""
         return [
@@ -242,33 +234,27 @@ class CompoundSolid(Solid):
             count += len(own_vertices)
         return np.vstack(vertices), np.vstack(faces)
 
-    @cached_property
-    def _hull_faces(self) -> list[FlatFace]:
-        return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.surface()[0])]
-
 
 def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
     """Build the solid of a shape of the contract; both have the same frame."""
     match shape:
         case Box():
-            x, y, z = (0.5 * length for length in shape.size)
-            outline = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
-            return ExtrudedSolid(outline, 2.0 * z, False, shapes.box(shape.size))
+            x, y, z = shape.size
+            return ExtrudedSolid(polygon.rectangle(x, y), z, False, box(shape.size))
         case Prism():
-            prism = shapes.prism(shape.outline, shape.height)
-            return ExtrudedSolid(np.array(shape.outline), shape.height, False, prism)
+            extruded = prism(shape.outline, shape.height)
+            return ExtrudedSolid(np.array(shape.outline), shape.height, False, extruded)
         case Cylinder():
-            angles = 2.0 * math.pi * np.arange(RIM_POINTS) / RIM_POINTS
-            rim = shape.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-            return ExtrudedSolid(rim, shape.height, True, shapes.cylinder(shape.radius, shape.height))
+            rim = polygon.circle(shape.radius, RIM_POINTS)
+            return ExtrudedSolid(rim, shape.height, True, cylinder(shape.radius, shape.height))
 
 
-def inline_mesh(solid: Solid) -> InlineMesh:
-    """Return a solid as the shape of a plan document: with all its data."""
-    vertices, faces = solid.surface()
+def inline_mesh(mesh: Surface, parts: Iterable[Array]) -> InlineMesh:
+    """Return a surface, with the corners (k, 3) of its convex parts, as the shape of a plan document [m]."""
+    vertices, faces = mesh
     return InlineMesh(
         type="mesh",
         vertices=vertices.tolist(),
         faces=faces.tolist(),
-        convex_parts=[part.vertices.tolist() for part in solid.convex_parts],
+        convex_parts=[part.tolist() for part in parts],
     )

@@ -15,8 +15,17 @@ from scipy.optimize import nnls
 
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body
-from planners.scene.footing import TIP_SLACK, Footing, Unsupported, beyond, find_footing, level_places
-from planners.scene.rest import REST_GAP, Surface
+from planners.scene.rest import (
+    REST_GAP,
+    TIP_SLACK,
+    Footing,
+    Surface,
+    Unsupported,
+    beyond,
+    find_footing,
+    level_places,
+    lowest_point,
+)
 
 _ROUNDING = 1e-5
 """A body whose centre of mass would have to be shifted by less than this to be balanced is [m]."""
@@ -55,7 +64,7 @@ def first_fall(bodies: Sequence[Body], footings: Sequence[Footing]) -> Fall | No
 
 
 class Standing:
-    """Asks of many arrangements of the same bodies whether they stand; what one is asked helps with the next."""
+    """Decides of many arrangements of the same bodies whether they stand, and keeps what arrangements share."""
 
     def __init__(self, still: Sequence[Surface]) -> None:
         """Take the level places of what never moves."""
@@ -82,7 +91,7 @@ class Standing:
         if key not in self._grounds:
             places = level_places(body.name, body.solid, T_world_body)
             self._grounds[key] = _Ground(np.array([place.height for place in places]), tuple(places), key[1])
-            self._lowest[key] = float((body.solid.surface()[0] @ T_world_body[2, :3]).min() + T_world_body[2, 3])
+            self._lowest[key] = lowest_point(body.solid, T_world_body)
         return self._grounds[key]
 
     def _footing(self, body: Body, T_world_body: Transform, others: Sequence[_Ground]) -> Footing | Unsupported:

@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from planners.cell.asset_files import read_tool_file, shipped_shelf
 from planners.contract.task_spec import CustomTool, ToolPart
 from planners.geometry.pose import Array, Transform, from_pose7
-from planners.scene.asset_files import read_tool_file, shipped_shelf
 from planners.scene.body import Body
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import CompoundSolid, inline_mesh
@@ -95,7 +95,8 @@ def load_tool(
     solid = _solid(given.shapes, shapes or ShapeSource())
     T = np.eye(4) if T_world_tool is None else T_world_tool
     com = solid.centroid if given.com is None else np.array(given.com)
-    body = Body(TOOL_NAME, "tool", inline_mesh(solid), solid, given.mass, com, T, static=False)
+    stated = inline_mesh(solid.surface(), (part.vertices for part in solid.convex_parts))
+    body = Body(TOOL_NAME, "tool", stated, solid, given.mass, com, T, static=False)
     cup = given.cup
     return SuctionTool(name, body, given.mass, com, CupData(cup.radius, cup.max_force, cup.mu, cup.kappa))
 

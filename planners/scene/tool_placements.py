@@ -9,16 +9,16 @@ from typing import Self
 import numpy as np
 from scipy.spatial import ConvexHull, KDTree
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import ObjectToMove, SuctionToolTask
 from planners.errors import SceneError
+from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
-from planners.scene.cell import Cell
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_inside, refuse_overlaps
-from planners.scene.footing import Footing, Unsupported, find_footing, level_places
 from planners.scene.moved_object import MovedObject, symmetry_turns
-from planners.scene.placements import CONTAINMENT_SLACK
-from planners.scene.rest import REST_GAP, Surface
+from planners.scene.placements import CONTAINMENT_SLACK, box_top
+from planners.scene.rest import REST_GAP, Footing, Surface, Unsupported, find_footing, level_places, lowest_point
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import ExtrudedSolid, Solid
 from planners.scene.standing import Fall, Standing, first_fall
@@ -56,7 +56,7 @@ class StillBodies:
         """Collect what stands in a cell."""
         own = tuple(placed_body(body, np.eye(4), None) for body in cell.bodies)
         bodies = list(own)
-        places = [_top_of_box(static.name, static.center, static.size) for static in cell.boxes]
+        places = [box_top(static) for static in cell.boxes]
         for i, body in enumerate(obstacles):
             bodies.append(placed_body(body.collision_body(), body.T_world_body, f"/obstacles/{i}/pose"))
             places += level_places(body.name, body.solid, body.T_world_body)
@@ -147,7 +147,7 @@ def refuse_overlaps_but_rest(
     Raises:
         BodiesOverlap: for a pair that overlaps.
     """
-    resting = frozenset(_sorted_pair(name, support) for name, below in supports.items() for support in below)
+    resting = frozenset(sorted_pair(name, support) for name, below in supports.items() for support in below)
     refuse_overlaps(group, [other for other in others if other not in group], resting, when)
     refuse_overlaps(group, group, resting, when)
     by_name = {other.name: other for other in (*others, *group)}
@@ -207,7 +207,7 @@ def _settle_all(
     """Settle bodies from the bottom up, each on what stands still and on those below it."""
     places = list(still.places)
     footings: dict[int, Footing] = {}
-    for i in sorted(range(len(bodies)), key=lambda i: _lowest(bodies[i].solid, poses[i])):
+    for i in sorted(range(len(bodies)), key=lambda i: lowest_point(bodies[i].solid, poses[i])):
         body = bodies[i]
         footing = find_footing(body.solid, poses[i], body.com, places)
         if isinstance(footing, Unsupported):
@@ -215,10 +215,6 @@ def _settle_all(
         footings[i] = footing
         places += level_places(body.name, body.solid, footing.T_world_body)
     return [footings[i] for i in range(len(bodies))]
-
-
-def _lowest(solid: Solid, T_world_body: Transform) -> float:
-    return float((solid.surface()[0] @ T_world_body[2, :3]).min() + T_world_body[2, 3])
 
 
 def _refuse_fall(bodies: Sequence[Body], footings: Sequence[Footing], member: str, when: str) -> None:
@@ -239,7 +235,7 @@ class _GoalPile:
     standing: Standing
 
     def turns_at_rest(self, index: int, turns: Array) -> Array:
-        """Return the turns of a goal after which all objects stand, and are clear of one another."""
+        """Return those turns (k, 4, 4) of a goal after which all objects stand, and are clear of one another."""
         body, footing = self.bodies[index], self.footings[index]
         places = [*self.still.places, *self._places_of_others(index)]
         under = [place for place in places if place.name in footing.supports]
@@ -289,13 +285,3 @@ def _changes_nothing(body: Body, turn: Transform) -> bool:
     farthest, _ = KDTree(corners).query(corners @ turn[:3, :3].T + turn[:3, 3])
     moved = np.linalg.norm(turn[:3, :3] @ body.com + turn[:3, 3] - body.com)
     return max(float(np.max(farthest)), float(moved)) <= SAME_GOAL * float(np.ptp(corners, axis=0).max())
-
-
-def _top_of_box(name: str, center: Array, size: Array) -> Surface:
-    x, y, z = 0.5 * size
-    corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) + center[:2]
-    return Surface(name, float(center[2] + z), corners)
-
-
-def _sorted_pair(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)

@@ -6,18 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
 from planners.errors import SceneError
 from planners.geometry.pose import Array
 from planners.scene.body import Body
-from planners.scene.cell import Cell
-from planners.scene.clashes import PlacedBody, placed_arms, placed_body, refuse_inside, refuse_overlaps
-from planners.scene.hand import Gripper
+from planners.scene.clashes import placed_arms, placed_at_start, refuse_inside, refuse_overlaps
 from planners.scene.moved_object import MovedObject
-from planners.scene.placements import place_obstacle
+from planners.scene.placements import check_names, find_cell, place_obstacle, start_positions
 from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, TOOL_NAME, SuctionTool
-from planners.scene.task_checks import check_names, find_cell, start_positions
 from planners.scene.tool_placements import StillBodies, place_objects, place_tool, refuse_overlaps_but_rest
 
 
@@ -103,7 +101,7 @@ def build_tool_scene(
         carry_force_limits=carry_force_limits,
         obstacles=obstacles,
         start_positions=start_positions(task.start_positions, cell),
-        start_widths={name: _gripper(cell, name).width_max for name in cell.gripper_arms},
+        start_widths={name: cell.gripper(name).width_max for name in cell.gripper_arms},
         seed=task.seed,
         options=task.options,
     )
@@ -115,15 +113,9 @@ def _grips_with_both(cell: Cell) -> bool:
     return len(cell.gripper_arms) == 2
 
 
-def _gripper(cell: Cell, arm: str) -> Gripper:
-    hand = cell.arms[arm].hand
-    assert isinstance(hand, Gripper)
-    return hand
-
-
 def _squeeze(task: SuctionToolTask, cell: Cell, carried: float) -> float:
     """Return the largest squeeze [N] with which no finger presses too hard, whatever of `carried` [N] it bears more."""
-    grippers = [_gripper(cell, name) for name in cell.gripper_arms]
+    grippers = [cell.gripper(name) for name in cell.gripper_arms]
     least, most = max(each.force_min for each in grippers), min(each.force_max for each in grippers)
     if task.grip_force_limit < least:
         raise SceneError(
@@ -142,8 +134,8 @@ def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> No
 
     Tool, objects and arms must be clear of all but what they rest on.
     """
-    moved = [_placed(one.body, f"/objects/{i}/pose") for i, one in enumerate(scene.objects)]
-    tool = _placed(scene.tool.body, "/tool_pose")
+    moved = [placed_at_start(one.body, f"/objects/{i}/pose") for i, one in enumerate(scene.objects)]
+    tool = placed_at_start(scene.tool.body, "/tool_pose")
     arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
     supports = {one.name: one.start_supports for one in scene.objects} | {TOOL_NAME: scene.tool.supports}
     excess = still.excess | {body.name: body.solid.excess for body in scene.bodies()}
@@ -153,7 +145,3 @@ def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> No
     refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, "at the start")
     refuse_overlaps(arms, [*standing, *still.bodies], scene.cell.excluded_pairs)
     refuse_overlaps(arms, arms, scene.cell.excluded_pairs)
-
-
-def _placed(body: Body, pointer: str) -> PlacedBody:
-    return placed_body(body.collision_body(), body.T_world_body, pointer)

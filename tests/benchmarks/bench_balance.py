@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from planners.balance.balanced import Unbalanced
-from planners.balance.certificates import TwistTable
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
+from planners.balance.proofs import TwistTable
 from planners.balance.solver import Balance
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z
 from tests.support.balance_statement import Plate, state_balance

@@ -10,13 +10,11 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from planners.collision.model import CollisionModel, CollisionQuery
-from planners.collision.placement import Fixed, Riding, Upright
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.cell.cell import Cell, load_cell
+from planners.collision.model import CollisionModel, CollisionQuery, Fixed, Riding, Upright
+from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, cylinder
 from planners.kinematics.forward import link_frames
-from planners.scene.cell import Cell, load_cell
 
 CONFIGURATIONS, COAL_CONFIGURATIONS, FCL_CONFIGURATIONS, EDGES = 20_000, 500, 40, 2_000
 EDGE_LENGTH = 0.3

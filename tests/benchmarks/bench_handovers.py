@@ -10,7 +10,7 @@ from time import perf_counter, process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.placement import Placement, Riding
+from planners.collision.model import Placement, Riding
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Transform, inverse
 from planners.regrasp.grasp_reach import GraspReach, Surroundings

@@ -7,11 +7,11 @@ from time import process_time
 
 import numpy as np
 
-from planners.collision.model import CollisionModel, CollisionQuery
-from planners.collision.placement import Fixed
-from planners.geometry.convex import CollisionBody
+from planners.cell.arm import Arm
+from planners.cell.cell import Cell, load_cell
+from planners.collision.model import CollisionModel, CollisionQuery, Fixed
+from planners.geometry.convex import CollisionBody, box
 from planners.geometry.pose import Array, rotation_y, transform
-from planners.geometry.shapes import box
 from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import inverse_kinematics
 from planners.kinematics.windings import all_windings
@@ -23,8 +23,6 @@ from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
 from planners.motion.timing import time_path
 from planners.motion.trajectory import Trajectory
-from planners.scene.arm import Arm
-from planners.scene.cell import Cell, load_cell
 from tests.benchmarks.path_shortening import lengths_shortened
 
 PROBLEMS_PER_ARM = 40

@@ -13,7 +13,7 @@ import numpy as np
 from planners.geometry.pose import Array, rotation_angle, rotation_x, rotation_z, transform
 from planners.perception.depth_view import DepthView
 from planners.perception.marker_board import BoardNotSeen, MarkerBoard, find_board
-from planners.perception.perceive_objects import Surroundings, perceive_objects
+from planners.perception.object_finder import KnownPlace, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
 from tests.benchmarks.tasks import Note
 from tests.support.colour_camera import eye_camera, looking_at, studio, window_round
@@ -110,7 +110,7 @@ def _measure_board(board: MarkerBoard, count: int, note: Note) -> BoardFigures:
 def measure_objects(count: int, note: Note) -> ObjectFigures:
     """Look for objects in frames of tables."""
     figures = ObjectFigures()
-    surroundings, settings = Surroundings(TABLE_TOP), PerceptionSettings()
+    surroundings, settings = KnownPlace(TABLE_TOP), PerceptionSettings()
     for index, frame in enumerate(frames(count, SEED)):
         if index % 20 == 0:
             note(f"perception: frame {index} of {count}")

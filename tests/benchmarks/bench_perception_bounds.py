@@ -17,15 +17,13 @@ import cv2
 import numpy as np
 
 from app.scan_files import ScanFiles, read_scan_files
+from planners.cell.cell import load_cell
 from planners.contract.scan_spec import read_scan
 from planners.contract.strict_json import parse_json
 from planners.geometry.pose import Array
 from planners.perception.camera import Camera
-from planners.perception.cloud_file import MOST_POINTS
 from planners.perception.perceive import MOST_DEPTH_PIXELS, perceive
-from planners.perception.picture_file import MOST_PIXELS
-from planners.perception.refusal import ScanRefused
-from planners.scene.cell import load_cell
+from planners.perception.scan_files import MOST_PIXELS, MOST_POINTS, ScanRefused
 from tests.benchmarks.tasks import Note
 from tests.support.depth_camera import NOISELESS, overhead_camera
 from tests.support.scan_frames import depth_png, described, shipped

@@ -11,7 +11,7 @@ from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from planners.scene.cell import Cell, known_cells, load_cell
+from planners.cell.cell import Cell, known_cells, load_cell
 from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.pile_attempt import PileAttempt, PileWorker
 from tests.benchmarks.random_piles import PILES, Pile, refusal

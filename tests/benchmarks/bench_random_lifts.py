@@ -11,7 +11,7 @@ from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
-from planners.scene.cell import known_cells, load_cell
+from planners.cell.cell import known_cells, load_cell
 from tests.benchmarks import lift_attempt
 from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.lift_attempt import INFEASIBLE, NOT_FOUND, LiftAttempt

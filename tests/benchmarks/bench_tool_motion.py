@@ -9,6 +9,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from planners.cell.arm import Arm
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array
 from planners.motion.blended_path import BlendedPath
@@ -22,7 +23,6 @@ from planners.regrasp import tool_motion
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_segment import ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.arm import Arm
 from planners.scene.tool_scene import build_tool_scene
 from planners.segment import SegmentKind
 from tests.benchmarks.path_shortening import lengths_shortened

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.polyhedron import Prism
 from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
@@ -14,8 +15,8 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.planning import lift_settings
 from planners.progress import silent
-from planners.scene.cell import Cell, load_cell
-from planners.scene.scene import PlateLiftScene, build_scene
+from planners.scene.lift_scene import PlateLiftScene
+from planners.scene.scene import build_scene
 from tests.benchmarks.paper_tables import PAPER
 from tests.benchmarks.tasks import task_body
 

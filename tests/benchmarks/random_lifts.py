@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array
-from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 
 BOXES = 0.7

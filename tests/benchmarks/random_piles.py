@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.errors import SceneError
-from planners.scene.cell import Cell
 from planners.scene.tool_scene import build_tool_scene
 from tests.benchmarks.tasks import task_body
 

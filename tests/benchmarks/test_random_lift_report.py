@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planners.scene.cell import known_cells, load_cell
+from planners.cell.cell import known_cells, load_cell
 from tests.benchmarks.attempt_file import AttemptFile, Unfinished
 from tests.benchmarks.bench_random_lifts import RandomLiftFigures
 from tests.benchmarks.certified_plan import BROKEN, SOLVED, UNCERTIFIED

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from support.documents import bodies_of, cell_of
 
+from planners.cell.cell import Cell, load_cell
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.certify.solids import Solid
 from planners.geometry.pose import frame_from_z, inverse, rotation_y, skew, to_pose7, transform
 from planners.kinematics.inverse import inverse_kinematics
-from planners.scene.cell import Cell, load_cell
 
 Array = NDArray[np.float64]
 STEP = 0.02

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.documents import sent
 
+from planners.cell.cell import Cell
 from planners.certify import CertifySettings, RobotSurfaces
 from planners.certify.collision import CollisionCheck, PairMotion
 from planners.certify.lift_pairs import LiftTouchRule
@@ -19,7 +20,6 @@ from planners.certify.pairs import pairs_of
 from planners.certify.plan_view import read_plan
 from planners.certify.solids import Solid, solids_of
 from planners.geometry.pose import Transform, rotation_from_vector, to_pose7, transform
-from planners.scene.cell import Cell
 
 Document = dict[str, Any]
 Distance = Callable[[Solid, Transform, Solid, Transform], float]

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
 from planners.certify import RobotSurfaces
 from planners.certify.body_shape import box, convex_part
 from planners.certify.kinematics import ArmKinematics
 from planners.certify.solids import Frame, Solid, capsule, polytope, signed_distance
 from planners.certify.surfaces import LINKS, finger_poses, largest_width, pad_height
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
-from planners.scene.cell import Cell
-from planners.scene.hand import Gripper
+from tests.cell.cell_probe import gripper_hulls
 
 Distance = Callable[[Solid, Transform, Solid, Transform], float]
 FRAME = Frame("body", "test")
@@ -79,14 +80,14 @@ def test_fingers_are_where_the_cell_has_them(cell: Cell, surfaces: RobotSurfaces
     gripper = cell.arms["right"].hand
     assert isinstance(gripper, Gripper)
     for width in (0.0, 0.02, 0.04, 0.085):
-        hulls = gripper.hulls(width)
+        hulls = gripper_hulls(gripper, width)
         for finger in (0, 1):
             for part, hull in surfaces.finger_parts.items():
                 T = finger_poses(part, finger, np.array([width]))[0]
                 name = f"pad_{finger}" if part == "pad" else f"finger_{finger}_{part}"
                 points = hull.vertices @ T[:3, :3].T + T[:3, 3]
-                assert_encloses(hulls[name][0], 2e-5, points)
-                assert_encloses(points, 2e-5, hulls[name][0])
+                assert_encloses(hulls[name], 2e-5, points)
+                assert_encloses(points, 2e-5, hulls[name])
 
 
 def test_pads_have_the_height_and_gap_that_were_measured() -> None:

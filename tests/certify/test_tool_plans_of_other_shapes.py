@@ -12,8 +12,8 @@ from support.pierced_plate import pierced_plate
 from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Certificate, RobotSurfaces
-from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z, to_pose7, transform
+from planners.geometry.solid_mesh import take_mesh
 from planners.plan.plan import Plan
 
 OUTLINE = np.array([[0, 0], [0.12, 0], [0.12, 0.05], [0.05, 0.05], [0.05, 0.10], [0, 0.10]])

@@ -5,8 +5,7 @@ from __future__ import annotations
 import coal
 import numpy as np
 
-from planners.collision.model import CollisionModel
-from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
+from planners.collision.model import Attached, CollisionModel, Fixed, Placement, Riding, Upright
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
 from tests.collision.synthetic_cell import BASES, UR3E

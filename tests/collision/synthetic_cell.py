@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
-from planners.collision.model import CollisionModel
-from planners.collision.placement import Attached, Fixed, Placement, Riding, Upright
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.collision.model import Attached, CollisionModel, Fixed, Placement, Riding, Upright
+from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, convex_hull, cylinder
 
 UR3E = np.array(
     [
@@ -51,6 +51,16 @@ SPANS = (
     ((0, 0, -0.04), (0, 0, 0), 0.032),
 )
 """Ends and radius of the rod that each link's hull is drawn around, in the link's frame."""
+
+
+def sphere(center: Sequence[float], radius: float) -> ConvexShape:
+    """Return the ball about a point [m]."""
+    return ConvexShape(np.array([center], dtype=float), radius)
+
+
+def convex_hull(points: Array) -> ConvexShape:
+    """Return the hull of (n, 3) points that span a volume [m]."""
+    return ConvexShape(points[ConvexHull(points).vertices])
 
 
 def random_hull(rng: np.random.Generator, start: Array, end: Array, radius: float, n: int = 60) -> ConvexShape:

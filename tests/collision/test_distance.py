@@ -11,9 +11,9 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
 from planners.collision.distance import distance
-from planners.geometry.convex import ConvexShape
+from planners.geometry.convex import ConvexShape, box, capsule, cylinder, prism
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
-from planners.geometry.shapes import box, capsule, convex_hull, cylinder, prism, sphere
+from tests.collision.synthetic_cell import sphere
 
 
 def random_transform(rng: np.random.Generator, spread: float) -> Transform:
@@ -136,27 +136,6 @@ def test_a_cylinder_is_never_drawn_smaller_than_it_is():
     for angle in np.linspace(0, 2 * math.pi, 500):
         rim = [0.0375 * math.cos(angle), 0.0375 * math.sin(angle), 0.0242]
         assert distance(probe, transform(position=rim), shape, np.eye(4)) <= 1e-9
-
-
-@pytest.mark.parametrize("limit", [8, 20, 60])
-def test_a_pruned_hull_covers_all_its_points(limit):
-    rng = np.random.default_rng(3)
-    points = rng.normal(size=(400, 3)) * [0.1, 0.05, 0.02]
-    shape = convex_hull(points, limit)
-    assert len(shape.vertices) <= limit
-    assert all(distance(sphere(point, 0.0), np.eye(4), shape, np.eye(4)) <= 1e-9 for point in points)
-
-
-def test_a_pruned_hull_grows_by_millimetres_only():
-    rng = np.random.default_rng(4)
-    directions = rng.normal(size=(500, 3))
-    points = 0.06 * directions / np.linalg.norm(directions, axis=1)[:, None]
-    assert convex_hull(points).radius < 0.006
-
-
-def test_flat_point_sets_have_a_hull():
-    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
-    assert distance(convex_hull(square), np.eye(4), sphere([0.5, 0.5, 0.3], 0.1), np.eye(4)) == pytest.approx(0.2)
 
 
 def test_a_prism_is_its_outline_at_every_height():

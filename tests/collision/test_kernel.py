@@ -10,13 +10,21 @@ import pytest
 from numba import njit
 
 from planners.collision.kernel import first_collision, make_scratch, place_frames, set_frame
-from planners.collision.model import CollisionModel, CollisionModelError
-from planners.collision.placement import Attached, Fixed, Riding, Upright
-from planners.geometry.convex import CollisionBody
+from planners.collision.model import Attached, CollisionModel, CollisionModelError, Fixed, Riding, Upright
+from planners.geometry.convex import CollisionBody, box
 from planners.geometry.pose import rotation_from_vector, transform
-from planners.geometry.shapes import box, convex_hull, sphere
 from tests.collision.coal_scene import CoalScene, world_frames
-from tests.collision.synthetic_cell import ARMS, BOXES, HOME, build_model, excluded_pairs, held, resting
+from tests.collision.synthetic_cell import (
+    ARMS,
+    BOXES,
+    HOME,
+    build_model,
+    convex_hull,
+    excluded_pairs,
+    held,
+    resting,
+    sphere,
+)
 
 TOLERANCE = 1e-6
 """Coal and the kernel may differ about distances this close to the margin [m]."""

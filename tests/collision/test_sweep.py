@@ -9,14 +9,12 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from planners.collision.kernel import make_scratch, place_center, place_frames
-from planners.collision.model import CollisionModel
-from planners.collision.placement import Attached, Fixed, Riding, Upright
+from planners.collision.model import Attached, CollisionModel, Fixed, Riding, Upright
 from planners.collision.sweep import bound_travel
-from planners.geometry.convex import CollisionBody
+from planners.geometry.convex import CollisionBody, box, capsule
 from planners.geometry.pose import frame_from_z, transform
-from planners.geometry.shapes import box, capsule, sphere
 from tests.collision.coal_scene import world_frames
-from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting
+from tests.collision.synthetic_cell import ARMS, HOME, build_model, held, resting, sphere
 
 STEP = 0.002
 """Of the dense sampling [rad]."""

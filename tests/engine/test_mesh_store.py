@@ -7,8 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import trimesh
 
-from planners.geometry.mesh_intake import take_mesh
-from planners.geometry.solid_mesh import SolidMesh
+from planners.geometry.solid_mesh import SolidMesh, take_mesh
 from workers.database import Database
 from workers.mesh_store import MeshStore
 

@@ -13,14 +13,14 @@ import pytest
 import trimesh
 from support.service import task
 
+from planners.cell.cell import load_cell
 from planners.certify import Certificate, Check, load_surfaces
 from planners.errors import SceneError
-from planners.geometry.mesh_intake import take_mesh
+from planners.geometry.solid_mesh import take_mesh
 from planners.plan.plan import Plan
 from planners.plan.simulation import LiftSimulation
 from planners.plan.verdicts import StageTime, Statistics
 from planners.progress import silent
-from planners.scene.cell import load_cell
 from workers.pipeline import CertificateFailed, Pipeline
 from workers.solver_protocol import REJECTED_VARIABLE, Request
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from planners.geometry.clusters import clusters
+from planners.geometry.solid_mesh import clusters
 
 RADIUS = 1e-3
 

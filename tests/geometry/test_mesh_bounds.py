@@ -11,9 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from planners.geometry import mesh_intake
+from planners.geometry import solid_mesh
 from planners.geometry.mesh_file import MOST_TRIANGLES, MeshFormat, MeshRefused
-from planners.geometry.mesh_intake import SAME_VERTEX, repaired, take_mesh
+from planners.geometry.solid_mesh import SAME_VERTEX, repaired, take_mesh
 from tests.support import mesh_bombs
 
 FORMATS: dict[str, MeshFormat] = {
@@ -118,7 +118,7 @@ def test_a_mesh_is_repaired_as_if_all_pairs_of_vertices_were_looked_at(kind, see
     near = 0.2 * SAME_VERTEX * float(np.linalg.norm(mesh.extents))
     vertices = corners + rng.uniform(-near, near, corners.shape)
     vertices_found, faces_found = repaired(vertices, triangles)
-    monkeypatch.setattr(mesh_intake, "clusters", labels_of_all_pairs)
+    monkeypatch.setattr(solid_mesh, "clusters", labels_of_all_pairs)
     vertices_wanted, faces_wanted = repaired(vertices, triangles)
     np.testing.assert_array_equal(vertices_found, vertices_wanted)
     np.testing.assert_array_equal(faces_found, faces_wanted)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from planners.geometry.polygon import ShapeError
+from planners.geometry.polygon import ShapeError, rectangle
 from planners.geometry.polyhedron import ElementKind, Polyhedron, Prism
+from tests.support.polyhedra import face_normal
 
 HEXAGON = [[0.2 * np.cos(a), 0.2 * np.sin(a)] for a in np.pi / 3 * np.arange(6)]
-PRISMS = [Prism.from_box([0.3, 0.4, 0.04]), Prism.from_outline(HEXAGON, 0.03)]
+PRISMS = [Prism.from_outline(rectangle(0.3, 0.4), 0.04), Prism.from_outline(HEXAGON, 0.03)]
 DIMENSION = {ElementKind.VERTEX: 0, ElementKind.EDGE: 1, ElementKind.FACE: 2}
 
 
@@ -28,7 +29,7 @@ def test_an_element_bounds_another_when_its_points_are_some_of_the_others(prism)
 def test_faces_are_those_of_the_convex_hull_and_their_normals_point_outward(prism):
     body = prism.polyhedron
     planes = np.array(
-        [[*body.face_normal(k), -body.face_normal(k) @ body.vertices[f[0]]] for k, f in enumerate(body.faces)]
+        [[*face_normal(body, k), -face_normal(body, k) @ body.vertices[f[0]]] for k, f in enumerate(body.faces)]
     )
     hull = np.unique(np.round(ConvexHull(body.vertices).equations, 9), axis=0) + 0.0
     assert np.unique(np.round(planes, 9), axis=0) + 0.0 == pytest.approx(hull)
@@ -40,14 +41,14 @@ def test_bottom_elements_carry_the_numbers_of_the_outline():
     assert set(body.vertex_indices(prism.bottom)) == set(range(6))
     assert prism.bottom_vertices[:, :2] == pytest.approx(np.array(HEXAGON))
     assert np.all(prism.bottom_vertices[:, 2] == -0.015)
-    assert body.face_normal(prism.bottom.index) == pytest.approx([0, 0, -1])
-    assert body.face_normal(1) == pytest.approx([0, 0, 1])
+    assert face_normal(body, prism.bottom.index) == pytest.approx([0, 0, -1])
+    assert face_normal(body, 1) == pytest.approx([0, 0, 1])
     assert [body.edges[k] for k in range(6)] == [(k, (k + 1) % 6) for k in range(6)]
     assert all({k, (k + 1) % 6} <= set(body.faces[2 + k]) for k in range(6))
 
 
 def test_a_box_has_its_frame_at_its_centre():
-    vertices = Prism.from_box([0.3, 0.4, 0.04]).polyhedron.vertices
+    vertices = Prism.from_outline(rectangle(0.3, 0.4), 0.04).polyhedron.vertices
     assert vertices.min(axis=0) == pytest.approx([-0.15, -0.2, -0.02])
     assert vertices.max(axis=0) == pytest.approx([0.15, 0.2, 0.02])
 

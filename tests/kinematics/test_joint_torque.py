@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from planners.cell.arm import load_robot
+from planners.cell.asset_files import shipped_shelf
+from planners.cell.cell import load_cell
 from planners.kinematics.joint_torque import WeighedArm, joint_torques
-from planners.scene.asset_files import shipped_shelf
-from planners.scene.cell import load_cell
-from planners.scene.robot import load_robot
 from tests.kinematics.arm_oracle import published_urdf
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

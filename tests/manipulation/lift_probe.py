@@ -10,15 +10,15 @@ from typing import Any
 import fcl
 import numpy as np
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.convex import CollisionBody
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.workcell import LiftWorkcell
 from planners.planning import lift_settings
-from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
+from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm
-from tests.scene_cell.cell_probe import fcl_distance, fcl_object
 
 ROOT = Path(__file__).parents[2]
 TURN = 2.0 * np.pi

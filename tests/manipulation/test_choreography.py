@@ -130,10 +130,10 @@ def test_every_contact_set_is_in_balance_with_the_weight_and_has_the_hands_that_
             com = T[:3, :3] @ plate.com + T[:3, 3]
             force = np.array([0.0, 0.0, -9.81 * plate.mass])
             moment = np.zeros(3)
-            for contact in balance.wrenches():
-                point = T[:3, :3] @ contact.T_plate_contact[:3, 3] + T[:3, 3]
-                force += contact.wrench_world[:3]
-                moment += contact.wrench_world[3:] + np.cross(point - com, contact.wrench_world[:3])
+            for place, wrench in zip(balance.points, balance.wrenches_world, strict=True):
+                point = T[:3, :3] @ place + T[:3, 3]
+                force += wrench[:3]
+                moment += wrench[3:] + np.cross(point - com, wrench[:3])
             assert np.linalg.norm(force) < 1e-3
             assert np.linalg.norm(moment) < 1e-3
             assert ("grip_0" in balance.contacts) == (segment.grip is not None)

@@ -138,10 +138,11 @@ def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
                 continue
             origin = T[:3, 3]
             wrench = np.zeros(6)
-            for contact in (answer.wrench(name) for name in names):
-                point = T[:3, :3] @ contact.T_plate_contact[:3, 3] + T[:3, 3]
-                wrench[:3] += contact.wrench_world[:3]
-                wrench[3:] += contact.wrench_world[3:] + np.cross(point - origin, contact.wrench_world[:3])
+            for contact in (answer.contacts.index(name) for name in names):
+                point = T[:3, :3] @ answer.points[contact] + T[:3, 3]
+                exerted = answer.wrenches_world[contact]
+                wrench[:3] += exerted[:3]
+                wrench[3:] += exerted[3:] + np.cross(point - origin, exerted[:3])
             loads = reach.loads(T, hold.index, int(table[pose, hold.index]) & hold.postures, wrench, origin)
             total += np.nanmin(loads)
         assert graph.knowledge.load[node] * RESOLUTION == pytest.approx(total, abs=2e-6)

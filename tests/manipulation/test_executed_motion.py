@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Unbalanced, UnbalanceReason
-from planners.collision.placement import Attached
+from planners.collision.model import Attached
 from planners.errors import SceneError
 from planners.manipulation import choreography
 from planners.manipulation.choreography import PERSISTENCE, Choreographer, Stuck, _at_rest, _Run
 from planners.manipulation.track import EngagementTrack
 from planners.motion.query import MotionOutcome, MotionResult
 from planners.segment import SegmentKind
+from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
-from tests.scene_cell.cell_probe import fcl_distance, fcl_object
 
 BLOCK = 0.03
 

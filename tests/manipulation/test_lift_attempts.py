@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
+from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
 from planners.planning import lift_settings
 from planners.progress import silent
-from planners.scene.cell import Cell, load_cell
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import planner_of, task_body
 

@@ -12,11 +12,11 @@ import pytest
 import yaml
 from support.documents import certified
 
+from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.manipulation.lift_plan import LiftOutcome
 from planners.planning import plan
-from planners.scene.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import ROOT, planner_of, task_body
 

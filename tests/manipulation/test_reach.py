@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planners.collision.placement import Fixed
+from planners.collision.model import Fixed
 from planners.manipulation.reach import CONTINUITY, bits
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.manipulation.lift_probe import TURN

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from planners.errors import LiftwrightError
-from planners.geometry.polygon import area, centroid
+from planners.geometry.polygon import area, centroid, rectangle
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import inverse, rotation_angle, rotation_z, transform
 from planners.manipulation.contacts import NO_CONTACT
@@ -35,8 +35,8 @@ def regular(n: int) -> Prism:
 
 
 PLATES = {
-    "acrylic": (Prism.from_box([0.3, 0.3, 0.04]), 0.0),
-    "plywood": (Prism.from_box([0.4, 0.5, 0.044]), math.radians(20)),
+    "acrylic": (Prism.from_outline(rectangle(0.3, 0.3), 0.04), 0.0),
+    "plywood": (Prism.from_outline(rectangle(0.4, 0.5), 0.044), math.radians(20)),
     "triangle": (Prism.from_outline([[0, 0], [0.4, 0.05], [0.1, 0.3]], 0.02), -2.5),
     "hexagon": (regular(6), 1.0),
     "random 1": (hull_prism(1), 0.3),

@@ -10,14 +10,14 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planners.errors import LiftwrightError
-from planners.geometry.polygon import depth_inside
+from planners.geometry.polygon import depth_inside, rectangle
 from planners.geometry.polyhedron import Prism
 from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, given_grips, least_opening
-from planners.scene.given_holds import GivenGrip
+from planners.scene.lift_placements import GivenGrip
 
 JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))
-ACRYLIC = Prism.from_box([0.3, 0.3, 0.04])
-PLYWOOD = Prism.from_box([0.4, 0.5, 0.044])
+ACRYLIC = Prism.from_outline(rectangle(0.3, 0.3), 0.04)
+PLYWOOD = Prism.from_outline(rectangle(0.4, 0.5), 0.044)
 SAMPLING = GripSampling()
 
 
@@ -98,7 +98,12 @@ def test_pads_lie_on_the_plate_across_their_whole_width(plate):
 @pytest.mark.parametrize("size", [[0.3, 0.3, 0.04], [0.4, 0.5, 0.044], [0.9, 0.2, 0.03], [0.31, 0.47, 0.03]])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_grips_of_a_rectangle_are_symmetric(size, axis):
-    places = np.array([grip.T_plate_tcp[0][:2, [2, 3]].ravel() for grip in generate_grips(Prism.from_box(size), JAW)])
+    places = np.array(
+        [
+            grip.T_plate_tcp[0][:2, [2, 3]].ravel()
+            for grip in generate_grips(Prism.from_outline(rectangle(*size[:2]), size[2]), JAW)
+        ]
+    )
     mirror = np.ones(4)
     mirror[[2 * axis, 2 * axis + 1]] = -1.0
     assert {tuple(row) for row in np.round(places, 9) + 0.0} == {
@@ -117,8 +122,8 @@ def test_neighbouring_grips_on_a_side_are_equally_far_apart(plate):
 
 
 def test_no_grip_on_a_plate_thicker_than_the_opening():
-    assert generate_grips(Prism.from_box([0.3, 0.3, 0.0811]), JAW) == ()
-    assert generate_grips(Prism.from_box([0.3, 0.3, 0.0809]), JAW) != ()
+    assert generate_grips(Prism.from_outline(rectangle(0.3, 0.3), 0.0811), JAW) == ()
+    assert generate_grips(Prism.from_outline(rectangle(0.3, 0.3), 0.0809), JAW) != ()
 
 
 @pytest.mark.parametrize("centre", [(0.11, 0.02), (0.09, 0.003), (0.12, -0.07), (-0.03, 0.105), (0.0, -0.095)])
@@ -161,5 +166,5 @@ def test_a_plate_thicker_than_the_opening_may_still_be_held_across_a_sharp_corne
 
 
 def test_a_box_is_held_across_its_least_side():
-    assert least_opening(Prism.from_box([0.3, 0.06, 0.1]), 0.5) == pytest.approx(0.06)
-    assert least_opening(Prism.from_box([0.3, 0.2, 0.1]), 0.5) == pytest.approx(0.1)
+    assert least_opening(Prism.from_outline(rectangle(0.3, 0.06), 0.1), 0.5) == pytest.approx(0.06)
+    assert least_opening(Prism.from_outline(rectangle(0.3, 0.2), 0.1), 0.5) == pytest.approx(0.1)

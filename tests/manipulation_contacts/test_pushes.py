@@ -9,14 +9,16 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planners.errors import LiftwrightError
+from planners.geometry.polygon import rectangle
 from planners.geometry.polyhedron import Prism
 from planners.manipulation.pushes import Push, PushSampling, generate_pushes, given_pushes
-from planners.scene.given_holds import GivenPush
+from planners.scene.lift_placements import GivenPush
+from tests.support.polyhedra import face_normal
 
 TIP = 0.010
 SAMPLING = PushSampling()
-ACRYLIC = Prism.from_box([0.3, 0.3, 0.04])
-PLYWOOD = Prism.from_box([0.4, 0.5, 0.044])
+ACRYLIC = Prism.from_outline(rectangle(0.3, 0.3), 0.04)
+PLYWOOD = Prism.from_outline(rectangle(0.4, 0.5), 0.044)
 
 
 def random_plate(seed: int) -> Prism:
@@ -40,7 +42,7 @@ def plate(request) -> Prism:
 def outside(plate: Prism, points: np.ndarray) -> np.ndarray:
     """(m,) largest distance of each point beyond a face's plane."""
     body = plate.polyhedron
-    planes = [(body.face_normal(k), body.vertices[face[0]]) for k, face in enumerate(body.faces)]
+    planes = [(face_normal(body, k), body.vertices[face[0]]) for k, face in enumerate(body.faces)]
     return np.max([(points - corner) @ normal for normal, corner in planes], axis=0)
 
 
@@ -104,7 +106,9 @@ def test_at_the_sides_the_stick_comes_from_above_and_under_the_plate_from_below(
 
 @pytest.mark.parametrize("height", [0.014, 0.018, 0.02, 0.03, 0.04, 0.08])
 def test_at_the_sides_the_tip_keeps_off_the_support_where_the_plate_is_thick_enough(height):
-    sides = [push for push in generate_pushes(Prism.from_box([0.3, 0.3, height]), TIP) if push.normal[2] == 0.0]
+    sides = [
+        push for push in generate_pushes(Prism.from_outline(rectangle(0.3, 0.3), height), TIP) if push.normal[2] == 0.0
+    ]
     assert sides
     for push in sides:
         above_support = push.point[2] + 0.5 * height
@@ -127,7 +131,7 @@ def test_the_pushes_of_a_rectangle_are_symmetric(size, axis):
     def keys(pushes: tuple[Push, ...], mirror: np.ndarray) -> set[tuple[float, ...]]:
         return {tuple(np.round([*(p.point * mirror), *(p.axis * mirror)], 9) + 0.0) for p in pushes}
 
-    pushes = generate_pushes(Prism.from_box(size), TIP)
+    pushes = generate_pushes(Prism.from_outline(rectangle(*size[:2]), size[2]), TIP)
     mirror = np.ones(3)
     mirror[axis] = -1.0
     assert keys(pushes, mirror) == keys(pushes, np.ones(3))

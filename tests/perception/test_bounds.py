@@ -11,14 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
+from planners.cell.cell import load_cell
 from planners.contract.scan_spec import read_scan
 from planners.perception.camera import Camera
-from planners.perception.cloud_file import MOST_POINTS
 from planners.perception.perceive import MOST_DEPTH_PIXELS, perceive
-from planners.perception.picture_file import MOST_PIXELS
 from planners.perception.preview import HEIGHT, WIDEST, draw_preview
-from planners.perception.refusal import ScanRefused
-from planners.scene.cell import load_cell
+from planners.perception.scan_files import MOST_PIXELS, MOST_POINTS, ScanRefused
 from tests.benchmarks.bench_perception_bounds import CASES
 
 SHARE = 0.02

@@ -11,9 +11,9 @@ import pytest
 from planners.geometry.pose import rotation_x, rotation_z, transform
 from planners.perception.camera import Camera
 from planners.perception.depth_view import LARGEST_IMAGE, DepthView
-from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import KnownPlace, SeenTable, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import ScanRefused
 from tests.support.depth_camera import (
     NOISELESS,
     TABLE_TOP,
@@ -46,7 +46,7 @@ FRAMES = 14
 
 def perceived(frame: Frame, view: DepthView | None = None) -> SeenTable:
     view = view or DepthView.from_depth(frame.depth, frame.camera)
-    return perceive_objects(view, Surroundings(TABLE_TOP, TABLE), PerceptionSettings(), np.random.default_rng(0))
+    return perceive_objects(view, KnownPlace(TABLE_TOP, TABLE), PerceptionSettings(), np.random.default_rng(0))
 
 
 def box(size: tuple[float, float, float], x: float, y: float, yaw: float = 0.0, above: float = 0.0) -> TrueObject:
@@ -229,7 +229,7 @@ def test_19_of_20_errors_are_within_twice_what_is_told() -> None:
     told: dict[str, list[float]] = {}
     for seen_frame in frames(FRAMES, 31):
         view = DepthView.from_depth(seen_frame.depth, seen_frame.camera)
-        found = perceive_objects(view, Surroundings(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
+        found = perceive_objects(view, KnownPlace(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
         for each, true in matched(found.objects, seen_frame.objects)[0]:
             for name, values in errors(each, true).told.items():
                 told.setdefault(name, []).extend(values)
@@ -250,7 +250,7 @@ def test_a_heap_of_points_with_shadows_is_perceived_as_the_image_it_comes_from()
     rays = camera.rays(shape[1], shape[0])
     points = np.dstack([rays * depth[..., None], depth]).reshape(-1, 3)
     view = DepthView.from_points(points[np.isfinite(points).all(axis=1)], camera.T_world_camera)
-    found = perceive_objects(view, Surroundings(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
+    found = perceive_objects(view, KnownPlace(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0)).findings
     assert len(matched(found.objects, things)[0]) == len(things)
 
 

@@ -12,9 +12,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from planners.perception.cloud_file import MOST_POINTS, read_cloud, read_npy
-from planners.perception.picture_file import LARGEST_ASPECT, LONGEST_SIDE, MOST_PIXELS, read_colour, read_depth_png
-from planners.perception.refusal import ScanRefused
+from planners.perception.scan_files import (
+    LARGEST_ASPECT,
+    LONGEST_SIDE,
+    MOST_PIXELS,
+    MOST_POINTS,
+    ScanRefused,
+    read_cloud,
+    read_colour,
+    read_depth_png,
+    read_npy,
+)
 
 POINTS = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3)).astype(np.float32)
 

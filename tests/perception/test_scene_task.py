@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planners.cell.cell import Cell, load_cell
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import SuctionToolTask, read_task
@@ -16,7 +17,6 @@ from planners.errors import SceneError
 from planners.geometry.pose import from_pose7
 from planners.perception.perceive import PerceivedScene, perceive
 from planners.perception.scene_task import fill_from_scene
-from planners.scene.cell import Cell, load_cell
 from planners.scene.scene import build_scene
 from tests.support.scan_frames import SHIPPED, shipped
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners.perception.depth_view import DepthView
-from planners.perception.perceive_objects import SeenTable, Surroundings, perceive_objects
+from planners.perception.object_finder import KnownPlace, SeenTable, perceive_objects
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.seen_points import NOBODY, SeenPoints
 from tests.support.depth_camera import TABLE_TOP
@@ -17,7 +17,7 @@ from tests.support.table_frames import frame
 def seen() -> SeenTable:
     looked = frame(np.random.default_rng([11, 0]))
     view = DepthView.from_depth(looked.depth, looked.camera)
-    return perceive_objects(view, Surroundings(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0))
+    return perceive_objects(view, KnownPlace(TABLE_TOP), PerceptionSettings(), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("most", [50, 3_000, 50_000, 10**6])

@@ -12,8 +12,8 @@ from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.body import Body
 from planners.scene.solid import CompoundSolid, Solid, inline_mesh
 from planners.scene.suction_tool import CupData, SuctionTool
+from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm
-from tests.scene_cell.cell_probe import fcl_distance, fcl_object
 
 Pairs = Callable[[CollisionBody, CollisionBody], bool]
 MARGIN = 0.003
@@ -24,7 +24,8 @@ NEAR = 1e-5
 def tool_of(*parts: tuple[Solid, np.ndarray]) -> SuctionTool:
     """Return a tool made of solids, each with its `T_tool_solid`."""
     solid = CompoundSolid(parts)
-    body = Body("tool", "tool", inline_mesh(solid), solid, 0.2, np.zeros(3), np.eye(4), static=False)
+    stated = inline_mesh(solid.surface(), [part.vertices for part in solid.convex_parts])
+    body = Body("tool", "tool", stated, solid, 0.2, np.zeros(3), np.eye(4), static=False)
     return SuctionTool("custom", body, 0.2, np.zeros(3), CupData(0.0175, 20.0, 0.5, 4.5))
 
 

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.collision.placement import Fixed, Riding
+from planners.collision.model import Fixed, Riding
 from planners.contract.shapes import Box
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import inverse, rotation_x, rotation_z, transform
-from planners.kinematics.branch import follow_branch
+from planners.kinematics.inverse import follow_branch
 from planners.regrasp.grasp_reach import GraspReach, Surroundings
 from planners.regrasp.grasps import ToolGrasps, ToolGraspSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.body import Body
 from planners.scene.solid import solid_of
+from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.regrasp.hand_oracle import NEAR, ToolCell
-from tests.scene_cell.cell_probe import fcl_distance, fcl_object
 
 SETTINGS = ToolGraspSettings()
 TURN = 2.0 * np.pi

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planners.cell.cell import load_cell
 from planners.errors import LiftwrightError, PlanningCancelled
 from planners.geometry.pose import inverse, transform
-from planners.kinematics.branch import follow_branch
+from planners.kinematics.inverse import follow_branch
 from planners.regrasp.grasps import ToolGraspSettings
 from planners.regrasp.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
 from planners.regrasp.handovers import (
@@ -21,7 +22,6 @@ from planners.regrasp.handovers import (
     handover_key,
 )
 from planners.regrasp.tool_workcell import ToolWorkcell
-from planners.scene.cell import load_cell
 from planners.scene.suction_tool import load_tool
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.regrasp.hand_oracle import NEAR, ToolCell

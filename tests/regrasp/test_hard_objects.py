@@ -18,8 +18,8 @@ from support.tool_plans import reference_of_the_tool_cell
 
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
-from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7, transform
+from planners.geometry.solid_mesh import take_mesh
 from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.handovers import HandoverDatabase

@@ -12,10 +12,10 @@ from planners.regrasp.handovers import HandoverDatabase, build_handovers
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.footing import Footing, find_footing
-from planners.scene.rest import Surface
+from planners.scene.rest import Footing, Surface, find_footing
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
+from tests.cell.cell_probe import gripper_hulls
 from tests.regrasp.tool_tasks import TABLE, box, scene_of
 
 STANDING = ToolPlannerSettings()
@@ -113,7 +113,7 @@ def test_without_fingertips_the_missing_millimetres_are_told(which, tool, grippe
     (cause,) = plan.causes
     assert (cause.where, cause.unit, cause.needed) == ("/tool_pose", "m", STANDING.handovers.clearance.margin)
     heights = [
-        min(float((T[:3, :3] @ v.T)[2].min() + T[2, 3]) for v in (hull[0] for hull in gripper.hulls(width).values()))
+        min(float((T[:3, :3] @ v.T)[2].min() + T[2, 3]) for v in gripper_hulls(gripper, width).values())
         for T, width in zip(
             scene.tool.T_world_tool @ standing.grasps.T_tool_flange(gripper), standing.grasps.widths, strict=True
         )

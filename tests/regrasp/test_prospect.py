@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planners.cell.cell import Cell
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.node_travel import NodeTravel
 from planners.regrasp.prospect import Prospect
-from planners.scene.cell import Cell
 
 N, GOALS = 5, 2
 

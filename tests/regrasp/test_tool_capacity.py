@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import read_task
 from planners.geometry.convex import ConvexShape
 from planners.planning import plan
@@ -18,7 +19,6 @@ from planners.regrasp.suction_hold import suction_margin
 from planners.regrasp.tool_capacity import largest_lift, least_width
 from planners.regrasp.tool_plan import ToolOutcome
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.cell import Cell
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import SuctionTool
 from tests.regrasp.tool_tasks import box, scene_of

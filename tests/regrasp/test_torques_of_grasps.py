@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from support.documents import sent
 from support.tool_plans import FEW, block, few_handovers
 
+from planners.cell.arm import Arm
 from planners.certify import CertifySettings
 from planners.certify.balances import contact_sets
 from planners.certify.joint_torque import torque_check
@@ -34,7 +35,6 @@ from planners.regrasp.handovers import HandoverDatabase
 from planners.regrasp.joint_torque import LadenArm, bearing_branches
 from planners.regrasp.laden_checker import LadenChecker
 from planners.regrasp.tool_segment import SuckedObject
-from planners.scene.arm import Arm
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene
 from tests.kinematics.arm_oracle import PinocchioArm

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from planners.cell.arm import Arm
+from planners.cell.cell import Cell
 from planners.regrasp.carried import CarriedPace
 from planners.regrasp.travel import EFFORT, least_travel, straight_times
-from planners.scene.arm import Arm
-from planners.scene.cell import Cell
 from tests.kinematics.arm_oracle import PinocchioArm
 
 COUNT, BRANCHES = 6, 4

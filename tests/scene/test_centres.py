@@ -9,16 +9,15 @@ import trimesh
 from geometry.mesh_shapes import angle, file_of
 
 from app.intake import accept_task
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import read_task
-from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import from_pose7, rotation_x, to_pose7, transform
+from planners.geometry.solid_mesh import take_mesh
 from planners.planning import stated_bodies
-from planners.scene.cell import known_cells, load_cell
-from planners.scene.scene import build_scene
+from planners.scene.scene import build_scene, with_centres
 from planners.scene.solid import solid_of
 from planners.scene.suction_tool import known_tools, load_tool
-from planners.scene.task_centres import with_centres
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 TOP = 1.094

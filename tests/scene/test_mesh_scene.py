@@ -8,12 +8,12 @@ import pytest
 import trimesh
 from geometry.mesh_shapes import angle, file_of
 
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.shapes import Mesh
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
-from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import rotation_y, to_pose7, transform
-from planners.scene.cell import known_cells, load_cell
+from planners.geometry.solid_mesh import take_mesh
 from planners.scene.clashes import BodiesOverlap
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import ShapeSource

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial import ConvexHull
 
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import frame_from_z, from_pose7, rotation_angle
 from planners.planning import stated_bodies
-from planners.scene.cell import known_cells, load_cell
 from planners.scene.clashes import BodiesOverlap, BodyInCell, depth, gap, placed_arms, placed_body
 from planners.scene.scene import build_scene
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.problems import problems_of
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
-from planners.scene.cell import known_cells, load_cell
 from planners.scene.scene import build_scene
 
 ROOT = Path(__file__).parents[2]

@@ -13,8 +13,7 @@ from scipy.optimize import linprog
 from planners.contract.shapes import Box
 from planners.geometry.pose import Array, Transform, rotation_z, transform
 from planners.scene.body import Body
-from planners.scene.footing import Footing, Unsupported, find_footing, level_places
-from planners.scene.rest import Surface
+from planners.scene.rest import Footing, Surface, Unsupported, find_footing, level_places
 from planners.scene.solid import solid_of
 from planners.scene.standing import Fall, Standing, first_fall
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.planning import stated_bodies
-from planners.scene.cell import known_cells, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tool
 

@@ -13,7 +13,8 @@ import pytest
 from planners.contract.task_spec import read_task
 from planners.planning import plan
 from planners.progress import silent
-from planners.scene.scene import PlateLiftScene, build_scene
+from planners.scene.lift_scene import PlateLiftScene
+from planners.scene.scene import build_scene
 from workers.simulation.simulate import simulate
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"

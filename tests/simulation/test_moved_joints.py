@@ -11,7 +11,8 @@ import pytest
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import rotation_from_vector
 from planners.kinematics.forward import flange_pose
-from planners.scene.scene import PlateLiftScene, build_scene
+from planners.scene.lift_scene import PlateLiftScene
+from planners.scene.scene import build_scene
 from workers.simulation.hands import moved_joints
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from planners.cell.cell import Cell
 from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify
-from planners.scene.cell import Cell
 
 
 def sent(document: Mapping[str, Any]) -> bytes:

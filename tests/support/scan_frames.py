@@ -14,12 +14,12 @@ from typing import Any
 import cv2
 import numpy as np
 
+from planners.cell.asset_files import read_tool_file, shipped_shelf
+from planners.cell.cell import load_cell
 from planners.contract.scan_spec import MarkersSpec
 from planners.geometry.pose import Array, Transform, rotation_z, to_pose7, transform
 from planners.perception.camera import Camera
 from planners.perception.marker_board import MarkerBoard
-from planners.scene.asset_files import read_tool_file, shipped_shelf
-from planners.scene.cell import load_cell
 from tests.support.colour_camera import eye_camera, looking_at, studio, window_round
 from tests.support.depth_camera import TABLE_CENTER, TABLE_SIZE, TABLE_TOP, Block, Thing, cylinder, overhead_camera
 from tests.support.table_frames import TISSUE_BOX, Frame, TrueObject, on_table, seen

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import count
 from typing import Any
 
+from planners.cell.cell import Cell, load_cell
 from planners.certify import CellReference
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import to_pose7
@@ -14,7 +15,6 @@ from planners.progress import Progress, silent
 from planners.regrasp.grasps import ToolGraspSettings
 from planners.regrasp.handover_place import HandoverPlaceSettings
 from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
-from planners.scene.cell import Cell, load_cell
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import SuctionTool, tool_descriptions
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.documents import bodies_of, cell_of
 
-from planners.scene.cell import Cell, load_cell
+from planners.cell.cell import Cell, load_cell
 from workers.simulation.recorder import UNITS
 
 

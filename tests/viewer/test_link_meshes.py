@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 
 from app.viewer.link_meshes import LINKS, LinkMeshes, thin_out, visual_path
 from app.viewer.robot_drawing import ArmDrawing, link_files
-from planners.scene.asset_files import shipped_shelf
-from planners.scene.cell import known_cells, load_cell
+from planners.cell.asset_files import shipped_shelf
+from planners.cell.cell import known_cells, load_cell
 
 LARGEST_ARM_BYTES = 1_000_000
 

@@ -18,8 +18,8 @@ from app.viewer.link_meshes import LinkMeshes
 from app.viewer.sources import Sources
 from app.viewer.stage import Stage
 from app.viewer.story import tell_story
+from planners.cell.cell import Cell, load_cell
 from planners.plan.plan import plan_schema
-from planners.scene.cell import Cell, load_cell
 
 SCHEMA = plan_schema()
 NULL = {"type": "null"}

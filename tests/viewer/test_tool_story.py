@@ -18,7 +18,7 @@ from app.viewer.sources import Sources
 from app.viewer.stage import Stage
 from app.viewer.story import tell_story
 from app.viewer.tool_story import subjects_of
-from planners.scene.cell import Cell, load_cell
+from planners.cell.cell import Cell, load_cell
 
 
 @pytest.fixture(scope="module")

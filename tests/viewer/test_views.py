@@ -7,8 +7,8 @@ import pytest
 from support.documents import bodies_of
 
 from app.viewer.room import FIELD_OF_VIEW, VIEWS
+from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
-from planners.scene.cell import known_cells, load_cell
 
 LAPTOP = 900.0 / 442.0
 """Width over height of the scene on a screen of 1366 x 768."""

@@ -8,7 +8,7 @@ import numpy as np
 from support.documents import bodies_of, cell_of
 from viewer.conftest import segment
 
-from planners.scene.cell import Cell
+from planners.cell.cell import Cell
 from workers.simulation.tool_recorder import TOOL_UNITS
 
 CUP = {"radius": 0.0175, "max_force": 20.0, "mu": 0.5, "kappa": 4.5}

@@ -8,10 +8,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from planners.cell.arm import Arm
+from planners.cell.hand import Gripper
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.scene.arm import Arm
-from planners.scene.hand import Gripper
-from planners.scene.meshes import Hull, hull_with_faces
+from planners.geometry.surface import Hull, hull_with_faces
 
 TOUCHING_PARTS = ("pad", "finger", "tip")
 """Parts of hands that touch the plate on purpose: their contact is modelled apart, see `touch`."""

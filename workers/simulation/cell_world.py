@@ -10,10 +10,10 @@ from typing import Self
 
 import numpy as np
 
+from planners.cell.cell import Cell
 from planners.geometry.pose import Array, Transform, to_pose7
 from planners.kinematics.forward import flange_pose, jacobian
 from planners.scene.body import Body
-from planners.scene.cell import Cell
 from workers.simulation.arm_urdf import write_arm_urdf
 from workers.simulation.bullet_shapes import box_shape, hull_shape
 from workers.simulation.physics import bullet, quiet

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from planners.balance.contacts import GripContacts, PushContact
-from planners.collision.placement import Attached
+from planners.collision.model import Attached
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import flange_pose
@@ -19,7 +19,7 @@ from planners.lifting.lift_goal import LiftGoal, lift_goal
 from planners.lifting.lift_loop import HungPlate, design_gains, moved_stiffness
 from planners.lifting.lift_path import LiftPath, lift_path
 from planners.manipulation.workcell import PLATE_FRAME, LiftWorkcell
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.winch import WinchProfile

@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, rotation_angle
 from planners.progress import Progress
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.cooperative_lift import CooperativeLift, LiftForces, way_up
 from workers.simulation.hands import GrippingHand, PushingHand, SimulatedHand
 from workers.simulation.lifter import SuctionLifter

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse, skew, to_pose7, transform
+from planners.geometry.surface import hull_with_faces
 from planners.regrasp.inertia import MassProperties
 from planners.scene.body import Body
-from planners.scene.meshes import hull_with_faces
 from workers.simulation.arm_urdf import write_hull
 from workers.simulation.bullet_shapes import convex_shape, hull_shape
 from workers.simulation.cell_world import CellWorld

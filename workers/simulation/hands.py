@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from planners.cell.arm import Arm
+from planners.cell.hand import Gripper, Pusher
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, small_motion, transform
 from planners.kinematics.forward import flange_pose, jacobian
-from planners.scene.arm import Arm
-from planners.scene.hand import Gripper, Pusher
 from workers.simulation.force_sensor import ForceSensor
 from workers.simulation.reference import Stage
 from workers.simulation.settings import SimulationSettings

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from planners.geometry.pose import Array, skew
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.settings import ContactSettings, CupSettings
 from workers.simulation.touch import PlateMotion
 

@@ -19,7 +19,7 @@ from planners.plan.simulation import (
     SimulatedMotion,
 )
 from planners.progress import Progress
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.execution import Execution
 from workers.simulation.outcome import Failure, SimulationOutcome
 from workers.simulation.settings import SimulationSettings

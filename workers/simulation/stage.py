@@ -7,7 +7,7 @@ from typing import Any
 
 from planners.plan.simulation import Simulation
 from planners.progress import Progress
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.simulate import simulate
 from workers.simulation.tool_simulate import simulate_tool

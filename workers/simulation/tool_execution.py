@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from planners.cell.hand import Gripper
 from planners.geometry.pose import Array, Transform
 from planners.progress import Progress
-from planners.scene.hand import Gripper
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.bond import exert

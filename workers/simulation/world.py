@@ -6,7 +6,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, to_pose7
 from planners.lifting.felt_mass import box_inertia
-from planners.scene.scene import PlateLiftScene
+from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.bullet_shapes import convex_shape
 from workers.simulation.cell_world import CellWorld
 from workers.simulation.physics import bullet

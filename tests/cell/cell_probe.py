@@ -9,10 +9,12 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from planners.geometry.convex import CollisionBody, ConvexShape
+from planners.cell.asset_files import hull_points, read_hand_file, shipped_shelf
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
+from planners.geometry.convex import CollisionBody, ConvexShape, box
+from planners.geometry.surface import hull_with_faces
 from planners.kinematics.forward import link_frames
-from planners.scene.cell import Cell
-from planners.scene.meshes import hull_with_faces
 from tests.kinematics.arm_oracle import MODELS, published_urdf
 
 ARM_URDF = "arms/ur3e/ur3e.urdf"
@@ -38,6 +40,17 @@ def obj_vertices(path: str, scale: float = 1.0) -> np.ndarray:
 
 def moved(T_a_b: np.ndarray, points: np.ndarray) -> np.ndarray:
     return points @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def gripper_hulls(gripper: Gripper, width: float) -> dict[str, np.ndarray]:
+    """Return all corners (n, 3) of base, pads and finger parts, in the flange frame, named as in `Gripper.bodies`."""
+    meshes = read_hand_file(shipped_shelf().find("hands", gripper.name, "hand")).meshes
+    points = {"gripper_base": np.add(hull_points(meshes.base), [0.0, 0.0, gripper.base_height])}
+    for finger, frames in enumerate(gripper._finger_frames(width)):
+        points[f"pad_{finger}"] = moved(frames["pad"], box(gripper.pad_size).vertices)
+        for name in gripper.finger_parts:
+            points[f"finger_{finger}_{name}"] = moved(frames[name], hull_points(getattr(meshes, name)))
+    return points
 
 
 def outside(points: np.ndarray, of: np.ndarray) -> np.ndarray:

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from support.documents import bodies_of, cell_of, sent
 
+from planners.cell.arm import Arm
+from planners.cell.arm_span import SLACK, ArmSpan, out_of_reach
+from planners.cell.cell import known_cells, load_cell
+from planners.cell.hand import Gripper
 from planners.certify.arm_span import reach_bound
 from planners.certify.kinematics import ArmKinematics
 from planners.certify.plan_view import read_plan
-from planners.scene.arm import Arm
-from planners.scene.arm_span import SLACK, ArmSpan, out_of_reach
-from planners.scene.cell import known_cells, load_cell
-from planners.scene.hand import Gripper
 
 ARMS = [arm for name in known_cells() for arm in load_cell(name).arms.values()]
 

@@ -7,12 +7,13 @@ import pinocchio as pin
 import pytest
 from scipy.spatial import ConvexHull
 
-from planners.scene.asset_files import shipped_shelf
-from planners.scene.cell import load_cell
-from planners.scene.meshes import HullSettings, enclosing_hull
-from planners.scene.robot import load_robot
+from planners.cell.arm import load_robot
+from planners.cell.asset_files import shipped_shelf
+from planners.cell.cell import load_cell
+from planners.geometry.convex import HullSettings, enclosing_hull
+from planners.geometry.surface import hull_with_faces
+from tests.cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
 from tests.kinematics.arm_oracle import published_urdf
-from tests.scene_cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
 
 URDF_LINKS = {
     "base": ("base_link_inertia", "base"),
@@ -74,8 +75,8 @@ def test_a_link_of_few_vertices_contains_the_mesh_and_not_much_more(ur3e):
 
 
 def test_unsimplified_hulls_are_closed_surfaces_around_all_points_with_faces_outward(ur3e):
-    for name, (vertices, faces) in ur3e.link_hulls().items():
-        link = next(link for link in ur3e.links if link.name == name)
+    for link in ur3e.links:
+        vertices, faces = hull_with_faces(link.points)
         assert {tuple(v) for v in vertices} == {tuple(p) for p in link.points}
         edges = [tuple(face[[i, (i + 1) % 3]]) for face in faces for i in range(3)]
         assert len(set(edges)) == len(edges)

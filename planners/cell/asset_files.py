@@ -6,18 +6,21 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
 from planners.errors import AssetError
-from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
+from planners.geometry.mesh_file import obj_vertices
+from planners.geometry.pose import Array, Transform, rotation_x, rotation_y, rotation_z, transform
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -431,3 +434,32 @@ def _sentence(location: tuple[int | str, ...], message: str) -> str:
     text = message.replace("Input should be", "must be").replace("Field required", "is required")
     text = text.replace("Extra inputs are not permitted", "is not known here").removeprefix("Value error, ")
     return f"{field}: {text}" if field else text
+
+
+def mesh_path(mesh: MeshFile) -> Path:
+    """Return where an installed package keeps a mesh, without importing the package.
+
+    Raises:
+        AssetError: The package is not installed or has no such file.
+    """
+    spec = find_spec(mesh.package)
+    if spec is None or not spec.submodule_search_locations:
+        raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
+    file = Path(spec.submodule_search_locations[0]) / mesh.path
+    if not file.is_file():
+        raise AssetError(f"the package {mesh.package!r} ships no {mesh.path}")
+    return file
+
+
+def hull_points(mesh: MeshFile) -> Array:
+    """Return the corners (n, 3) of the convex hull of an OBJ file, in its own frame [m].
+
+    Raises:
+        AssetError: There is no such file, or it spans no volume.
+    """
+    path = mesh_path(mesh)
+    try:
+        points = obj_vertices(path.read_bytes()) * mesh.scale
+        return points[ConvexHull(points).vertices]
+    except (QhullError, ValueError) as error:
+        raise AssetError(f"{mesh.path} of the package {mesh.package!r} spans no volume") from error

@@ -9,8 +9,7 @@ import trimesh
 from geometry.mesh_shapes import angle, file_of
 
 from planners.geometry.mesh_file import MOST_TRIANGLES, MeshRefused, read_mesh_file
-from planners.geometry.mesh_intake import repaired, take_mesh
-from planners.geometry.solid_mesh import SolidMesh
+from planners.geometry.solid_mesh import SolidMesh, repaired, take_mesh
 
 FLAT = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0]]
 BOX = trimesh.creation.box((0.1, 0.2, 0.3))

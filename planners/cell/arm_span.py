@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
+from planners.cell.arm import Arm
+from planners.cell.hand import Gripper
 from planners.geometry.pose import Array
-from planners.scene.arm import Arm
-from planners.scene.hand import Gripper
 
 SLACK = 0.010
 """Added to what an arm spans [m]: more than all tolerances of where bodies rest, are held and end."""
@@ -39,12 +39,12 @@ class ArmSpan:
         return cls(arm.name, center, links + _hand_span(arm) + SLACK)
 
     def distance(self, point: Array) -> float:
-        """Return how far (3,) a point of the world is from the center [m]."""
+        """Return the distance of a point (3,) of the world from the center [m]."""
         return float(np.linalg.norm(point - self.center))
 
 
 def _hand_span(arm: Arm) -> float:
-    """Return how far what a hand touches with is from the flange's origin: a pad's inner face, or the tip [m]."""
+    """Return the distance from the flange's origin to the farthest point of a pad's face, or of the tip [m]."""
     hand = arm.hand
     if not isinstance(hand, Gripper):
         return float(np.linalg.norm(hand.T_flange_tcp[:3, 3])) + hand.tip_radius

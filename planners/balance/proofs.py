@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.balanced import UnbalanceProof
+from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
 from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.solver import PROOF_MARGIN, Balance
-from planners.balance.support import environment_power, grip_power, point_velocity, push_power
 from planners.geometry.pose import Array
 
 
@@ -70,6 +70,7 @@ class TwistTable:
         return poses[:, None, None] + grips[:, None] + pushes < threshold
 
     def _pose_power(self, twists: Array) -> Array:
+        """Return the most power of weight, environment and cup at each pose, (n,), for twists (n, 6) [W]."""
         balance = self._balance
         # A node must be held whichever plate within the tolerances it is, so the one that this motion rules out counts.
         power = balance.uncertainty.least_power(balance.weight, twists, self._ups)

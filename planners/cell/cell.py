@@ -10,14 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.contract.shapes import Box
-from planners.errors import AssetError
-from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Array, Transform, transform
-from planners.geometry.shapes import box
-from planners.plan.scenery import BodyDocument, CellDocument
-from planners.scene.arm import Arm
-from planners.scene.asset_files import (
+from planners.cell.arm import Arm, load_robot
+from planners.cell.asset_files import (
     ARM_NAMES,
     AssetShelf,
     BoxFile,
@@ -30,8 +24,12 @@ from planners.scene.asset_files import (
     read_mount_file,
     shipped_shelf,
 )
-from planners.scene.hand import Gripper, Pusher, load_hand
-from planners.scene.robot import load_robot
+from planners.cell.hand import Gripper, Pusher, load_hand
+from planners.contract.shapes import Box
+from planners.errors import AssetError
+from planners.geometry.convex import CollisionBody, box, sorted_pair
+from planners.geometry.pose import Array, Transform, transform
+from planners.plan.scenery import BodyDocument, CellDocument
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +111,12 @@ class Cell:
         """Names of the arms that carry a stick."""
         return tuple(name for name, arm in self.arms.items() if isinstance(arm.hand, Pusher))
 
+    def gripper(self, arm: str) -> Gripper:
+        """Return the hand of one of the `gripper_arms`."""
+        hand = self.arms[arm].hand
+        assert isinstance(hand, Gripper)
+        return hand
+
     def payload_force(self, arm: str) -> float:
         """Return the largest net force that an arm's hand may bear: what its payload leaves beside the hand [N]."""
         return self.arms[arm].spare_payload * float(np.linalg.norm(self.gravity))
@@ -150,7 +154,7 @@ class Cell:
         """
         bodies = self.collision_bodies()
         pairs = itertools.combinations(bodies, 2)
-        return frozenset(_sorted(a.name, b.name) for a, b in pairs if _never_collide(a.frame, b.frame))
+        return frozenset(sorted_pair(a.name, b.name) for a, b in pairs if _never_collide(a.frame, b.frame))
 
     def body_documents(self) -> dict[str, BodyDocument]:
         """Return the entries of the table and the platform in a plan's `bodies`."""
@@ -255,10 +259,6 @@ def _columns(frame: FrameFile) -> list[StaticBox]:
     size = np.array([frame.profile, frame.profile, frame.height])
     centers = [np.array([x, y, 0.5 * frame.height]) for x, y in frame.columns]
     return [StaticBox(f"frame_{i}", "frame", center, size) for i, center in enumerate(centers)]
-
-
-def _sorted(a: str, b: str) -> tuple[str, str]:
-    return (a, b) if a < b else (b, a)
 
 
 def _never_collide(frame_a: str, frame_b: str) -> bool:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Unbalanced
-from planners.balance.certificates import TwistTable
 from planners.balance.contacts import HandForceLimit
 from planners.balance.lifter import LifterModel
+from planners.balance.proofs import TwistTable
 from tests.support.balance_statement import state_balance
 
 MODELS = get_args(LifterModel)

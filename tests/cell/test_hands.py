@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from planners.cell.asset_files import shipped_shelf
+from planners.cell.hand import WidthError, load_hand
 from planners.geometry.pose import rotation_x
-from planners.scene.asset_files import shipped_shelf
-from planners.scene.hand import WidthError, load_hand
+from tests.cell.cell_probe import GRIPPER_URDF, gripper_hulls, mesh_origins, moved, obj_vertices, outside
 from tests.kinematics.arm_oracle import published_urdf
-from tests.scene_cell.cell_probe import GRIPPER_URDF, mesh_origins, moved, obj_vertices, outside
 
 WIDTHS = [0.0, 0.013, 0.04, 0.0731, 0.085]
 MESHES = "grippers/robotiq_2f_85/meshes/collision/robotiq_arg2f_85_{}.obj"
@@ -68,28 +68,28 @@ def test_every_part_is_where_the_published_urdf_puts_its_mesh(gripper, width):
     T_flange_inertia = np.eye(4)
     T_flange_inertia[2, 3] = 0.0484
     directions = np.random.default_rng(0).normal(size=(3, 40))
-    hulls = gripper.hulls(width)
+    hulls = gripper_hulls(gripper, width)
     for finger, side in enumerate(("left", "right")):
         for part in ("outer_knuckle", "outer_finger", "inner_finger", "inner_knuckle"):
             link = f"{side}_{part}"
             T_inertia_link = (T_inertia_urdf * data.oMf[model.getFrameId(link)]).homogeneous
             T_flange_mesh = T_flange_inertia @ T_inertia_link @ origins[link]
             published = moved(T_flange_mesh, obj_vertices(MESHES.format(part), 0.001)) @ directions
-            ours = hulls[f"finger_{finger}_{part}"][0] @ directions
+            ours = hulls[f"finger_{finger}_{part}"] @ directions
             np.testing.assert_allclose(ours.max(axis=0), published.max(axis=0), atol=1e-8)
         pad = T_inertia_urdf * data.oMf[model.getFrameId(f"{side}_inner_finger_pad")]
         center = moved(T_flange_inertia, pad.translation[None])[0]
-        np.testing.assert_allclose(hulls[f"pad_{finger}"][0].mean(axis=0), center, atol=1e-9)
+        np.testing.assert_allclose(hulls[f"pad_{finger}"].mean(axis=0), center, atol=1e-9)
     base = moved(T_flange_inertia, obj_vertices(MESHES.format("base_link"))) @ directions
-    np.testing.assert_allclose((hulls["gripper_base"][0] @ directions).max(axis=0), base.max(axis=0), atol=1e-9)
+    np.testing.assert_allclose((hulls["gripper_base"] @ directions).max(axis=0), base.max(axis=0), atol=1e-9)
 
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_parts_of_few_vertices_contain_their_hulls_and_not_much_more(gripper, width):
     bodies = vertices_by_name(gripper.bodies("right", width))
-    hulls = gripper.hulls(width)
+    hulls = gripper_hulls(gripper, width)
     assert set(bodies) == {f"right_{name}" for name in hulls} | {"right_ft300"}
-    for name, (hull, _) in hulls.items():
+    for name, hull in hulls.items():
         vertices = bodies[f"right_{name}"]
         assert len(vertices) <= 60
         assert outside(hull, of=vertices).max() < 1e-12

@@ -8,22 +8,22 @@ from functools import cached_property
 
 import numpy as np
 
-from planners.errors import AssetError, LiftwrightError
-from planners.geometry.convex import CollisionBody, ConvexShape
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
-from planners.geometry.shapes import box, capsule, cylinder
-from planners.plan.scenery import GripperDocument, StickDocument
-from planners.scene.asset_files import (
+from planners.cell.asset_files import (
     AssetShelf,
     GripperFile,
     MeshFile,
     SensorFile,
     StickFile,
     fingerprint,
+    hull_points,
+    mesh_path,
     read_hand_file,
     read_sensor_file,
 )
-from planners.scene.meshes import Hull, enclosing_hull, hull_points, hull_with_faces, mesh_path
+from planners.errors import AssetError, LiftwrightError
+from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder, enclosing_hull
+from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.plan.scenery import GripperDocument, StickDocument
 
 TCP_STEP = 1e-3
 """Steps of a gripper's TCP table [m]: interpolated linearly between them, the TCP is right to 2 micrometres."""
@@ -38,16 +38,6 @@ class WidthError(LiftwrightError):
     def __init__(self, name: str, width: float, width_max: float) -> None:
         """Name the gripper, what was asked for and its stroke [m]."""
         super().__init__(f"{name} cannot open to {width} m: 0 to {width_max} m")
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A convex rigid piece of a hand, in its own frame."""
-
-    points: Array
-    """(n, 3) corners of the convex hull of the mesh [m]."""
-    shape: ConvexShape
-    """Few vertices around `points`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +110,10 @@ class Gripper:
     base_height: float
     """Where the gripper's base frame is on the flange's z axis; its axes are the flange's [m]."""
     linkage: Linkage
-    base: Part
-    finger_parts: dict[str, Part]
-    """By name: outer_knuckle, outer_finger, inner_finger, inner_knuckle."""
+    base: ConvexShape
+    """Few vertices around the mesh, in the base frame."""
+    finger_parts: dict[str, ConvexShape]
+    """By name: outer_knuckle, outer_finger, inner_finger, inner_knuckle; each in its own frame."""
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
@@ -158,22 +149,12 @@ class Gripper:
         Raises:
             WidthError: The gripper does not open so far.
         """
-        shapes = {"ft300": self.sensor, "gripper_base": self.base.shape.placed(self._T_flange_base)}
+        shapes = {"ft300": self.sensor, "gripper_base": self.base.placed(self._T_flange_base)}
         for finger, frames in enumerate(self._finger_frames(width)):
             shapes[f"pad_{finger}"] = self._pad.placed(frames["pad"])
             for name, part in self.finger_parts.items():
-                shapes[f"finger_{finger}_{name}"] = part.shape.placed(frames[name])
+                shapes[f"finger_{finger}_{name}"] = part.placed(frames[name])
         return _bodies(arm, shapes)
-
-    def hulls(self, width: float) -> dict[str, Hull]:
-        """Return the unsimplified hulls of base, pads and finger parts, in the flange frame, named as in `bodies`."""
-        points = {"gripper_base": _moved(self.base.points, self._T_flange_base)}
-        pad = box(self.pad_size).vertices
-        for finger, frames in enumerate(self._finger_frames(width)):
-            points[f"pad_{finger}"] = _moved(pad, frames["pad"])
-            for name, part in self.finger_parts.items():
-                points[f"finger_{finger}_{name}"] = _moved(part.points, frames[name])
-        return {name: hull_with_faces(corners) for name, corners in points.items()}
 
     def document(self) -> GripperDocument:
         """Return the entry of a plan's `cell.hands`."""
@@ -313,16 +294,11 @@ def _sensor_shape(file: SensorFile) -> ConvexShape:
     return cylinder(file.radius, file.length).placed(transform(None, [0.0, 0.0, 0.5 * file.length]))
 
 
-def _part(mesh: MeshFile, where: str) -> Part:
+def _part(mesh: MeshFile, where: str) -> ConvexShape:
     try:
-        points = hull_points(mesh)
+        return ConvexShape(enclosing_hull(hull_points(mesh)))
     except AssetError as error:
         raise AssetError(f"{where}: {error}") from error
-    return Part(points, ConvexShape(enclosing_hull(points)))
-
-
-def _moved(points: Array, T_a_b: Transform) -> Array:
-    return points @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
 def _bodies(arm: str, shapes: dict[str, ConvexShape]) -> tuple[CollisionBody, ...]:

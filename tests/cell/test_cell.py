@@ -13,11 +13,11 @@ import yaml
 from support.documents import bodies_of, cell_of
 
 from assets import assets_folder
+from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z
-from planners.scene.cell import Cell, known_cells, load_cell, load_cell_file
-from tests.scene_cell.cell_probe import cell_frames, fcl_distance, fcl_object
+from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
 
 
 @pytest.fixture(scope="module", params=["dual_ur3e_lift", "dual_ur3e_tool"])

@@ -1,0 +1,218 @@
+"""An arm: the robot as it comes from its maker, mounted somewhere, with a hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from planners.cell.asset_files import (
+    AssetShelf,
+    LinkFile,
+    LinkName,
+    RobotFile,
+    fingerprint,
+    hull_points,
+    mesh_path,
+    read_robot_file,
+)
+from planners.cell.hand import Gripper, Pusher
+from planners.errors import AssetError
+from planners.geometry.convex import CollisionBody, ConvexShape, enclosing_hull
+from planners.geometry.pose import Array, Transform, to_pose7s
+from planners.kinematics.inverse import is_ur_type
+from planners.kinematics.joint_torque import WeighedArm
+from planners.plan.scenery import ArmDocument, LinkDocument
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid link, in the frame after as many joints as there are before it."""
+
+    name: LinkName
+    points: Array
+    """(n, 3) corners of the convex hull of the mesh [m]."""
+    shape: ConvexShape
+    """Few vertices around `points`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A six-joint arm of the UR family. Arrays of joint limits are (6,), in SI units."""
+
+    name: str
+    joint_names: tuple[str, ...]
+    dh: Array
+    """(6, 4) columns a, alpha, d, theta0 [m, rad]."""
+    position_min: Array
+    position_max: Array
+    velocity_max: Array
+    acceleration_max: Array
+    torque_max: Array
+    links: tuple[Link, ...]
+    """Link i moves with frame i: the base is 0, wrist 3 is 6."""
+    masses: Array
+    """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
+    payload: float
+    """Largest mass at the flange [kg]."""
+    fingerprint: str
+    """Hash of the files it was loaded from, meshes included."""
+
+
+def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
+    """Load robots/<name>.yaml with its meshes.
+
+    Args:
+        name: name of the robot.
+        shelf: where to look.
+        where: the field that names the robot, for messages.
+
+    Raises:
+        AssetError: A file is missing or wrong, or its table is not one of the UR family.
+    """
+    path = shelf.find("robots", name, where)
+    file = read_robot_file(path)
+    joints = file.joints
+    dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
+    if not is_ur_type(dh):
+        raise AssetError(
+            f"{path}: joints: alpha_deg must be 90, 0, 0, 90, -90, 0 and a must be zero except for joints 2 and 3: "
+            "the closed-form inverse kinematics is that of the UR family"
+        )
+    position = np.radians([j.position_deg for j in joints])
+    link_files = _link_files(file, shelf, path)
+    return Robot(
+        name=file.name,
+        joint_names=tuple(j.name for j in joints),
+        dh=dh,
+        position_min=np.ascontiguousarray(position[:, 0]),
+        position_max=np.ascontiguousarray(position[:, 1]),
+        velocity_max=np.radians([j.velocity_deg for j in joints]),
+        acceleration_max=np.array([j.acceleration for j in joints]),
+        torque_max=np.array([j.torque for j in joints]),
+        links=tuple(_link(link, f"{path}: links.{i}.mesh") for i, link in enumerate(link_files)),
+        masses=np.array([[link.mass, *link.com] for link in file.masses]),
+        payload=file.payload,
+        fingerprint=fingerprint(_contents(file, link_files)),
+    )
+
+
+def _link_files(file: RobotFile, shelf: AssetShelf, path: Path) -> tuple[LinkFile, ...]:
+    if file.links is not None:
+        return file.links
+    stand_in = read_robot_file(shelf.find("robots", str(file.links_of), f"{path}: links_of"))
+    if stand_in.links is None:
+        raise AssetError(f"{path}: links_of: {file.links_of!r} has no links of its own")
+    return stand_in.links
+
+
+def _contents(file: RobotFile, links: tuple[LinkFile, ...]) -> Iterator[bytes]:
+    yield file.model_dump_json().encode()
+    for link in links:
+        yield link.model_dump_json().encode()
+        yield mesh_path(link.mesh).read_bytes()
+
+
+def _link(file: LinkFile, where: str) -> Link:
+    T_frame_mesh = file.transform()
+    try:
+        points = hull_points(file.mesh)
+    except AssetError as error:
+        raise AssetError(f"{where}: {error}") from error
+    points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
+    return Link(file.name, points, ConvexShape(enclosing_hull(points)))
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """One arm of a cell. Frame "<name>/i" is its frame after i joints: 0 is the base, 6 the flange."""
+
+    name: str
+    robot: Robot
+    T_world_base: Transform
+    """The controller's base frame."""
+    home: Array
+    """(6,) where the joints rest [rad]."""
+    hand: Gripper | Pusher
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Six names, unique in the cell."""
+        return tuple(f"{self.name}_{joint}" for joint in self.robot.joint_names)
+
+    @property
+    def dh(self) -> Array:
+        """(6, 4) columns a, alpha, d, theta0 [m, rad]."""
+        return self.robot.dh
+
+    @property
+    def position_min(self) -> Array:
+        """(6,) [rad]."""
+        return self.robot.position_min
+
+    @property
+    def position_max(self) -> Array:
+        """(6,) [rad]."""
+        return self.robot.position_max
+
+    @property
+    def velocity_max(self) -> Array:
+        """(6,) [rad/s]."""
+        return self.robot.velocity_max
+
+    @property
+    def acceleration_max(self) -> Array:
+        """(6,) [rad/s^2]."""
+        return self.robot.acceleration_max
+
+    @property
+    def torque_max(self) -> Array:
+        """(6,) [Nm]."""
+        return self.robot.torque_max
+
+    @cached_property
+    def masses(self) -> Array:
+        """(7, 4) of the six links that move, then of the hand: mass [kg], and centre of mass [m].
+
+        Link i is in frame i + 1, the hand in frame 6, the flange.
+        """
+        return np.vstack([self.robot.masses, [self.hand.mass, *self.hand.com]])
+
+    def weighed(self, gravity: Array) -> WeighedArm:
+        """Return the arm as compiled code weighs it; `gravity` is (3,) in the world [m/s^2]."""
+        return WeighedArm(self.dh, self.T_world_base, self.masses, np.asarray(gravity, dtype=float))
+
+    @property
+    def spare_payload(self) -> float:
+        """Largest mass that the hand may carry: the payload less what is mounted on the flange [kg]."""
+        return self.robot.payload - self.hand.mass
+
+    def link_bodies(self) -> tuple[CollisionBody, ...]:
+        """Return the links "<name>_base" to "<name>_wrist_3"; link i is in frame "<name>/i"."""
+        return tuple(
+            CollisionBody(f"{self.name}_{link.name}", self.name, f"{self.name}/{i}", (link.shape,))
+            for i, link in enumerate(self.robot.links)
+        )
+
+    def hand_bodies(self, width: float | None) -> tuple[CollisionBody, ...]:
+        """Return the bodies of the hand; `width` is the opening of a gripper [m], the widest when None."""
+        if isinstance(self.hand, Pusher):
+            return self.hand.bodies(self.name)
+        return self.hand.bodies(self.name, self.hand.width_max if width is None else width)
+
+    def document(self) -> ArmDocument:
+        """Return the entry of a plan's `cell.arms`."""
+        return ArmDocument(
+            base=to_pose7s(self.T_world_base[None])[0],
+            dh=self.dh,
+            position_min=self.position_min,
+            position_max=self.position_max,
+            velocity_max=self.velocity_max,
+            acceleration_max=self.acceleration_max,
+            torque_max=self.torque_max,
+            links=tuple(LinkDocument(mass=mass, com=np.array(com)) for mass, *com in self.robot.masses.tolist()),
+            payload=self.robot.payload,
+        )
