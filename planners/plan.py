@@ -12,11 +12,11 @@ from planners.contract.lift_document import lift_document
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask
 from planners.contract.tool_document import tool_document
 from planners.errors import SceneError
-from planners.manipulation.dense_contacts import ContactSampling
+from planners.manipulation.contacts.dense_contact_states import ContactSampling
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_settings import LiftSettings
 from planners.progress import Progress
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan

@@ -8,7 +8,7 @@ from enum import Enum
 
 from planners.balance.balanced import Balanced
 from planners.geometry.pose import Array, Transform
-from planners.manipulation.contacts import PrincipalContact
+from planners.manipulation.contacts.contact_states import PrincipalContact
 from planners.motion.trajectory import Trajectory
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import structlog
 
 from planners.progress import Progress, silent
-from planners.regrasp.handovers import (
+from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
     HandoverDataError,
     HandoverSettings,

@@ -20,7 +20,7 @@ from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
 from planners.plan import HandoverSource, plan
 from planners.progress import Progress, silent
-from planners.regrasp.handovers import find_handovers
+from planners.regrasp.grasps.handovers import find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.scene import build_scene

@@ -7,8 +7,8 @@ from typing import Any
 from planners.contract.document_members import pose_row, significant
 from planners.geometry.pose import to_pose7s
 from planners.graph.rejections import Rejection
-from planners.regrasp.regrasp_figures import EdgeFigures, LayerFigures, RegraspFigures
-from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.graph.regrasp_figures import EdgeFigures, LayerFigures, RegraspFigures
+from planners.regrasp.suction.suction_poses import SuctionCandidate
 from planners.regrasp.tool_plan import ToolPlan
 
 ARMS = ["left", "right"]

@@ -11,7 +11,7 @@ from planners.contract.considered_members import considered_members
 from planners.contract.document_members import document_of, motion_members, pose_rows, significant
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, to_pose7
-from planners.regrasp.hold_statics import EPS, pad_axes
+from planners.regrasp.statics.hold_statics import EPS, pad_axes
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.suction_tool import TOOL_NAME

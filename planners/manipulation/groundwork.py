@@ -11,13 +11,13 @@ from planners.balance.solver import Balance
 from planners.balance.uncertainty import Uncertainty
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import inverse
-from planners.manipulation.engagements import PostureQueries
-from planners.manipulation.failures import Hand
-from planners.manipulation.grips import CupFootprint, Grip, Jaw, generate_grips, given_grips
+from planners.manipulation.graph.failures import Hand
+from planners.manipulation.holds.grips import CupFootprint, Grip, Jaw, generate_grips, given_grips
+from planners.manipulation.holds.pushes import Push, generate_pushes, given_pushes
 from planners.manipulation.lift_settings import LiftSettings
-from planners.manipulation.pushes import Push, generate_pushes, given_pushes
-from planners.manipulation.reach import HandReach, PairReach, PlateQuery
-from planners.manipulation.workcell import LiftWorkcell
+from planners.manipulation.motion.posture_follower import PostureQueries
+from planners.manipulation.reach.hand_reach import HandReach, PairReach, PlateQuery
+from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.scene.scene import PlateLiftScene
 
 

@@ -20,11 +20,11 @@ import numpy as np
 from planners.balance.balanced import Balanced
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
-from planners.manipulation.contacts import PrincipalContact
-from planners.manipulation.grips import lack_of_grips
+from planners.manipulation.contacts.contact_states import PrincipalContact
 from planners.manipulation.groundwork import cup_footprint, jaw_of
-from planners.manipulation.hold_balance import HandPair
-from planners.manipulation.reach import HandReach
+from planners.manipulation.holds.grips import lack_of_grips
+from planners.manipulation.reach.hand_reach import HandReach
+from planners.manipulation.statics.hold_balance import HandPair
 
 if TYPE_CHECKING:
     from planners.manipulation.planner import PlateLiftPlanner

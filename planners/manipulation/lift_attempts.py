@@ -14,7 +14,7 @@ from planners.graph.rejections import Rejection
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.manipulation.reserves import STEPS
+from planners.manipulation.statics.reserves import STEPS
 from planners.progress import Progress
 from planners.scene.scene import PlateLiftScene
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from planners.graph.rejections import Rejection, Rejections
-from planners.manipulation.reserves import LeastReserve, ReservedSegments
+from planners.manipulation.statics.reserves import LeastReserve, ReservedSegments
 from planners.segment import Segment
 
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from planners.balance.capacity import LiftCapacity
 from planners.graph.rejections import Rejection
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath
-from planners.manipulation.examiner import hands_of
+from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.groundwork import jaw_of
 from planners.manipulation.impasse import contact_name, find_impasse
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan, SequenceStep
-from planners.manipulation.lift_torques import LiftTorques
-from planners.manipulation.reserves import ReservedSegments, keeping_most
+from planners.manipulation.statics.lift_torques import LiftTorques
+from planners.manipulation.statics.reserves import ReservedSegments, keeping_most
 from planners.scene.arm_span import OutOfReach
 from planners.segment import ContactSet, Segment
 

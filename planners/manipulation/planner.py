@@ -21,12 +21,8 @@ from planners.geometry.pose import Array
 from planners.graph.passage import passable_path
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD, UNKNOWN, GraphPath, cheapest_path
-from planners.manipulation.assignment import HoldSplit, NoAssignment, PostureAssigner
-from planners.manipulation.choreography import Choreographer, Stuck
-from planners.manipulation.dense_contacts import DenseContactStateGraph
-from planners.manipulation.engagements import Engagement, Itinerary, PostureFollower
-from planners.manipulation.examiner import NodeExaminer, hands_of
-from planners.manipulation.failures import (
+from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
+from planners.manipulation.graph.failures import (
     BlockedMotion,
     EdgeFailure,
     Failures,
@@ -35,8 +31,9 @@ from planners.manipulation.failures import (
     PairFailure,
     TransitFailure,
 )
-from planners.manipulation.graph import HandHold, ManipulationStateGraph, build_graph, edge_count
-from planners.manipulation.grips import least_opening
+from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph, build_graph, edge_count
+from planners.manipulation.graph.node_examiner import NodeExaminer, hands_of
+from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.groundwork import (
     balance_program,
     grips_of,
@@ -47,13 +44,16 @@ from planners.manipulation.groundwork import (
     pushes_of,
     tolerant_program,
 )
-from planners.manipulation.hold_balance import BalancePrograms, HoldBalance
+from planners.manipulation.holds.grips import least_opening
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_report import LiftReport
 from planners.manipulation.lift_settings import LiftSettings
-from planners.manipulation.lift_torques import OVERTAXED
-from planners.manipulation.rising import RisingReach
-from planners.manipulation.workcell import LiftWorkcell
+from planners.manipulation.motion.assignment import HoldSplit, NoAssignment, PostureAssigner
+from planners.manipulation.motion.choreography import Choreographer, Stuck
+from planners.manipulation.motion.posture_follower import Engagement, Itinerary, PostureFollower
+from planners.manipulation.reach.lift_workcell import LiftWorkcell
+from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance
+from planners.manipulation.statics.lift_torques import OVERTAXED
 from planners.progress import Progress
 from planners.scene.arm_span import ArmSpan, OutOfReach, out_of_reach
 from planners.scene.scene import PlateLiftScene

@@ -9,25 +9,24 @@ import numpy as np
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.handovers import HandoverDatabase, find_handovers
-from planners.regrasp.hold_statics import HoldStatics
-from planners.regrasp.hose import hose_turns
-from planners.regrasp.object_order import ObjectOrder
-from planners.regrasp.object_planner import ObjectPlanner
-from planners.regrasp.object_report import ObjectReport, Stopover
-from planners.regrasp.park_pose import park_poses, start_clash
-from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
-from planners.regrasp.route_maker import RouteMaker
-from planners.regrasp.stopover import Stopovers
-from planners.regrasp.suction_poses import SuctionCandidate, SuctionFault
+from planners.regrasp.graph.route_maker import RouteMaker
+from planners.regrasp.graph.tool_pickup import not_taken
+from planners.regrasp.grasps.handovers import HandoverDatabase, find_handovers
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.motion.hose import hose_turns
+from planners.regrasp.motion.park_pose import park_poses, start_clash
+from planners.regrasp.motion.tool_choreography import ToolChoreographer
+from planners.regrasp.motion.tool_queries import ToolTraffic
+from planners.regrasp.motion.tool_stage import ToolStage
+from planners.regrasp.pile.object_order import ObjectOrder
+from planners.regrasp.pile.object_planner import ObjectPlanner, ObjectReport, Stopover
+from planners.regrasp.pile.pile_planner import Course, PilePlanner, SuctionFinder
+from planners.regrasp.pile.stopover import Stopovers
+from planners.regrasp.statics.hold_statics import HoldStatics
+from planners.regrasp.suction.suction_poses import SuctionCandidate, SuctionFault
 from planners.regrasp.tool_capacity import impossibilities
-from planners.regrasp.tool_choreography import ToolChoreographer
-from planners.regrasp.tool_pickup import not_taken
 from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.regrasp.tool_stage import ToolStage
-from planners.regrasp.tool_traffic import ToolTraffic
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.moved_object import MovedObject
 from planners.scene.standing import Standing

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from planners.progress import Progress
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.hold_statics import HoldStatics
+from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.planner import SuctionToolPlanner
+from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
 from planners.regrasp.tool_segment import HeldReserve
 from planners.regrasp.tool_settings import ToolPlannerSettings

@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
-from planners.regrasp.hold_statics import OVERLOADED
-from planners.regrasp.suction_hold import Cup
+from planners.regrasp.statics.hold_statics import OVERLOADED
+from planners.regrasp.suction.suction_hold import Cup
 from planners.scene.arm_span import ArmSpan, out_of_reach
 from planners.scene.body import Body
 from planners.scene.hand import Gripper

@@ -7,9 +7,9 @@ from enum import Enum
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.regrasp_figures import RegraspFigures
-from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.graph.regrasp_figures import RegraspFigures
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.suction.suction_poses import SuctionCandidate
 from planners.regrasp.tool_segment import ToolSegment
 
 

@@ -9,7 +9,7 @@ from planners.collision.model import CollisionModel, CollisionQuery, NamePair, P
 from planners.collision.placement import Placement
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
-from planners.regrasp.grasps import TOOL_FRAME
+from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
 from planners.scene.arm import Arm
 from planners.scene.body import Body
 from planners.scene.cell import Cell

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from planners.graph.search import ALIVE, UNKNOWN, GraphPath, cheapest_path
-from planners.manipulation.dense_contacts import DenseContactStateGraph
-from planners.manipulation.examiner import hands_of
-from planners.manipulation.graph import build_graph
-from planners.manipulation.hold_balance import HandPair
+from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
+from planners.manipulation.graph.manipulation_graph import build_graph
+from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.statics.hold_balance import HandPair
 from tests.benchmarks.lift_variants import OURS, VARIANTS, Variant
 from tests.benchmarks.tasks import SOLVABLE, Note, timed
 

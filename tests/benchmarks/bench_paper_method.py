@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from planners.collision.kernel import first_collision, make_scratch, set_frame
-from planners.manipulation.examiner import hands_of
-from planners.manipulation.hold_balance import HandPair
+from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.manipulation.reach import HandReach, PlateQuery
+from planners.manipulation.reach.hand_reach import HandReach, PlateQuery
+from planners.manipulation.statics.hold_balance import HandPair
 from tests.benchmarks.iterative_ik import iterate
 from tests.benchmarks.tasks import SOLVABLE, Note, cpu_seconds, planner_of
 from tests.kinematics.arm_oracle import PinocchioArm

@@ -13,12 +13,11 @@ from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array
 from planners.motion.blended_path import BlendedPath
 from planners.motion.joint_metric import JointMetric
-from planners.motion.limits import JointLimits
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
-from planners.motion.timing import time_path
+from planners.motion.timing import JointLimits, time_path
 from planners.progress import silent
-from planners.regrasp import tool_motion
+from planners.regrasp.motion import tool_motion
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_segment import ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from planners.graph.search import cheapest_path
-from planners.manipulation.assignment import PostureAssigner
-from planners.manipulation.engagements import Itinerary
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.motion.assignment import PostureAssigner
+from planners.manipulation.motion.posture_follower import Itinerary
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
 

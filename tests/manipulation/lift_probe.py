@@ -13,7 +13,7 @@ import numpy as np
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.convex import CollisionBody
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.manipulation.workcell import LiftWorkcell
+from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.plan import lift_settings
 from planners.scene.cell import Cell
 from planners.scene.scene import build_scene

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from planners.manipulation.assignment import _conflict, _parts
-from planners.manipulation.reach import CONTINUITY, bits
+from planners.manipulation.motion.assignment import _conflict, _parts
+from planners.manipulation.reach.hand_reach import CONTINUITY, bits
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import pytest
 
 from planners.graph.rejections import Rejections
 from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
-from planners.manipulation.examiner import NodeExaminer, hands_of
-from planners.manipulation.graph import HandHold, build_graph
+from planners.manipulation.graph.manipulation_graph import HandHold, build_graph
+from planners.manipulation.graph.node_examiner import NodeExaminer, hands_of
 from planners.manipulation.lift_plan import LiftOutcome
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import planner_of, task_body

@@ -10,9 +10,9 @@ import pytest
 from planners.balance.balanced import Unbalanced, UnbalanceReason
 from planners.collision.placement import Attached
 from planners.errors import SceneError
-from planners.manipulation import choreography
-from planners.manipulation.choreography import PERSISTENCE, Choreographer, Stuck, _at_rest, _Run
-from planners.manipulation.track import EngagementTrack
+from planners.manipulation.motion import choreography
+from planners.manipulation.motion.choreography import PERSISTENCE, Choreographer, Stuck, _at_rest, _Run
+from planners.manipulation.motion.track import EngagementTrack
 from planners.motion.query import MotionOutcome, MotionResult
 from planners.segment import SegmentKind
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from planners.collision.placement import Fixed
-from planners.manipulation.reach import CONTINUITY, bits
+from planners.manipulation.reach.hand_reach import CONTINUITY, bits
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.manipulation.lift_probe import TURN
 

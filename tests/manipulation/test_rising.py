@@ -8,9 +8,9 @@ import pytest
 from planners.balance.balanced import Balanced
 from planners.graph.search import ALIVE
 from planners.kinematics.forward import flange_pose
-from planners.manipulation.graph import HandHold
+from planners.manipulation.graph.manipulation_graph import HandHold
 from planners.manipulation.groundwork import balance_program
-from planners.manipulation.reach import BRANCHES, bits
+from planners.manipulation.reach.hand_reach import BRANCHES, bits
 
 
 @pytest.fixture(scope="module")

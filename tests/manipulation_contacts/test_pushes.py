@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from planners.errors import LiftwrightError
 from planners.geometry.polyhedron import Prism
-from planners.manipulation.pushes import Push, PushSampling, generate_pushes, given_pushes
+from planners.manipulation.holds.pushes import Push, PushSampling, generate_pushes, given_pushes
 from planners.scene.given_holds import GivenPush
 
 TIP = 0.010

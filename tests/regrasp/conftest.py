@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from planners.regrasp.grasps import ToolGrasps, ToolGraspSettings, tool_grasps
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, build_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, build_handovers
+from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.cell import Cell, load_cell
 from planners.scene.hand import Gripper

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, inverse, transform
 from planners.geometry.wrench import wrench_about
-from planners.regrasp.bearing import Bearing, CarryingHand
-from planners.regrasp.finger_forces import squeezed
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.hold_statics import EPS
-from planners.regrasp.suction_hold import cup_wrenches, suction_margins, weight
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.statics.finger_forces import squeezed
+from planners.regrasp.statics.hold_statics import EPS
+from planners.regrasp.statics.static_hold import Bearing, CarryingHand
+from planners.regrasp.suction.suction_hold import cup_wrenches, suction_margins, weight
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 

@@ -13,8 +13,8 @@ from planners.contract.shapes import Box
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import inverse, rotation_x, rotation_z, transform
 from planners.kinematics.branch import follow_branch
-from planners.regrasp.grasp_reach import GraspReach, Surroundings
-from planners.regrasp.grasps import ToolGrasps, ToolGraspSettings
+from planners.regrasp.grasps.grasp_reach import GraspReach, Surroundings
+from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.body import Body
 from planners.scene.solid import solid_of

@@ -10,12 +10,12 @@ import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import inverse, transform
-from planners.regrasp.bearing import Bearing
-from planners.regrasp.carried import CarriedPace
-from planners.regrasp.handover_ways import HandoverWays
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.node_travel import NodeTravel
+from planners.regrasp.graph.handover_ways import HandoverWays
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.motion.joint_travel import NodeTravel
+from planners.regrasp.statics.static_hold import Bearing
 from planners.regrasp.tool_segment import SuckedObject
+from planners.regrasp.tool_settings import CarriedPace
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 from tests.kinematics.arm_oracle import PinocchioArm

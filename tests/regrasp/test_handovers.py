@@ -10,9 +10,8 @@ import pytest
 from planners.errors import LiftwrightError, PlanningCancelled
 from planners.geometry.pose import inverse, transform
 from planners.kinematics.branch import follow_branch
-from planners.regrasp.grasps import ToolGraspSettings
-from planners.regrasp.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
-from planners.regrasp.handovers import (
+from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
+from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
     HandoverDataError,
     HandoverSettings,
@@ -20,6 +19,7 @@ from planners.regrasp.handovers import (
     find_handovers,
     handover_key,
 )
+from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.cell import load_cell
 from planners.scene.suction_tool import load_tool

@@ -21,7 +21,7 @@ from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.plan import plan
 from planners.progress import silent
-from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.scene.scene import build_scene
 
 TABLE = 1.094

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from planners.geometry.pose import rotation_from_vector, transform
-from planners.regrasp.inertia import MassProperties
+from planners.regrasp.statics.mass_properties import MassProperties
 
 
 def test_the_tensor_is_that_of_the_filled_surface() -> None:

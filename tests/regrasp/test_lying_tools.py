@@ -7,8 +7,8 @@ import pytest
 
 from planners.geometry.pose import Transform, rotation_z, to_pose7, transform
 from planners.progress import silent
-from planners.regrasp.grasps import Fingertips, ToolGrasps, tool_grasps
-from planners.regrasp.handovers import HandoverDatabase, build_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, build_handovers
+from planners.regrasp.grasps.tool_grasps import Fingertips, ToolGrasps, tool_grasps
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings

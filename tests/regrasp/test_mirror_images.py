@@ -15,11 +15,11 @@ import pytest
 
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.progress import silent
-from planners.regrasp.grasp_reach import GraspReach, Surroundings
-from planners.regrasp.grasps import Fingertips, ToolGrasps, ToolGraspSettings, tool_grasps
-from planners.regrasp.pile_planner import SuctionFinder
+from planners.regrasp.grasps.grasp_reach import GraspReach, Surroundings
+from planners.regrasp.grasps.tool_grasps import Fingertips, ToolGrasps, ToolGraspSettings, tool_grasps
+from planners.regrasp.pile.pile_planner import SuctionFinder
+from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.stopover import Stopovers
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import ToolWorkcell

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planners.regrasp.carried import CarriedPace
-from planners.regrasp.node_travel import NodeTravel
-from planners.regrasp.prospect import Prospect
+from planners.regrasp.graph.cost_to_go import Prospect
+from planners.regrasp.motion.joint_travel import NodeTravel
+from planners.regrasp.tool_settings import CarriedPace
 from planners.scene.cell import Cell
 
 N, GOALS = 5, 2

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from planners.geometry.pose import inverse, rotation_from_vector, rotation_z, transform
 from planners.geometry.wrench import grasp_map
-from planners.regrasp.suction_hold import (
+from planners.regrasp.suction.suction_hold import (
     SuctionLimit,
     acceleration_share,
     cup_uses,

@@ -11,10 +11,10 @@ from planners.contract.task_spec import read_task
 from planners.geometry.convex import ConvexShape
 from planners.plan import plan
 from planners.progress import silent
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.planner import SuctionToolPlanner, infeasible_plan
-from planners.regrasp.suction_hold import suction_margin
+from planners.regrasp.suction.suction_hold import suction_margin
 from planners.regrasp.tool_capacity import largest_lift, least_width
 from planners.regrasp.tool_plan import ToolOutcome
 from planners.regrasp.tool_settings import ToolPlannerSettings

@@ -12,8 +12,8 @@ import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.progress import silent
-from planners.regrasp.grasps import tool_grasps
-from planners.regrasp.handovers import HandoverDatabase, build_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, build_handovers
+from planners.regrasp.grasps.tool_grasps import tool_grasps
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings

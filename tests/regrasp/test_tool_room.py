@@ -7,11 +7,11 @@ import pytest
 
 from planners.geometry.pose import inverse, rotation_y, transform
 from planners.graph.rejections import Rejections
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.suction_poses import SuctionPose
-from planners.regrasp.tool_room import ToolRoom
-from planners.regrasp.tool_stage import ToolStage
-from planners.regrasp.tool_traffic import ToolTraffic
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.motion.tool_queries import ToolTraffic
+from planners.regrasp.motion.tool_room import ToolRoom
+from planners.regrasp.motion.tool_stage import ToolStage
+from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene
 from tests.regrasp.tool_tasks import TABLE, box, pose, scene_of

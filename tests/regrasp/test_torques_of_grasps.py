@@ -27,11 +27,10 @@ from planners.kinematics.inverse import inverse_kinematics
 from planners.motion.trajectory import Trajectory
 from planners.plan import plan
 from planners.progress import silent
-from planners.regrasp.bearing import Bearing, CarriedLoad, CarryingHand
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.joint_torque import LadenArm, bearing_branches
-from planners.regrasp.laden_checker import LadenChecker
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker, bearing_branches
+from planners.regrasp.statics.static_hold import Bearing, CarriedLoad, CarryingHand
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.arm import Arm
 from planners.scene.scene import build_scene

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from planners.regrasp.carried import CarriedPace
-from planners.regrasp.travel import EFFORT, least_travel, straight_times
+from planners.regrasp.motion.joint_travel import EFFORT, least_travel, straight_times
+from planners.regrasp.tool_settings import CarriedPace
 from planners.scene.arm import Arm
 from planners.scene.cell import Cell
 from tests.kinematics.arm_oracle import PinocchioArm

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from planners.progress import silent
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.hold_statics import HoldStatics
-from planners.regrasp.pile_planner import SuctionFinder
+from planners.regrasp.graph.regrasp_figures import EdgeKind, EdgeState, LayerName
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.pile.pile_planner import SuctionFinder
+from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.regrasp_figures import EdgeKind, EdgeState, LayerName
-from planners.regrasp.stopover import Stopovers, StopoverSettings
+from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
-from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.tool_settings import StopoverSettings, ToolPlannerSettings
 from planners.scene.clashes import gap, placed_body
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse, skew, to_pose7, transform
-from planners.regrasp.inertia import MassProperties
+from planners.regrasp.statics.mass_properties import MassProperties
 from planners.scene.body import Body
 from planners.scene.meshes import hull_with_faces
 from workers.simulation.arm_urdf import write_hull

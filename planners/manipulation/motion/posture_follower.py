@@ -1,0 +1,221 @@
+"""Which posture each hand takes along a path: one per engagement, the time in which a hand stays on the plate.
+
+A path through the Manipulation State Graph promises a posture at every node, not that it is the same one. Here the
+postures are followed along all motions of the path, hands are matched against one another, and what cannot be is
+reported as a failure that the search must respect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.geometry.pose import Array
+from planners.graph.search import GraphPath
+from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
+from planners.manipulation.graph.failures import Hand
+from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
+from planners.manipulation.graph.rising_reach import RisingReach
+from planners.manipulation.holds.grips import Grip
+from planners.manipulation.holds.pushes import Push
+from planners.manipulation.reach.hand_reach import HandReach, PairReach, PlateQuery
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """How finely motions are sampled when postures are followed along them."""
+
+    plate_step: float = 0.005
+    """Largest way of any corner of the plate between samples [m]; clearances are kept at the samples."""
+    approach_step: float = 0.005
+    """Way of the hand between samples of an approach [m]."""
+    grip_approach: float = 0.070
+    """Straight way of the gripper onto the plate and off it [m]: the authors' value."""
+    push_approach: float = 0.040
+    """Straight way of the stick's tip onto the plate and off it [m]."""
+
+
+@dataclass(frozen=True)
+class Engagement:
+    """One hand on the plate from one place of a path to another."""
+
+    hand: Hand
+    hold: HandHold
+    first: int
+    """Place on the path of the first node that has this hold."""
+    last: int
+    comes: bool = True
+    goes: bool = True
+    """Whether the hand leaves at the end; at the end of a plan both stay."""
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """A path with what it means: plate poses, motions with their direction, engagements."""
+
+    path: GraphPath
+    poses: tuple[int, ...]
+    """Plate pose of each node."""
+    motions: tuple[tuple[int, bool] | None, ...]
+    """For each edge the DCSG edge and whether it is run from its first to its second pose; None for a transit."""
+    engagements: tuple[Engagement, ...]
+
+    @classmethod
+    def of(cls, graph: ManipulationStateGraph, path: GraphPath) -> Itinerary:
+        """Read a path of a graph."""
+        poses = tuple(int(graph.node_pose[node]) for node in path.nodes)
+        motions: list[tuple[int, bool] | None] = []
+        for place, edge in enumerate(path.edges):
+            motion = int(graph.edge_motion[edge])
+            forth = motion >= 0 and int(graph.poses.edges[motion][0]) == poses[place]
+            motions.append(None if motion < 0 else (motion, forth))
+        return cls(path, poses, tuple(motions), tuple(_engagements(graph, path)))
+
+    def active(self, hand: Hand, place: int) -> Engagement | None:
+        """Return the engagement of a hand at a place of the path."""
+        for engagement in self.engagements:
+            if engagement.hand == hand and engagement.first <= place <= engagement.last:
+                return engagement
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class PostureQueries:
+    """Collision queries by phase, the plate moving in all of them."""
+
+    with_idle: dict[Hand, PlateQuery]
+    """For each hand, its arm and the idle other arm against everything."""
+    opened: dict[Hand, PlateQuery]
+    """For each hand, its arm against everything but the other arm, while it comes to the plate."""
+    lifted: PlateQuery
+    """Plate and cup against what stands in the cell."""
+
+
+class PostureFollower:
+    """Follows postures along the motions of one plate lift; remembers every answer."""
+
+    def __init__(
+        self,
+        poses: DenseContactStateGraph,
+        pair: PairReach,
+        queries: PostureQueries,
+        holds: tuple[tuple[Grip, ...], tuple[Push, ...]],
+        reach: dict[Hand, NDArray[np.uint64]],
+        settings: SweepSettings | None = None,
+    ) -> None:
+        """Gather what is asked.
+
+        Args:
+            poses: the dense contact state graph.
+            pair: both hands.
+            queries: what counts as a collision in which phase.
+            holds: all grips and all pushes.
+            reach: (poses, holds) bit sets of each hand.
+            settings: how finely to sample.
+        """
+        self.poses, self.pair, self.reach = poses, pair, reach
+        self.with_idle, self.opened, self.lifted = queries.with_idle, queries.opened, queries.lifted
+        self.grips, self.pushes = holds
+        self.settings = settings or SweepSettings()
+        self._along: dict[tuple[int, Hand, int, bool], int] = {}
+        self._approach: dict[tuple[int, Hand, int], int] = {}
+        self._together: dict[tuple[int, int, int, int, int], bool] = {}
+        self._samples: dict[int, Array] = {}
+        self._blocked: dict[int, tuple[str, str] | None] = {}
+        self.rising: RisingReach | None = None
+        """What both hands must keep to at the end so that the lift can go on; None: nothing."""
+
+    def hand(self, hand: Hand) -> HandReach:
+        """Return a hand's reach."""
+        return self.pair.first if hand == "grip" else self.pair.second
+
+    def motion(self, number: int) -> PlateMotion:
+        """Return a motion of the graph, from its first to its second pose."""
+        i, j = self.poses.edges[number]
+        return self.poses.motion_between(int(i), int(j))
+
+    def samples(self, number: int) -> Array:
+        """Return T_world_plate (n, 4, 4) along a motion, close enough together to follow postures."""
+        known = self._samples.get(number)
+        if known is None:
+            motion = self.motion(number)
+            corners = self.poses.plate.shape.polyhedron.vertices
+            coarse = motion.poses(np.linspace(0.0, 1.0, 9))
+            world = np.einsum("nij,vj->nvi", coarse[:, :3, :3], corners) + coarse[:, None, :3, 3]
+            way = float(np.linalg.norm(np.diff(world, axis=0), axis=2).sum(axis=0).max())
+            known = motion.poses(np.linspace(0.0, 1.0, max(2, int(np.ceil(way / self.settings.plate_step))) + 1))
+            self._samples[number] = known
+        return known
+
+    def along(self, number: int, hand: Hand, index: int, *, alone: bool) -> int:
+        """Return the postures of a hold that follow a motion, the other arm idle (`alone`) or left aside."""
+        key = (number, hand, index, alone)
+        if key not in self._along:
+            i, j = self.poses.edges[number]
+            both = int(self.reach[hand][i, index] & self.reach[hand][j, index])
+            query = self.with_idle[hand] if alone else self.hand(hand).alone
+            self._along[key] = self.hand(hand).track(self.samples(number), index, both, query) if both else 0
+        return self._along[key]
+
+    def blocked(self, number: int) -> tuple[str, str] | None:
+        """Name what the plate or its cup would meet along a motion, or None."""
+        if number not in self._blocked:
+            self._blocked[number] = next(self.lifted.meetings(self.samples(number)), None)
+        return self._blocked[number]
+
+    def approach(self, pose: int, hand: Hand, index: int) -> int:
+        """Return the postures of a hold that can be come to, and left, on a straight way at a pose."""
+        key = (pose, hand, index)
+        if key not in self._approach:
+            carriers = self.approach_carriers(self.poses.poses[pose].T_world_plate, hand, index)
+            plates = np.repeat(self.poses.poses[pose].T_world_plate[None], len(carriers), axis=0)
+            allowed = int(self.reach[hand][pose, index])
+            self._approach[key] = self.hand(hand).track(plates, index, allowed, self.opened[hand], carriers)
+        return self._approach[key]
+
+    def approach_carriers(self, T_world_plate: Array, hand: Hand, index: int) -> Array:
+        """Return (n, 4, 4) where the plate would be if it left with the hand: from contact to the stand-off."""
+        settings = self.settings
+        direction = -self.grips[index].approach if hand == "grip" else self.pushes[index].retreat
+        way = settings.grip_approach if hand == "grip" else settings.push_approach
+        steps = np.linspace(0.0, way, int(np.ceil(way / settings.approach_step)) + 1)
+        carriers = np.repeat(T_world_plate[None], len(steps), axis=0)
+        carriers[:, :3, 3] += steps[:, None] * (T_world_plate[:3, :3] @ direction)
+        return carriers
+
+    def together(self, number: int, grip: tuple[int, int], push: tuple[int, int]) -> bool:
+        """Whether a grip and a push, each (index, posture), keep the arms apart along a motion."""
+        key = (number, *grip, *push)
+        if key not in self._together:
+            found = self.pair.compatible(self.samples(number), (grip[0], push[0]), (1 << grip[1], 1 << push[1]))
+            self._together[key] = found is not None
+        return self._together[key]
+
+    def together_at(self, pose: int, grip: tuple[int, int], push: tuple[int, int]) -> bool:
+        """Whether a grip and a push, each (index, posture), keep the arms apart at a pose."""
+        key = (-1 - pose, *grip, *push)
+        if key not in self._together:
+            where = self.poses.poses[pose].T_world_plate[None]
+            found = self.pair.compatible(where, (grip[0], push[0]), (1 << grip[1], 1 << push[1]))
+            self._together[key] = found is not None
+        return self._together[key]
+
+
+def _engagements(graph: ManipulationStateGraph, path: GraphPath) -> Iterator[Engagement]:
+    """Read off when each hand is on the plate."""
+    last = len(path.nodes) - 1
+    holds: dict[Hand, list[HandHold | None]] = {
+        "grip": [graph.hold_of(node)[0] for node in path.nodes],
+        "push": [graph.hold_of(node)[1] for node in path.nodes],
+    }
+    for hand, along in holds.items():
+        begin = 0
+        for place in range(1, last + 2):
+            if place > last or along[place] != along[begin]:
+                hold = along[begin]
+                if hold is not None:
+                    yield Engagement(hand, hold, begin, place - 1, goes=place <= last)
+                begin = place

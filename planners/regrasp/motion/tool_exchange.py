@@ -1,0 +1,101 @@
+"""The tool changes hands: where, in which postures of both arms, and with which motion."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+from planners.collision.model import CollisionQuery
+from planners.geometry.pose import Transform
+from planners.graph.rejections import Rejection
+from planners.regrasp.motion.cartesian_legs import Onward, Posture, Visit
+from planners.regrasp.motion.tool_motion import Stuck, ToolMotion, columns, commonest
+from planners.regrasp.motion.tool_stage import HeldGrasp, ToolStage
+from planners.regrasp.motion.tool_switches import ToolSwitches
+from planners.segment import SegmentKind
+
+
+@dataclass(frozen=True, eq=False)
+class HandoverPlace:
+    """A pose of the tool at which it can change hands, and the branches both arms may use there, as bit sets."""
+
+    T_world_tool: Transform
+    giver: int
+    receiver: int
+
+
+class Exchange:
+    """The tool changes hands at one place: which postures of both arms go together there, and the motion."""
+
+    def __init__(
+        self, motion: ToolMotion, switches: ToolSwitches, stage: ToolStage, receiver: HeldGrasp, place: HandoverPlace
+    ) -> None:
+        """Find the postures.
+
+        Raises:
+            Stuck: no two postures go together.
+        """
+        giver = stage.held
+        self.motion, self.switches, self.stage, self.giver, self.receiver = motion, switches, stage, giver, receiver
+        traffic, T = motion.traffic, place.T_world_tool
+        self.give = Visit(motion.arm(giver.arm), (motion.retreat(T @ traffic.T_tool_flange(giver)),))
+        self.take = Visit(motion.arm(receiver.arm), (motion.approach(T @ traffic.T_tool_flange(receiver)),))
+        grasps = traffic.grasps
+        opened = {giver.arm: float(grasps.open_widths[giver.grasp])}
+        opened[receiver.arm] = float(grasps.open_widths[receiver.grasp])
+        closed = {giver.arm: float(grasps.widths[giver.grasp]), receiver.arm: float(grasps.widths[receiver.grasp])}
+        at_place = replace(stage, T_world_tool=T)
+        coming = replace(at_place, widths={**closed, receiver.arm: opened[receiver.arm]})
+        both = replace(at_place, widths=closed)
+        leaving = replace(at_place, widths={**closed, giver.arm: opened[giver.arm]}, holder=receiver)
+        self.pairs = self._pairs(
+            place,
+            traffic.hand(coming, receiver.arm, around=True),
+            traffic.everything(both, [giver.arm, receiver.arm]),
+            traffic.hand(leaving, giver.arm, around=True),
+        )
+
+    def realise(self, onward: Onward) -> ToolStage:
+        """Plan all motion of the exchange; the receiver goes onward from there.
+
+        Raises:
+            Stuck: some of it was not found.
+        """
+        motion, switches = self.motion, self.switches
+        givers = list(dict.fromkeys(giver for giver, _ in self.pairs))
+        stage, giving = motion.arrive(self.stage, self.give, givers, SegmentKind.TRANSFER, motion.home(self.giver.arm))
+        stage = switches.shaped(stage, self.receiver)
+        takers = [taker for giver, taker in self.pairs if giver.branch == giving.branch]
+        stage, taking = motion.arrive(stage, self.take, takers, SegmentKind.TRANSIT, onward)
+        stage = motion.straight(stage, self.take, 0, taking, SegmentKind.APPROACH)
+        stage = switches.gripped(stage, self.receiver)
+        stage = switches.released(stage, self.receiver)
+        stage = motion.straight(stage, self.give, 0, giving, SegmentKind.RETREAT)
+        return motion.parked(stage, self.giver.arm)
+
+    def _pairs(
+        self, place: HandoverPlace, coming: CollisionQuery, both: CollisionQuery, leaving: CollisionQuery
+    ) -> list[tuple[Posture, Posture]]:
+        """Return the pairs of postures with which the receiver can come, both can hold, and the giver can leave."""
+        carry, cell = self.motion.settings.carry, self.motion.workcell
+        givers = list(self.give.postures(place.giver, carry.step, carry.continuity))
+        takers = list(self.take.postures(place.receiver, carry.step, carry.continuity))
+        if not givers or not takers:
+            raise Stuck(Rejection("handover", "an arm cannot follow the straight way to the tool or off it"))
+        reasons: Counter[Rejection] = Counter()
+        pairs = []
+        for giver in givers:
+            for taker in takers:
+                q = columns(self.stage.q, cell.joints(self.giver.arm), giver.start[None])[0]
+                come = columns(q, cell.joints(self.receiver.arm), taker.ways[0])
+                leave = columns(come[-1], cell.joints(self.giver.arm), giver.ways[0])
+                ways = ((both, come[-1:]), (coming, come), (leaving, leave))
+                touches = (self.motion.touch(query, Q) for query, Q in ways)
+                touch = next((each for each in touches if each is not None), None)
+                if touch is None:
+                    pairs.append((giver, taker))
+                else:
+                    reasons[Rejection("handover", f"{touch} while the tool changes hands")] += 1
+        if not pairs:
+            raise Stuck(commonest(reasons, Rejection("handover", "no two postures go together")))
+        return pairs

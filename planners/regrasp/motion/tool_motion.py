@@ -1,0 +1,350 @@
+"""Motion of one arm in a suction-tool plan: through free space and along straight ways, checked, timed, and held."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from planners.collision.model import CollisionQuery, NamePair
+from planners.geometry.pose import Array, Transform, inverse
+from planners.graph.rejections import Rejection
+from planners.kinematics.forward import flange_poses
+from planners.motion.blended_path import BlendedPath
+from planners.motion.checker import ArmEdgeChecker, EdgeChecker
+from planners.motion.path import CurvePath, JointPath
+from planners.motion.path_search import plan_motion
+from planners.motion.query import MotionOutcome, MotionQuery
+from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
+from planners.motion.trajectory import Trajectory
+from planners.regrasp.motion.cartesian_legs import Onward, Posture, StraightLeg, Visit
+from planners.regrasp.motion.joint_travel import carried_rates, least_travel, straight_times
+from planners.regrasp.motion.tool_queries import ToolTraffic
+from planners.regrasp.motion.tool_stage import StageWriter, ToolStage
+from planners.regrasp.statics.hold_statics import HoldStatics
+from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker
+from planners.regrasp.statics.static_hold import Bearing, CarryingHand
+from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.scene.arm import Arm
+from planners.segment import SegmentKind
+
+SLOWER = 1.05
+"""A motion that cup or fingers do not hold is slowed by this much more than it need be: its timing changes too."""
+SLOWINGS = 4
+"""How often a motion is slowed before it is given up."""
+
+
+class Stuck(Exception):
+    """A step cannot be moved; `rejection` says why."""
+
+    def __init__(self, rejection: Rejection) -> None:
+        self.rejection = rejection
+        super().__init__(rejection.reason)
+
+
+class ToolMotion:
+    """Plans motions of one arm from stage to stage, or raises `Stuck`."""
+
+    def __init__(
+        self,
+        traffic: ToolTraffic,
+        writer: StageWriter,
+        statics: HoldStatics,
+        park: Mapping[str, Array],
+        settings: ToolPlannerSettings,
+        rng: np.random.Generator,
+    ) -> None:
+        """Take what all motions share.
+
+        Args:
+            traffic: collision queries.
+            writer: of segments.
+            statics: whether cup and fingers hold.
+            park: (6,) where each arm stands while the other moves [rad].
+            settings: distances, paces and budgets.
+            rng: of the searches.
+        """
+        self.traffic, self.writer, self.statics = traffic, writer, statics
+        self.settings, self.workcell = settings, traffic.workcell
+        self.bearing = Bearing(statics.scene, settings.finger_reserve)
+        self.queries = 0
+        """Free motions that were searched."""
+        self._park, self._rng = park, rng
+
+    def parked(self, stage: ToolStage, arm: str) -> ToolStage:
+        """Bring an arm that holds nothing to where it is out of the way."""
+        goal = self._park[arm]
+        if np.array_equal(stage.q[self.workcell.joints(arm)], goal):
+            return stage
+        query = self.traffic.hand(stage, arm)
+        return self._free(stage, self.arm(arm), goal[None], query, SegmentKind.TRANSIT)[0]
+
+    def home(self, arm: str) -> Onward:
+        """Return that an arm goes back to where it is out of the way: as good a guess as any of what is next."""
+        return Onward(self._park[arm][None])
+
+    def choose(self, stage: ToolStage, visit: Visit, branches: int, queries: Sequence[CollisionQuery]) -> list[Posture]:
+        """Return the postures of a visit that pass all its legs, each by its own query, free of collision.
+
+        Raises:
+            Stuck: there is none; says what most of them would touch.
+        """
+        carry, joints = self.settings.carry, self.workcell.joints(visit.arm.name)
+        reasons: Counter[Rejection] = Counter()
+        free: list[Posture] = []
+        for posture in visit.postures(branches, carry.step, carry.continuity):
+            for way, query in zip(posture.ways, queries, strict=True):
+                touch = self.touch(query, columns(stage.q, joints, way))
+                if touch is not None:
+                    reasons[Rejection("reach", f"{touch} on a straight way")] += 1
+                    break
+            else:
+                free.append(posture)
+        if not free:
+            raise Stuck(
+                commonest(reasons, Rejection("reach", f"the {visit.arm.name} arm cannot follow a straight way"))
+            )
+        return free
+
+    def arrive(
+        self,
+        stage: ToolStage,
+        visit: Visit,
+        postures: Sequence[Posture],
+        kind: SegmentKind,
+        onward: Onward,
+        close: Mapping[NamePair, float] | None = None,
+    ) -> tuple[ToolStage, Posture]:
+        """Move an arm through free space to where one of the postures begins its visit; return which, and its turns.
+
+        Those with the shortest way there, and onward from the visit's end, come first. What is carried may stay close
+        to what it stands beside already, and come close to the pairs of `close` [m].
+        """
+        arm = visit.arm
+        turned = [
+            posture.turned(turns)
+            for posture in postures
+            for turns in posture.windings(arm.position_min, arm.position_max)
+        ]
+        if not turned:
+            raise Stuck(Rejection("reach", f"no turn of the {arm.name} arm's joints keeps them within their limits"))
+        if kind is SegmentKind.TRANSFER:
+            beside = self.traffic.close_pairs(stage, stage.carried)
+            query = self.traffic.carrying(stage, {**beside, **(close or {})})
+        else:
+            query = self.traffic.hand(stage, arm.name)
+        starts = np.array([posture.start for posture in turned])
+        ends = np.array([posture.end for posture in turned])
+        costs = self._times(stage, arm, starts, kind) + self._onward_times(arm, ends, onward)
+        stage, chosen = self._free(stage, arm, starts, query, kind, costs)
+        return stage, turned[chosen]
+
+    def straight(
+        self,
+        stage: ToolStage,
+        visit: Visit,
+        leg: int,
+        posture: Posture,
+        kind: SegmentKind,
+        close: Mapping[NamePair, float] | None = None,
+    ) -> ToolStage:
+        """Move along a leg of a visit; `close` names pairs that may come closer than the usual margin [m]."""
+        length = visit.legs[leg].length
+        pace, share = self.settings.pace, self.settings.carry.executed_share
+        laden = stage.sucked is not None
+        speed = pace.carried_speed if laden else pace.straight_speed
+        acceleration = pace.carried_acceleration if laden else pace.straight_acceleration
+        path = CurvePath(lambda s: visit.exact(leg, s / length, posture), length)
+        rates = (RateLimit(np.ones_like, speed, acceleration),)
+        moved = self._moving(stage, visit.arm, kind, path, rates, self.settings.timing)
+        if kind is SegmentKind.TRANSFER:
+            query = self.traffic.carrying(stage, close, share=share)
+        else:
+            query = self.traffic.hand(stage, visit.arm.name, around=True, share=share)
+        touch = self.touch(query, moved.segments[-1].trajectory.positions)
+        if touch is not None:
+            raise Stuck(Rejection("transit", f"{touch} on a straight way"))
+        return moved
+
+    def _times(self, stage: ToolStage, arm: Arm, goals: Array, kind: SegmentKind) -> Array:
+        """Return how long (k,) an arm takes straight to goals (k, 6), if nothing is in the way [s]."""
+        T_tool_flange = self.traffic.T_tool_flange(stage.held) if kind is SegmentKind.TRANSFER else None
+        return straight_times(arm, stage.q[self.workcell.joints(arm.name)], goals, T_tool_flange, self.settings.carried)
+
+    def _onward_times(self, arm: Arm, ends: Array, onward: Onward) -> Array:
+        """Return how long (k,) an arm takes from the ends (k, 6) of a visit to the nearest place onward [s]."""
+        if not len(onward.positions):
+            return np.zeros(len(ends))
+        there = np.repeat(onward.positions[None], len(ends), axis=0)
+        if onward.held is None:
+            return least_travel(arm, ends[:, None], there)
+        flanges = np.repeat(self.traffic.T_tool_flange(onward.held)[None], len(ends), axis=0)
+        return least_travel(arm, ends[:, None], there, flanges, self.settings.carried)
+
+    def _free(
+        self,
+        stage: ToolStage,
+        arm: Arm,
+        goals: Array,
+        query: CollisionQuery,
+        kind: SegmentKind,
+        costs: Array | None = None,
+    ) -> tuple[ToolStage, int]:
+        """Move one arm through free space to one of the goals (k, 6), those of least cost (k,) first; return which."""
+        joints = self.workcell.joints(arm.name)
+        start = stage.q[joints].copy()
+        checker: EdgeChecker = ArmEdgeChecker(query, stage.q.copy(), joints)
+        if kind is SegmentKind.TRANSFER:
+            checker = self._laden_checker(stage, arm, checker, np.vstack([start, goals]))
+        self.queries += 1
+        result = plan_motion(
+            MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max, costs),
+            self.settings.motion,
+            self._rng,
+        )
+        if result.path is None or result.goal_index is None:
+            raise Stuck(self._no_motion(stage, arm, goals, query, result.outcome))
+        path = BlendedPath.through(result.path, checker)
+        rates, timing = tuple[RateLimit, ...](), self.settings.timing
+        if kind is SegmentKind.TRANSFER:
+            pace = self.settings.carried
+            rates = carried_rates(path, arm, slice(0, 6), self._centres(stage), pace)
+            timing = replace(timing, sample_step=pace.sample_step)
+        return self._moving(stage, arm, kind, path, rates, timing), result.goal_index
+
+    def _laden_checker(self, stage: ToolStage, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
+        """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad].
+
+        The joints' torques at rest stay within what postures may use, or as far as the ends use more.
+        """
+        held = stage.held
+        T_flange_tool = inverse(self.traffic.T_tool_flange(held))
+        least = -1.0
+        if stage.sucked is not None:
+            poses = flange_poses(arm.dh, arm.T_world_base, np.ascontiguousarray(ends))
+            level = float((poses[:, 2, :3] @ T_flange_tool[:3, 2]).min()) - 1e-9
+            least = min(math.cos(self.settings.carried_tilt), level)
+        hold, load = self.writer.hold(held), self.bearing.load(stage.sucked)
+        hand = CarryingHand(arm, hold.T_flange_tool, hold.T_tool_tcp, hold.width, load)
+        laden = self._laden(stage, arm, SegmentKind.TRANSFER)
+        most = max(1.0 - self.settings.torque.posture_reserve, *(laden.share(end) for end in ends))
+        return LadenChecker(checker, hand, least - 1e-9, laden, most + 1e-9)
+
+    def _laden(self, stage: ToolStage, arm: Arm, kind: SegmentKind) -> LadenArm:
+        """Return an arm with what it carries in a motion of a kind: tool and object in a transfer, else nothing."""
+        gravity = self.workcell.cell.gravity
+        if kind is not SegmentKind.TRANSFER:
+            return LadenArm.of(arm, gravity)
+        return LadenArm.of(arm, gravity, self.writer.hold(stage.held).T_flange_tool, self.bearing.load(stage.sucked))
+
+    def _no_motion(
+        self, stage: ToolStage, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome
+    ) -> Rejection:
+        ends = {MotionOutcome.START_IN_COLLISION: stage.q[None]}
+        ends[MotionOutcome.GOALS_IN_COLLISION] = columns(stage.q, self.workcell.joints(arm.name), goals)
+        touch = self.touch(query, ends[outcome][:1]) if outcome in ends else None
+        detail = "" if touch is None else f" ({touch})"
+        return Rejection("transit", f"free motion of the {arm.name} arm: {outcome.value}{detail}")
+
+    def touch(self, query: CollisionQuery, Q: Array) -> str | None:
+        """Say which bodies would touch along the polyline through Q (n, 12); None where it is free."""
+        found = query.path(Q) if len(Q) > 1 else None
+        pair = int(query.first_collision(Q)[0]) if found is None else found.pair
+        return None if pair < 0 else "{} and {} would touch".format(*query.pair_names(pair))
+
+    def _moving(
+        self,
+        stage: ToolStage,
+        arm: Arm,
+        kind: SegmentKind,
+        path: JointPath,
+        rates: Sequence[RateLimit],
+        timing: TimingSettings,
+    ) -> ToolStage:
+        """Append a motion of one arm along a path of its six joints, slow enough for joints, cup and fingers."""
+        if path.length == 0.0:
+            return stage
+        joints, slowness = self.workcell.joints(arm.name), 1.0
+        laden = self._laden(stage, arm, kind)
+        for _ in range(SLOWINGS):
+            limits = JointLimits(arm.velocity_max / slowness, arm.acceleration_max / slowness**2)
+            slower = [RateLimit(r.rate, r.velocity / slowness, r.acceleration / slowness**2) for r in rates]
+            try:
+                trajectory = _of_both(time_path(path, limits, timing, slower), stage.q, joints)
+            except TimingError as error:
+                raise Stuck(Rejection("transit", f"{arm.name} arm: {error}")) from error
+            moved = self.writer.appended(stage, kind, (arm.name,), trajectory)
+            stretch = laden.stretch(trajectory, joints, self.settings.torque.motion_reserve, kind.value)
+            if isinstance(stretch, Rejection):
+                raise Stuck(stretch)
+            if kind is SegmentKind.TRANSFER:
+                held = self.statics.stretch(moved.segments[-1], stage.places)
+                if held is None:
+                    rejection = self.statics.worst(moved.segments[-1], stage.places).rejection
+                    assert rejection is not None
+                    raise Stuck(rejection)
+                stretch = max(stretch, held)
+            if stretch <= 1.0:
+                return moved
+            slowness *= SLOWER * stretch
+        raise Stuck(Rejection("hold", "no motion slow enough for joints, cup and fingers was found"))
+
+    def approach(self, T_world_flange: Transform) -> StraightLeg:
+        """Return the way of a hand along its own z to where it grips."""
+        back = self.settings.carry.approach * T_world_flange[:3, 2]
+        return StraightLeg(moved_by(T_world_flange, -back), back)
+
+    def retreat(self, T_world_flange: Transform) -> StraightLeg:
+        """Return the way of a hand along its own z off the tool."""
+        return StraightLeg(T_world_flange, -self.settings.carry.approach * T_world_flange[:3, 2])
+
+    def arm(self, name: str) -> Arm:
+        """Return an arm by name."""
+        return self.workcell.arm(name)
+
+    def _centres(self, stage: ToolStage) -> Array:
+        """Return the centres of mass of what is carried, in the flange frame of the arm that holds (k, 3) [m]."""
+        centres = [self.workcell.tool.com]
+        if stage.sucked is not None:
+            body = next(body for body in self.workcell.objects if body.name == stage.sucked.name)
+            centres.append(_point(stage.sucked.T_tool_object, body.com))
+        T_flange_tool = inverse(self.traffic.T_tool_flange(stage.held))
+        return np.array([_point(T_flange_tool, centre) for centre in centres])
+
+
+def commonest(reasons: Counter[Rejection], otherwise: Rejection) -> Rejection:
+    """Return the reason that was counted most; `otherwise` where none was."""
+    return max(reasons, key=reasons.__getitem__) if reasons else otherwise
+
+
+def moved_by(T: Transform, way: Array) -> Transform:
+    """Return a pose (4, 4) moved by (3,) in the world [m]."""
+    moved = T.copy()
+    moved[:3, 3] += way
+    return moved
+
+
+def _point(T: Transform, point: Array) -> Array:
+    return T[:3, :3] @ point + T[:3, 3]
+
+
+def columns(q: Array, joints: slice, positions: Array) -> Array:
+    """Put one arm's positions (n, 6) among all twelve; the other arm stays."""
+    Q = np.repeat(q[None], len(positions), axis=0)
+    Q[:, joints] = positions
+    return Q
+
+
+def _of_both(trajectory: Trajectory, q: Array, joints: slice) -> Trajectory:
+    """Widen one arm's trajectory to all twelve joints."""
+    count = len(trajectory.time)
+    still = np.zeros((count, len(q)))
+    return replace(
+        trajectory,
+        positions=columns(q, joints, trajectory.positions),
+        velocities=columns(still[0], joints, trajectory.velocities),
+        accelerations=columns(still[0], joints, trajectory.accelerations),
+    )

@@ -1,0 +1,115 @@
+"""Who may come how close to whom in each step of a suction-tool plan, as collision queries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from planners.collision.model import CollisionQuery, NamePair, PairMask
+from planners.collision.placement import Attached, Fixed, Placement, Riding
+from planners.geometry.convex import CollisionBody
+from planners.geometry.pose import Transform, inverse
+from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGrasps
+from planners.regrasp.motion.tool_stage import HeldGrasp, ToolStage
+from planners.regrasp.tool_workcell import ToolWorkcell
+
+
+class ToolTraffic:
+    """Collision queries of one scene for stages of its plan. Only what moves is checked, against everything."""
+
+    def __init__(self, workcell: ToolWorkcell, grasps: ToolGrasps) -> None:
+        self.workcell, self.grasps = workcell, grasps
+        self._T_tool_flange = {arm: grasps.T_tool_flange(workcell.gripper(arm)) for arm in workcell.cell.arms}
+
+    def T_tool_flange(self, held: HeldGrasp) -> Transform:
+        """Return where the flange is on the tool in a grasp."""
+        return self._T_tool_flange[held.arm][held.grasp]
+
+    def hand(self, stage: ToolStage, arm: str, *, around: bool = False, share: float = 1.0) -> CollisionQuery:
+        """Query an arm that moves an empty hand; the tool stays where it is, at rest or in the other hand.
+
+        Args:
+            stage: where everything is.
+            arm: which arm.
+            around: whether the open fingers are about to take the tool, or have just let go of it.
+            share: the part of all margins that is kept.
+        """
+        placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
+        return self.workcell.query(
+            stage.widths,
+            placements,
+            around=[arm] if around else [],
+            share=share,
+            only=self._moving(arm, frozenset()),
+        )
+
+    def carrying(
+        self, stage: ToolStage, margins: Mapping[NamePair, float] | None = None, *, share: float = 1.0
+    ) -> CollisionQuery:
+        """Query an arm that moves the tool it holds, and the object on the cup.
+
+        Args:
+            stage: where everything is; the tool is held by one arm.
+            margins: of pairs that may come closer than the usual margin [m].
+            share: the part of all margins that is kept.
+        """
+        held = stage.holder
+        assert held is not None
+        placements = {TOOL_FRAME: Attached(held.arm, inverse(self.T_tool_flange(held))), **self._objects(stage)}
+        return self.workcell.query(
+            stage.widths,
+            placements,
+            holding=[held.arm],
+            margins=margins,
+            share=share,
+            only=self._moving(held.arm, stage.carried),
+        )
+
+    def everything(self, stage: ToolStage, holding: Iterable[str]) -> CollisionQuery:
+        """Query both arms, the tool and the object on the cup among all else; the tool stays where it is."""
+        either = [self._moving(arm, stage.carried) for arm in self.workcell.cell.arms]
+        placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
+        return self.workcell.query(stage.widths, placements, holding=holding, only=either[0] | either[1])
+
+    def close_pairs(self, stage: ToolStage, carried: frozenset[str]) -> dict[NamePair, float]:
+        """Return margins of the pairs that what is carried may come close to, because it stands there already.
+
+        A body that rests beside another keeps apart from it, and one that rests on another may seem to overlap it by
+        as much as bodies do that touch by intention. What overlaps by more is not among them.
+        """
+        margins: dict[NamePair, float] = {}
+        depth = self.workcell.settings.touch_depth
+        model = self.workcell.model(stage.widths)
+        arms = self.workcell.cell.arms
+
+        def chosen(a: CollisionBody, b: CollisionBody) -> bool:
+            return (a.frame in carried) != (b.frame in carried) and not {a.group, b.group} & arms.keys()
+
+        mask = self.workcell.pairs(("close", carried), chosen)
+        placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
+        for _ in range(2 * len(model.pair_names)):
+            query = self.workcell.query(stage.widths, placements, margins=margins, only=mask)
+            pair = int(query.first_collision(stage.q)[0])
+            if pair < 0:
+                break
+            names = query.pair_names(pair)
+            if margins.get(names) == -depth:
+                break
+            margins[names] = 0.0 if names not in margins else -depth
+        return margins
+
+    def _objects(self, stage: ToolStage) -> dict[str, Placement]:
+        placements: dict[str, Placement] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
+        if stage.sucked is not None:
+            placements[stage.sucked.name] = Riding(TOOL_FRAME, stage.sucked.T_tool_object)
+        return placements
+
+    def _moving(self, arm: str, carried: frozenset[str]) -> PairMask:
+        """Choose the pairs of an arm and of what it carries with all else."""
+
+        def moves(body: CollisionBody) -> bool:
+            return body.group == arm or body.frame in carried
+
+        def chosen(a: CollisionBody, b: CollisionBody) -> bool:
+            return (moves(a) or moves(b)) and not (a.frame in carried and b.frame in carried)
+
+        return self.workcell.pairs(("moving", arm, carried), chosen)
