@@ -50,7 +50,8 @@ from planners.manipulation.lift_report import LiftReport
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.motion.assignment import HoldSplit, NoAssignment, PostureAssigner
 from planners.manipulation.motion.choreography import Choreographer, Stuck
-from planners.manipulation.motion.posture_follower import Engagement, Itinerary, PostureFollower
+from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
+from planners.manipulation.motion.posture_follower import PostureFollower
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance
 from planners.manipulation.statics.lift_torques import OVERTAXED
@@ -145,7 +146,7 @@ class PlateLiftPlanner:
         self._merge(*self._all_holds(), full=False)
         # What was a way with another reserve often is one with this.
         known = self._way
-        if known is not None and self._is_open(known) and not self._falls(Itinerary.of(self.graph, known)):
+        if known is not None and self._is_open(known) and not self._falls(ManipulationSequence.of(self.graph, known)):
             return True
         found = self._way_left()
         self._way = found or known
@@ -158,7 +159,7 @@ class PlateLiftPlanner:
             starts = [node for node in graph.starts if node not in graph.lost_starts]
             path = passable_path(graph.graph, graph.knowledge, starts, graph.goal, self.examiner)
             known = self._known_to_fail()
-            if path is None or not self._falls(Itinerary.of(graph, path)):
+            if path is None or not self._falls(ManipulationSequence.of(graph, path)):
                 return path
             self._require_more_than(known)
 
@@ -262,9 +263,9 @@ class PlateLiftPlanner:
                 continue
             if path is None:
                 return report.no_path() if explained else report.not_found(NO_WAY)
-            itinerary = Itinerary.of(self.graph, path)
+            sequence = ManipulationSequence.of(self.graph, path)
             known = self._known_to_fail()
-            segments = self._realise(itinerary)
+            segments = self._realise(sequence)
             if segments is not None:
                 return report.solved(path, segments)
             self._require_more_than(known)
@@ -362,52 +363,50 @@ class PlateLiftPlanner:
 
     # Turning a sequence into motion.
 
-    def _realise(self, itinerary: Itinerary) -> tuple[Segment, ...] | None:
+    def _realise(self, sequence: ManipulationSequence) -> tuple[Segment, ...] | None:
         """Check a sequence all along and plan its motion; on failure forbid what failed."""
         self.counts["sequences"] += 1
-        if self._falls(itinerary):
+        if self._falls(sequence):
             return None
-        assigner = PostureAssigner(self.follower, itinerary, self.scene.start_positions)
+        assigner = PostureAssigner(self.follower, sequence, self.scene.start_positions)
         problem = assigner.problem()
         if problem is not None:
-            self._forbid(problem, itinerary)
+            self._forbid(problem, sequence)
             return None
-        stuck: list[tuple[Stuck, dict[Engagement, int]]] = []
+        stuck: list[tuple[Stuck, dict[HoldPhase, int]]] = []
         for assignment in assigner.assignments():
             if len(stuck) >= self.settings.assignments:
                 break
             self.progress("motion", self.counts["assignments"], 0)
             self.counts["assignments"] += 1
-            result = self.choreographer.realise(itinerary, assignment)
+            result = self.choreographer.realise(sequence, assignment)
             if not isinstance(result, Stuck):
                 return result
             stuck.append((result, assignment))
         if not stuck:
-            self._forbid(assigner.pair_problem(), itinerary)
+            self._forbid(assigner.pair_problem(), sequence)
         else:
-            self._forbid_stuck(itinerary, [each for each, _ in stuck])
+            self._forbid_stuck(sequence, [each for each, _ in stuck])
         return None
 
-    def _falls(self, itinerary: Itinerary) -> bool:
+    def _falls(self, sequence: ManipulationSequence) -> bool:
         """Ask whether the plate cannot be held or moved along a sequence, whatever the arms do; forbid what fails."""
-        return (
-            self._blocked_on_the_way(itinerary) or self._unsteady(itinerary) or self._unbalanced_on_the_way(itinerary)
-        )
+        return self._blocked_on_the_way(sequence) or self._unsteady(sequence) or self._unbalanced_on_the_way(sequence)
 
-    def _blocked_on_the_way(self, itinerary: Itinerary) -> bool:
+    def _blocked_on_the_way(self, sequence: ManipulationSequence) -> bool:
         """Ask whether plate and cup keep clear of what stands in the cell, along every transfer of a sequence."""
         fell = False
-        for number, _ in filter(None, itinerary.motions):
+        for number, _ in filter(None, sequence.motions):
             names = self.follower.blocked(number)
             if names is not None:
                 fell = True
                 self.rejections.add(_meeting(*names), self.failures.add(BlockedMotion(number), self.graph))
         return fell
 
-    def _unsteady(self, itinerary: Itinerary) -> bool:
+    def _unsteady(self, sequence: ManipulationSequence) -> bool:
         """Ask at the poses of a sequence whether every plate within the tolerances, and every joint, is held there."""
         knowledge, fell = self.graph.knowledge, False
-        for node in itinerary.path.nodes:
+        for node in sequence.path.nodes:
             hands = hands_of(*self.graph.hold_of(node))
             refusal = self.balance.refusal_at(int(self.graph.node_pose[node]), hands)
             why = Rejection("balance", UNSTEADY) if refusal is not None else None
@@ -433,24 +432,24 @@ class PlateLiftPlanner:
             told = "; ".join(f"{reason} ({count})" for reason, count in self.rejections.counts().items())
             raise PlanningFaultError(f"a sequence failed, and nothing was forbidden by it; so far: {told}")
 
-    def _unbalanced_on_the_way(self, itinerary: Itinerary) -> bool:
+    def _unbalanced_on_the_way(self, sequence: ManipulationSequence) -> bool:
         """Ask for balance between the poses of every transfer of a sequence."""
         fell = False
-        for place, step in enumerate(itinerary.motions):
+        for place, step in enumerate(sequence.motions):
             if step is None:
                 continue
-            hands = hands_of(*self.graph.hold_of(itinerary.path.nodes[place]))
+            hands = hands_of(*self.graph.hold_of(sequence.path.nodes[place]))
             rejection = self.balance.along(step[0], hands)
             if rejection is not None:
                 fell = True
                 self.rejections.add(rejection, self.failures.add_unbalanced(step[0], self.graph))
         return fell
 
-    def _forbid(self, problem: NoAssignment, itinerary: Itinerary) -> None:
+    def _forbid(self, problem: NoAssignment, sequence: ManipulationSequence) -> None:
         """Apply the failures found; where that takes it, tell holds apart by posture and merge anew."""
         killed = sum(self.failures.add(failure, self.graph) for failure in problem.failures)
         splits = problem.split if self.graph.graph.node_count <= self.settings.largest_split else ()
-        edge = itinerary.path.edges[-1] if problem.split and not splits else problem.edge
+        edge = sequence.path.edges[-1] if problem.split and not splits else problem.edge
         if edge is not None:
             killed += self.failures.add(EdgeFailure.of(self.graph, edge), self.graph)
         self.rejections.add(problem.rejection, max(1, killed))
@@ -465,18 +464,18 @@ class PlateLiftPlanner:
         self.counts["splits"] += 1
         self._merge(grips, pushes)
 
-    def _forbid_stuck(self, itinerary: Itinerary, stuck: list[Stuck]) -> None:
+    def _forbid_stuck(self, sequence: ManipulationSequence, stuck: list[Stuck]) -> None:
         """Forbid the change of hold (or the motion) at which most tries got stuck."""
         for each in stuck:
             self.rejections.add(each.rejection)
         places: Counter[tuple[Hand | None, int]] = Counter((each.hand, each.place) for each in stuck)
         (hand, place), _ = places.most_common(1)[0]
-        grip, push = itinerary.active("grip", place), itinerary.active("push", place)
+        grip, push = sequence.active("grip", place), sequence.active("push", place)
         moving = grip if hand == "grip" else push
-        pose = itinerary.poses[place]
+        pose = sequence.poses[place]
         if hand is None or moving is None:
             # The plate could not move on, or an arm could not get back to where it started.
-            self.failures.add(EdgeFailure.of(self.graph, itinerary.path.edges[place]), self.graph)
+            self.failures.add(EdgeFailure.of(self.graph, sequence.path.edges[place]), self.graph)
         elif grip is not None and push is not None:
             failure = PairFailure(grip.hold, push.hold, pose=pose, changing=hand)
             self.failures.add(failure, self.graph)

@@ -13,7 +13,7 @@ from planners.regrasp.suction.suction_poses import SuctionCandidate
 from planners.regrasp.tool_segment import ToolSegment
 
 
-class ToolOutcome(Enum):
+class RegraspOutcome(Enum):
     """How planning ended. The value is its name in the plan document."""
 
     SOLVED = "solved"
@@ -59,7 +59,7 @@ class RegraspStep:
 class ToolPlan:
     """What came out of planning a suction-tool task, and what it cost."""
 
-    outcome: ToolOutcome
+    outcome: RegraspOutcome
     segments: tuple[ToolSegment, ...]
     summary: str
     causes: tuple[Rejection, ...]

@@ -153,7 +153,7 @@ class ToolPlannerSettings:
     """Cost of ending with a grasp in which the next object cannot be moved without a handover [s]: what one takes."""
     partner_weight: float = 0.5
     """Cost of such a grasp that has no handover partner against one that has the most [s]."""
-    prospect_goals: int = 3
+    onward_goals: int = 3
     """Goals of the next object that are looked at for each suction pose."""
 
     def with_fingertips(self) -> ToolPlannerSettings:

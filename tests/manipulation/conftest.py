@@ -7,7 +7,7 @@ import pytest
 from planners.graph.search import cheapest_path
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
 from planners.manipulation.motion.assignment import PostureAssigner
-from planners.manipulation.motion.posture_follower import Itinerary
+from planners.manipulation.motion.manipulation_sequence import ManipulationSequence
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
 
@@ -54,4 +54,4 @@ def assigner(planner, solved) -> PostureAssigner:
     path = cheapest_path(graph.graph, graph.knowledge, start, graph.goal, graph.heuristic, planner.examiner)
     assert path is not None
     assert [int(graph.node_pose[n]) for n in path.nodes] == [step.pose for step in solved.steps]
-    return PostureAssigner(planner.follower, Itinerary.of(graph, path), planner.scene.start_positions)
+    return PostureAssigner(planner.follower, ManipulationSequence.of(graph, path), planner.scene.start_positions)

@@ -12,7 +12,7 @@ from planners.collision.placement import Attached
 from planners.errors import SceneError
 from planners.manipulation.motion import choreography
 from planners.manipulation.motion.choreography import PERSISTENCE, Choreographer, Stuck, _at_rest, _Run
-from planners.manipulation.motion.track import EngagementTrack
+from planners.manipulation.motion.phase_track import PhaseTrack
 from planners.motion.query import MotionOutcome, MotionResult
 from planners.segment import SegmentKind
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
@@ -36,7 +36,7 @@ def attempt(planner, assigner, workcell=None):
     choreographer = Choreographer(
         workcell or planner.workcell, planner.follower, planner.balance, np.random.default_rng(0)
     )
-    return choreographer.realise(assigner.itinerary, next(assigner.assignments()))
+    return choreographer.realise(assigner.sequence, next(assigner.assignments()))
 
 
 def transfers(segments):
@@ -91,7 +91,7 @@ def test_what_only_the_timed_motion_meets_is_named_and_stops_the_attempt(planner
 
 
 def test_a_path_that_jumps_or_ends_is_no_failure_of_the_planner(planner, assigner, monkeypatch):
-    exact = EngagementTrack.exact
+    exact = PhaseTrack.exact
 
     def broken(self, T_world_carriers, reference):
         q = exact(self, T_world_carriers, reference)
@@ -99,9 +99,9 @@ def test_a_path_that_jumps_or_ends_is_no_failure_of_the_planner(planner, assigne
         q[away > 0.02] += self.jump
         return q
 
-    monkeypatch.setattr(EngagementTrack, "exact", broken)
+    monkeypatch.setattr(PhaseTrack, "exact", broken)
     for jump in (np.nan, 0.5):
-        monkeypatch.setattr(EngagementTrack, "jump", jump, raising=False)
+        monkeypatch.setattr(PhaseTrack, "jump", jump, raising=False)
         result = attempt(planner, assigner)
         assert isinstance(result, Stuck)
         assert result.step == "arrival"
@@ -123,8 +123,8 @@ def test_a_search_that_was_exhausted_is_made_once_more_with_more_patience(planne
 
 
 def test_a_rest_that_is_not_balanced_is_told_with_the_edge_it_is_on(planner, assigner, monkeypatch):
-    itinerary = assigner.itinerary
-    changes = [place for place, step in enumerate(itinerary.motions) if step is None]
+    sequence = assigner.sequence
+    changes = [place for place, step in enumerate(sequence.motions) if step is None]
     assert changes
     known = _Run.balance_at
 

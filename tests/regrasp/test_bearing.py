@@ -16,7 +16,7 @@ from planners.geometry.wrench import wrench_about
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.statics.finger_forces import squeezed
 from planners.regrasp.statics.hold_statics import EPS
-from planners.regrasp.statics.static_hold import Bearing, CarryingHand
+from planners.regrasp.statics.static_hold import CarryingHand, StaticHold
 from planners.regrasp.suction.suction_hold import cup_wrenches, suction_margins, weight
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
@@ -43,11 +43,11 @@ def test_the_cup_bears_where_no_margin_is_negative(scene: SuctionToolScene, pose
     assert body.mass is not None
     tilted = np.concatenate([poses, poses[:, :, [1, 0, 2, 3]] * [1, 1, -1, 1]])
     wrenches = cup_wrenches(weight(body.mass), tilted @ OFF_CENTRE, body.com, inverse(OFF_CENTRE))
-    bearing = Bearing(scene, 0.0)
+    static_hold = StaticHold(scene, 0.0)
     expected = suction_margins(wrenches, scene.tool.cup).min(axis=1) >= 0.0
     assert expected.any()
     assert not expected.all()
-    np.testing.assert_array_equal(bearing.hanging(bearing.load(sucked), tilted), expected)
+    np.testing.assert_array_equal(static_hold.hanging(static_hold.load(sucked), tilted), expected)
 
 
 @pytest.mark.parametrize("reserve", [0.0, 0.5, 0.8])
@@ -55,8 +55,8 @@ def test_fingers_bear_where_they_do_not_slip_with_what_friction_is_not_kept_back
     scene: SuctionToolScene, poses: Array, long_grasps: ToolGrasps, reserve: float
 ) -> None:
     sucked, body = SuckedObject(scene.objects[0].name, OFF_CENTRE), scene.objects[0].body
-    bearing = Bearing(scene, reserve)
-    borne = bearing.borne(bearing.load(sucked), long_grasps, poses)
+    static_hold = StaticHold(scene, reserve)
+    borne = static_hold.borne(static_hold.load(sucked), long_grasps, poses)
     tool = scene.tool
     needed = []
     for T in poses:
@@ -84,15 +84,15 @@ def test_only_arms_whose_payload_is_left_carry_a_load_at_rest(scene: SuctionTool
     sucked, body = SuckedObject(scene.objects[0].name, OFF_CENTRE), scene.objects[0].body
     empty, laden = scene.tool.mass * 9.81, (scene.tool.mass + (body.mass or 0.0)) * 9.81
     for left, right in ((empty + 1e-6, laden + 1e-6), (empty - 1e-6, laden - 1e-6)):
-        bearing = Bearing(replace(scene, carry_force_limits={"left": left, "right": right}), 0.0)
-        assert bearing.carried(bearing.load(None)) == {"left": left > empty, "right": True}
-        assert bearing.carried(bearing.load(sucked)) == {"left": False, "right": right > laden}
+        static_hold = StaticHold(replace(scene, carry_force_limits={"left": left, "right": right}), 0.0)
+        assert static_hold.carried(static_hold.load(None)) == {"left": left > empty, "right": True}
+        assert static_hold.carried(static_hold.load(sucked)) == {"left": False, "right": right > laden}
 
 
 def test_an_edge_is_borne_if_all_its_places_are(scene: SuctionToolScene, long_grasps: ToolGrasps) -> None:
     """The load is borne along an edge just where every pose of the tool on it is, asked one by one."""
-    rng, bearing, arm = np.random.default_rng(7), Bearing(scene, 0.5), scene.cell.arms["left"]
-    load = bearing.load(SuckedObject(scene.objects[0].name, OFF_CENTRE))
+    rng, static_hold, arm = np.random.default_rng(7), StaticHold(scene, 0.5), scene.cell.arms["left"]
+    load = static_hold.load(SuckedObject(scene.objects[0].name, OFF_CENTRE))
     grasp = 0
     T_tool_flange = long_grasps.T_tool_flange(arm.hand)[grasp]  # type: ignore[arg-type]
     hand = CarryingHand(

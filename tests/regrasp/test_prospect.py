@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planners.regrasp.graph.cost_to_go import Prospect
-from planners.regrasp.motion.joint_travel import NodeTravel
+from planners.regrasp.graph.cost_to_go import CostToGo
+from planners.regrasp.motion.travel_time import NodeTravelTimes
 from planners.regrasp.tool_settings import CarriedPace
 from planners.scene.cell import Cell
 
@@ -32,8 +32,8 @@ class Layer:
 
 
 @pytest.fixture
-def travel(cell: Cell) -> NodeTravel:
-    return NodeTravel(list(cell.arms.values()), [np.tile(np.eye(4), (N, 1, 1))] * 2, CarriedPace())
+def travel_times(cell: Cell) -> NodeTravelTimes:
+    return NodeTravelTimes(list(cell.arms.values()), [np.tile(np.eye(4), (N, 1, 1))] * 2, CarriedPace())
 
 
 @pytest.fixture
@@ -46,16 +46,16 @@ def routes() -> list[Any]:
 
 
 def test_the_best_route_to_the_nearest_goals_counts_and_a_handover_where_there_is_none(
-    travel: NodeTravel, routes: list[Any]
+    travel_times: NodeTravelTimes, routes: list[Any]
 ) -> None:
     rng = np.random.default_rng(3)
     positions, otherwise = rng.uniform(-2.0, 2.0, (2 * N, 2, 6)), rng.uniform(7.0, 9.0, 2 * N)
     positions[[1, 6]] = np.nan
-    found = Prospect(routes, GOALS, travel, otherwise).seconds(positions)
+    found = CostToGo(routes, GOALS, travel_times, otherwise).seconds(positions)
     direct = []
     for node in range(2 * N):
         ways = [
-            travel.of(node, positions[node], start) + travel.of(node, route.suction.solutions[node], goal)
+            travel_times.of(node, positions[node], start) + travel_times.of(node, route.suction.solutions[node], goal)
             for route in routes
             for start in [route.suction.solutions[node]]
             for goal in (route.goals[number].solutions[node] for number in route.goal_order[:GOALS])
@@ -66,14 +66,14 @@ def test_the_best_route_to_the_nearest_goals_counts_and_a_handover_where_there_i
     assert np.array_equal(found[[1, 6]], otherwise[[1, 6]])
 
 
-def test_nothing_is_asked_that_is_not_needed(travel: NodeTravel, routes: list[Any]) -> None:
+def test_nothing_is_asked_that_is_not_needed(travel_times: NodeTravelTimes, routes: list[Any]) -> None:
     positions = np.full((2 * N, 1, 6), np.nan)
     positions[2] = 0.1
-    Prospect(routes, GOALS, travel, np.full(2 * N, 8.0)).seconds(positions)
+    CostToGo(routes, GOALS, travel_times, np.full(2 * N, 8.0)).seconds(positions)
     for route in routes:
         assert np.flatnonzero(route.suction.asked).tolist() == [2]
         assert not route.goals[1].asked.any()
 
 
-def test_without_a_next_object_every_grasp_is_as_good(travel: NodeTravel) -> None:
-    assert not Prospect((), 0, travel, np.zeros(2 * N)).seconds(np.zeros((2 * N, 1, 6))).any()
+def test_without_a_next_object_every_grasp_is_as_good(travel_times: NodeTravelTimes) -> None:
+    assert not CostToGo((), 0, travel_times, np.zeros(2 * N)).seconds(np.zeros((2 * N, 1, 6))).any()

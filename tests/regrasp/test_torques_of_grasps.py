@@ -30,7 +30,7 @@ from planners.progress import silent
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker, bearing_branches
-from planners.regrasp.statics.static_hold import Bearing, CarriedLoad, CarryingHand
+from planners.regrasp.statics.static_hold import CarriedLoad, CarryingHand, StaticHold
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.arm import Arm
 from planners.scene.scene import build_scene
@@ -55,7 +55,7 @@ def scene() -> SuctionToolScene:
 
 @pytest.fixture(scope="module")
 def load(scene: SuctionToolScene) -> CarriedLoad:
-    return Bearing(scene, 0.0).load(SuckedObject(scene.objects[0].name, T_TOOL_OBJECT))
+    return StaticHold(scene, 0.0).load(SuckedObject(scene.objects[0].name, T_TOOL_OBJECT))
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from planners.regrasp.motion.joint_travel import EFFORT, least_travel, straight_times
+from planners.regrasp.motion.travel_time import EFFORT, least_travel_time, straight_times
 from planners.regrasp.tool_settings import CarriedPace
 from planners.scene.arm import Arm
 from planners.scene.cell import Cell
@@ -76,7 +76,7 @@ def carried(cell: Cell) -> Callable:
 def test_the_slowest_joint_of_the_nearest_pair_counts(cell, solutions):
     arm = cell.arms["left"]
     expected = brute_force(arm, *solutions, nothing)
-    assert least_travel(arm, *solutions) == pytest.approx(expected)
+    assert least_travel_time(arm, *solutions) == pytest.approx(expected)
     assert expected[0] == 0.0
     assert np.isinf(expected[1])
 
@@ -88,13 +88,13 @@ def test_a_joint_turns_the_long_way_round_where_its_limits_ask_for_it(cell):
     one[..., elbow], other[..., elbow] = -3.0, 3.0
     turn = 6.0 / arm.velocity_max[elbow]
     assert arm.position_max[elbow] < 2.0 * np.pi - 3.0
-    assert least_travel(arm, one, other)[0] == pytest.approx(turn * (1.0 + EFFORT))
+    assert least_travel_time(arm, one, other)[0] == pytest.approx(turn * (1.0 + EFFORT))
 
 
 def test_what_is_carried_takes_its_time(cell, solutions, carried):
     arm = cell.arms["left"]
     expected = brute_force(arm, *solutions, carried)
-    found = least_travel(arm, *solutions, np.tile(T_TOOL_FLANGE, (COUNT, 1, 1)), PACE)
+    found = least_travel_time(arm, *solutions, np.tile(T_TOOL_FLANGE, (COUNT, 1, 1)), PACE)
     assert np.array_equal(np.isinf(found), np.isinf(expected))
     moving = np.isfinite(expected) & (expected > 0.0)
     # Few chords cut corners, so they are a little short.
@@ -106,8 +106,10 @@ def test_going_on_is_added_before_the_least_is_taken(cell, solutions):
     arm = cell.arms["left"]
     one, other = solutions
     beyond = np.random.default_rng(3).uniform(0.0, 3.0, other.shape[:2])
-    apart = [least_travel(arm, one, np.ascontiguousarray(other[:, b : b + 1])) + beyond[:, b] for b in range(BRANCHES)]
-    assert least_travel(arm, one, other, beyond=beyond) == pytest.approx(np.min(apart, axis=0))
+    apart = [
+        least_travel_time(arm, one, np.ascontiguousarray(other[:, b : b + 1])) + beyond[:, b] for b in range(BRANCHES)
+    ]
+    assert least_travel_time(arm, one, other, beyond=beyond) == pytest.approx(np.min(apart, axis=0))
 
 
 def test_straight_times_are_those_of_single_goals_whatever_turns_they_are_in(cell, carried):

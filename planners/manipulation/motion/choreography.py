@@ -18,8 +18,9 @@ from planners.kinematics.inverse import BRANCHES
 from planners.manipulation.contacts.dense_contact_states import PlateMotion
 from planners.manipulation.graph.failures import Hand
 from planners.manipulation.motion.assignment import Assignment
-from planners.manipulation.motion.posture_follower import Engagement, Itinerary, PostureFollower
-from planners.manipulation.motion.track import EngagementTrack
+from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
+from planners.manipulation.motion.phase_track import PhaseTrack
+from planners.manipulation.motion.posture_follower import PostureFollower
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.statics.hold_balance import HandPair, HoldBalance
 from planners.manipulation.statics.lift_torques import LiftTorques
@@ -84,7 +85,7 @@ class _Stage:
     pose: int
     edge: int = 0
     """Of the path, that is being realised."""
-    holding: dict[Hand, Engagement] = field(default_factory=dict)
+    holding: dict[Hand, HoldPhase] = field(default_factory=dict)
     loose: list[Hand] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
 
@@ -113,9 +114,9 @@ class Choreographer:
         self.torques = LiftTorques(workcell)
         self.motion_queries = 0
 
-    def realise(self, itinerary: Itinerary, assignment: Assignment) -> tuple[Segment, ...] | Stuck:
+    def realise(self, sequence: ManipulationSequence, assignment: Assignment) -> tuple[Segment, ...] | Stuck:
         """Plan all motion of a path, or say where it got stuck."""
-        run = _Run(self, itinerary, assignment)
+        run = _Run(self, sequence, assignment)
         return run.realise()
 
     def arm_of(self, hand: Hand) -> str:
@@ -126,32 +127,30 @@ class Choreographer:
 class _Run:
     """One attempt to realise one path with one choice of postures."""
 
-    def __init__(self, choreographer: Choreographer, itinerary: Itinerary, assignment: Assignment) -> None:
-        self.plan, self.itinerary, self.assignment = choreographer, itinerary, assignment
+    def __init__(self, choreographer: Choreographer, sequence: ManipulationSequence, assignment: Assignment) -> None:
+        self.plan, self.sequence, self.assignment = choreographer, sequence, assignment
         self.workcell, self.follower = choreographer.workcell, choreographer.follower
         start = choreographer.workcell.scene.start_positions
-        pose = itinerary.poses[0]
+        pose = sequence.poses[0]
         self.stage = _Stage(start.copy(), self.follower.poses.poses[pose].T_world_plate, pose)
-        self.tracks: dict[Engagement, EngagementTrack] = {}
+        self.tracks: dict[HoldPhase, PhaseTrack] = {}
 
     def realise(self) -> tuple[Segment, ...] | Stuck:
-        for engagement in self.itinerary.engagements:
-            self.tracks[engagement] = EngagementTrack.of(
-                self.follower, self.itinerary, engagement, self.assignment[engagement]
-            )
+        for phase in self.sequence.phases:
+            self.tracks[phase] = PhaseTrack.of(self.follower, self.sequence, phase, self.assignment[phase])
         try:
-            for engagement in self._changing(lambda e: e.first == 0):
-                self._arrive(engagement)
-            for place, step in enumerate(self.itinerary.motions):
+            for phase in self._changing(lambda e: e.first == 0):
+                self._arrive(phase)
+            for place, step in enumerate(self.sequence.motions):
                 self.stage.edge = place
                 if step is not None:
                     self._park_loose_arms()
                     self._transfer(place, *step)
                     continue
-                for engagement in self._changing(lambda e, here=place: e.goes and e.last == here):
-                    self._leave(engagement)
-                for engagement in self._changing(lambda e, here=place: e.first == here + 1):
-                    self._arrive(engagement)
+                for phase in self._changing(lambda e, here=place: e.goes and e.last == here):
+                    self._leave(phase)
+                for phase in self._changing(lambda e, here=place: e.first == here + 1):
+                    self._arrive(phase)
             self._end_in_hold()
         except _GotStuck as error:
             return error.stuck
@@ -163,16 +162,16 @@ class _Run:
             still = hold_still(self.stage.q, self.plan.pace.finger_time, self.plan.timing.sample_step)
             self._add(SegmentKind.TRANSFER, (), still)
 
-    def _changing(self, which: Callable[[Engagement], bool]) -> list[Engagement]:
-        return sorted((e for e in self.itinerary.engagements if which(e)), key=lambda e: e.hand)
+    def _changing(self, which: Callable[[HoldPhase], bool]) -> list[HoldPhase]:
+        return sorted((e for e in self.sequence.phases if which(e)), key=lambda e: e.hand)
 
     # Hands come and go.
 
-    def _arrive(self, engagement: Engagement) -> None:
+    def _arrive(self, phase: HoldPhase) -> None:
         """Bring a hand to the plate: free motion, straight approach, and for the gripper the closing of the fingers."""
-        hand, arm = engagement.hand, self.plan.arm_of(engagement.hand)
-        joints, track = self.workcell.joints(arm), self.tracks[engagement]
-        coming = _Errand("arrival", hand, engagement.first)
+        hand, arm = phase.hand, self.plan.arm_of(phase.hand)
+        joints, track = self.workcell.joints(arm), self.tracks[phase]
+        coming = _Errand("arrival", hand, phase.first)
         goals = track.windings(self.workcell.arm(arm).position_min, self.workcell.arm(arm).position_max)
         if not len(goals):
             raise coming.stuck("transit", "no turn of the joints keeps them within limits while it holds")
@@ -184,18 +183,18 @@ class _Run:
         self.stage.q[joints] = track.approach[0]
         if hand == "grip":
             self._fingers(arm, SegmentKind.GRIP)
-        self.stage.holding[hand] = engagement
+        self.stage.holding[hand] = phase
         if hand in self.stage.loose:
             self.stage.loose.remove(hand)
 
-    def _leave(self, engagement: Engagement) -> None:
+    def _leave(self, phase: HoldPhase) -> None:
         """Take a hand off the plate; it is parked when the plate is next to move."""
-        hand, arm = engagement.hand, self.plan.arm_of(engagement.hand)
-        track = self.tracks[engagement]
+        hand, arm = phase.hand, self.plan.arm_of(phase.hand)
+        track = self.tracks[phase]
         del self.stage.holding[hand]
         if hand == "grip":
             self._fingers(arm, SegmentKind.RELEASE)
-        self._straight(arm, track, track.retreat, SegmentKind.RETREAT, _Errand("departure", hand, engagement.last))
+        self._straight(arm, track, track.retreat, SegmentKind.RETREAT, _Errand("departure", hand, phase.last))
         self.stage.loose.append(hand)
 
     def _park_loose_arms(self) -> None:
@@ -262,7 +261,7 @@ class _Run:
         hands = {arm, *self._holding_arms()}
         return self.workcell.moving_arm_query(arm, self.stage.T_world_plate, hands, share)
 
-    def _straight(self, arm: str, track: EngagementTrack, coarse: Array, kind: SegmentKind, errand: _Errand) -> None:
+    def _straight(self, arm: str, track: PhaseTrack, coarse: Array, kind: SegmentKind, errand: _Errand) -> None:
         """Move a hand along its straight way; `coarse` (n, 6) runs from start to end of it."""
         ends = track.carrier_ends if kind is SegmentKind.RETREAT else track.carrier_ends[::-1]
         start, end = (self.stage.T_world_plate @ transform for transform in ends)
@@ -313,8 +312,8 @@ class _Run:
         self._refuse_touch(self.workcell.transfer_query(plate, tracks), trajectory.positions, errand, "the way")
         T_world_plate = poses(np.clip(trajectory.path_parameter, 0.0, 1.0))
         end = motion.end if forth else motion.start
-        self.stage.pose = self.itinerary.poses[place + 1]
-        sets = self._sets_in_motion(motion, T_world_plate, (self.itinerary.poses[place], self.stage.pose), errand)
+        self.stage.pose = self.sequence.poses[place + 1]
+        sets = self._sets_in_motion(motion, T_world_plate, (self.sequence.poses[place], self.stage.pose), errand)
         self._refuse_torques(trajectory, T_world_plate, sets, errand)
         grip, push = self._holds()
         self.stage.segments.append(

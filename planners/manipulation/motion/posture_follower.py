@@ -1,4 +1,4 @@
-"""Which posture each hand takes along a path: one per engagement, the time in which a hand stays on the plate.
+"""Which posture each hand takes along a path: one per hold phase, the time in which a hand stays on the plate.
 
 A path through the Manipulation State Graph promises a posture at every node, not that it is the same one. Here the
 postures are followed along all motions of the path, hands are matched against one another, and what cannot be is
@@ -7,17 +7,14 @@ reported as a failure that the search must respect.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.geometry.pose import Array
-from planners.graph.search import GraphPath
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
 from planners.manipulation.graph.failures import Hand
-from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
 from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.holds.grips import Grip
 from planners.manipulation.holds.pushes import Push
@@ -38,53 +35,9 @@ class SweepSettings:
     """Straight way of the stick's tip onto the plate and off it [m]."""
 
 
-@dataclass(frozen=True)
-class Engagement:
-    """One hand on the plate from one place of a path to another."""
-
-    hand: Hand
-    hold: HandHold
-    first: int
-    """Place on the path of the first node that has this hold."""
-    last: int
-    comes: bool = True
-    goes: bool = True
-    """Whether the hand leaves at the end; at the end of a plan both stay."""
-
-
-@dataclass(frozen=True)
-class Itinerary:
-    """A path with what it means: plate poses, motions with their direction, engagements."""
-
-    path: GraphPath
-    poses: tuple[int, ...]
-    """Plate pose of each node."""
-    motions: tuple[tuple[int, bool] | None, ...]
-    """For each edge the DCSG edge and whether it is run from its first to its second pose; None for a transit."""
-    engagements: tuple[Engagement, ...]
-
-    @classmethod
-    def of(cls, graph: ManipulationStateGraph, path: GraphPath) -> Itinerary:
-        """Read a path of a graph."""
-        poses = tuple(int(graph.node_pose[node]) for node in path.nodes)
-        motions: list[tuple[int, bool] | None] = []
-        for place, edge in enumerate(path.edges):
-            motion = int(graph.edge_motion[edge])
-            forth = motion >= 0 and int(graph.poses.edges[motion][0]) == poses[place]
-            motions.append(None if motion < 0 else (motion, forth))
-        return cls(path, poses, tuple(motions), tuple(_engagements(graph, path)))
-
-    def active(self, hand: Hand, place: int) -> Engagement | None:
-        """Return the engagement of a hand at a place of the path."""
-        for engagement in self.engagements:
-            if engagement.hand == hand and engagement.first <= place <= engagement.last:
-                return engagement
-        return None
-
-
 @dataclass(frozen=True, eq=False)
 class PostureQueries:
-    """Collision queries by phase, the plate moving in all of them."""
+    """Collision queries by step, the plate moving in all of them."""
 
     with_idle: dict[Hand, PlateQuery]
     """For each hand, its arm and the idle other arm against everything."""
@@ -111,7 +64,7 @@ class PostureFollower:
         Args:
             poses: the dense contact state graph.
             pair: both hands.
-            queries: what counts as a collision in which phase.
+            queries: what counts as a collision in which step.
             holds: all grips and all pushes.
             reach: (poses, holds) bit sets of each hand.
             settings: how finely to sample.
@@ -202,20 +155,3 @@ class PostureFollower:
             found = self.pair.compatible(where, (grip[0], push[0]), (1 << grip[1], 1 << push[1]))
             self._together[key] = found is not None
         return self._together[key]
-
-
-def _engagements(graph: ManipulationStateGraph, path: GraphPath) -> Iterator[Engagement]:
-    """Read off when each hand is on the plate."""
-    last = len(path.nodes) - 1
-    holds: dict[Hand, list[HandHold | None]] = {
-        "grip": [graph.hold_of(node)[0] for node in path.nodes],
-        "push": [graph.hold_of(node)[1] for node in path.nodes],
-    }
-    for hand, along in holds.items():
-        begin = 0
-        for place in range(1, last + 2):
-            if place > last or along[place] != along[begin]:
-                hold = along[begin]
-                if hold is not None:
-                    yield Engagement(hand, hold, begin, place - 1, goes=place <= last)
-                begin = place

@@ -1,4 +1,4 @@
-"""The cell with a plate in it, as collision queries ask for it: who may touch whom in which phase."""
+"""The cell with a plate in it, as collision queries ask for it: who may touch whom in which step."""
 
 from __future__ import annotations
 

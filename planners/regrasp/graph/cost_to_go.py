@@ -13,22 +13,24 @@ import numpy as np
 from planners.geometry.pose import Array
 from planners.regrasp.graph.grasp_layer import NodeMask
 from planners.regrasp.graph.suction_route import SuctionRoute
-from planners.regrasp.motion.joint_travel import NodeTravel
+from planners.regrasp.motion.travel_time import NodeTravelTimes
 
 
-class Prospect:
+class CostToGo:
     """The next object, as far as it can be moved without a handover. Nodes are numbered as in the regrasp graph."""
 
-    def __init__(self, routes: Sequence[SuctionRoute], goals: int, travel: NodeTravel, otherwise: Array) -> None:
+    def __init__(
+        self, routes: Sequence[SuctionRoute], goals: int, travel_times: NodeTravelTimes, otherwise: Array
+    ) -> None:
         """Ask nothing yet.
 
         Args:
             routes: of the next object; only their layers are asked.
             goals: how many of each route's goals are looked at, those that turn the tool least.
-            travel: how long arms need.
+            travel_times: how long arms need.
             otherwise: (2 n,) seconds that a grasp costs which moves it by none of the routes.
         """
-        self._routes, self._goals, self._travel, self._otherwise = tuple(routes), goals, travel, otherwise
+        self._routes, self._goals, self._travel_times, self._otherwise = tuple(routes), goals, travel_times, otherwise
 
     def seconds(self, positions: Array) -> Array:
         """Return (2 n,) least seconds of going on from (2 n, k, 6), NaN where a node is not asked about [rad]."""
@@ -42,9 +44,9 @@ class Prospect:
             on = np.full(len(asked), np.inf)
             for goal in goals:
                 if goal.ask(reached).any():
-                    on = np.minimum(on, self._travel.between(route.suction.solutions, goal.solutions))
+                    on = np.minimum(on, self._travel_times.between(route.suction.solutions, goal.solutions))
             possible = np.isfinite(on)[:, None, None]
             there.append(np.where(possible, route.suction.solutions, np.nan))
             beyond.append(np.repeat(on[:, None], there[-1].shape[1], axis=1))
-        found = self._travel.between(positions, np.concatenate(there, axis=1), np.concatenate(beyond, axis=1))
+        found = self._travel_times.between(positions, np.concatenate(there, axis=1), np.concatenate(beyond, axis=1))
         return np.minimum(found, self._otherwise)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform
 from planners.regrasp.grasps.grasp_reach import REACH_FAULTS, Branches, GraspReach
-from planners.regrasp.motion.joint_travel import solutions
+from planners.regrasp.motion.travel_time import solutions
 from planners.regrasp.statics.hold_statics import OVERLOADED, UNGRIPPED
 from planners.regrasp.statics.laden_arm import OVERTAXED, bearing_branches
-from planners.regrasp.statics.static_hold import Bearing, CarriedLoad
+from planners.regrasp.statics.static_hold import CarriedLoad, StaticHold
 from planners.regrasp.tool_segment import SuckedObject
 
 NodeMask = NDArray[np.bool_]
@@ -24,7 +24,7 @@ NodeMask = NDArray[np.bool_]
 class LayerLoad:
     """What hangs on the tool in a layer."""
 
-    bearing: Bearing
+    static_hold: StaticHold
     carried: CarriedLoad
     riding: Mapping[str, Transform]
     """`T_tool_object` of the object on the cup, by name; empty without one."""
@@ -32,10 +32,10 @@ class LayerLoad:
     """Part of each joint's largest torque that is kept back."""
 
     @classmethod
-    def of(cls, bearing: Bearing, sucked: SuckedObject | None, torque_reserve: float) -> LayerLoad:
+    def of(cls, static_hold: StaticHold, sucked: SuckedObject | None, torque_reserve: float) -> LayerLoad:
         """Return the load of the tool with an object, or alone."""
         riding = {} if sucked is None else {sucked.name: sucked.T_tool_object}
-        return cls(bearing, bearing.load(sucked), riding, torque_reserve)
+        return cls(static_hold, static_hold.load(sucked), riding, torque_reserve)
 
 
 class GraspLayer:
@@ -103,13 +103,13 @@ class GraspLayer:
     def _borne(self) -> NodeMask:
         """(2 n,) whether the fingers bear tool and object at rest there."""
         grasps = next(iter(self._reach.values())).grasps
-        borne = self._load.bearing.borne(self._load.carried, grasps, self.T_world_tool[None])[0]
+        borne = self._load.static_hold.borne(self._load.carried, grasps, self.T_world_tool[None])[0]
         return np.tile(borne, len(self._reach))
 
     @cached_property
     def _carried(self) -> NodeMask:
         """(2 n,) whether the hand may carry tool and object."""
-        carried = self._load.bearing.carried(self._load.carried)
+        carried = self._load.static_hold.carried(self._load.carried)
         return np.repeat([carried[arm] for arm in self._reach], self.count)
 
     @cached_property

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from planners.geometry.pose import Array
 from planners.regrasp.grasps.handovers import HandoverDatabase
-from planners.regrasp.motion.joint_travel import NodeTravel, solutions
 from planners.regrasp.motion.tool_exchange import HandoverPlace
-from planners.regrasp.statics.static_hold import Bearing
+from planners.regrasp.motion.travel_time import NodeTravelTimes, solutions
+from planners.regrasp.statics.static_hold import StaticHold
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_workcell import ToolWorkcell
 
@@ -28,9 +28,9 @@ class HandoverWays:
         self,
         handovers: HandoverDatabase,
         workcell: ToolWorkcell,
-        bearing: Bearing,
+        static_hold: StaticHold,
         park: Mapping[str, Array],
-        travel: NodeTravel,
+        travel_times: NodeTravelTimes,
         most_tilt: float,
     ) -> None:
         """Take what all objects share.
@@ -38,13 +38,13 @@ class HandoverWays:
         Args:
             handovers: of the cell and the tool.
             workcell: with the arms.
-            bearing: what cup and fingers hold.
+            static_hold: what cup and fingers hold.
             park: (6,) where each arm stands while the other moves [rad].
-            travel: how long arms need.
+            travel_times: how long arms need.
             most_tilt: of the tool while an object hangs on it [rad].
         """
-        self.handovers, self.workcell, self.travel = handovers, workcell, travel
-        self._bearing, self._park, self._most_tilt = bearing, park, most_tilt
+        self.handovers, self.workcell, self.travel_times = handovers, workcell, travel_times
+        self._static_hold, self._park, self._most_tilt = static_hold, park, most_tilt
         self._masks: dict[bytes, HandoverMasks] = {}
 
     @cached_property
@@ -58,9 +58,8 @@ class HandoverWays:
         positions = self._by_node(self.positions)
         n = len(self.handovers.grasps)
         rests = [self._park[arm] for arm in self.workcell.cell.arms]
-        return np.array(
-            [self.travel.of(node, rests[node // n][None], there, carries=False) for node, there in enumerate(positions)]
-        )
+        of = self.travel_times.of
+        return np.array([of(node, rests[node // n][None], q, carries=False) for node, q in enumerate(positions)])
 
     def masks(self, sucked: SuckedObject | None) -> HandoverMasks:
         """Return which grasps pass the tool on in any orientation in which cup and both hands bear it."""
@@ -99,13 +98,14 @@ class HandoverWays:
             ahead: (k, 6) where the receiver goes next [rad].
         """
         arms, n = tuple(self.workcell.cell.arms), len(self.handovers.grasps)
+        times = self.travel_times
         here, empty = q[arms[giver // n]][None], q[arms[receiver // n]][None]
         ranked = []
         for number in self.meetings(giver, receiver, sucked):
             give, take = self.positions[number, giver], self.positions[number, receiver]
-            seconds = self.travel.of(giver, here, give) + self.travel.of(receiver, empty, take, carries=False)
+            seconds = times.of(giver, here, give) + times.of(receiver, empty, take, carries=False)
             if len(ahead):
-                seconds += self.travel.of(receiver, take, ahead)
+                seconds += times.of(receiver, take, ahead)
             ranked.append((seconds, int(number)))
         return [
             HandoverPlace(
@@ -135,12 +135,13 @@ class HandoverWays:
 
         Before and after a handover one hand carries all of it, so that either must be allowed to.
         """
-        load, poses = self._bearing.load(sucked), self.handovers.T_world_tool
-        borne = self._bearing.borne(load, self.handovers.grasps, poses) & all(self._bearing.carried(load).values())
+        hold, poses = self._static_hold, self.handovers.T_world_tool
+        load = hold.load(sucked)
+        borne = hold.borne(load, self.handovers.grasps, poses) & all(hold.carried(load).values())
         if sucked is None:
             return borne
         level = poses[:, 2, 2] >= np.cos(self._most_tilt)
-        return borne & (level & self._bearing.hanging(load, poses))[:, None]
+        return borne & (level & hold.hanging(load, poses))[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +166,6 @@ class LoadHandovers:
         """(2 n, m, 6) joint positions of each node at handovers, NaN where it is at none [rad]."""
         return (self.ways.borne_positions(None), self.ways.borne_positions(self.sucked))
 
-    def given_at(self, number: int, giver: int, receiver: int) -> Array:
+    def giver_positions(self, number: int, giver: int, receiver: int) -> Array:
         """Return (m, 6) where the giver is at the handovers of two nodes in a round [rad]."""
         return self.ways.positions[self.ways.meetings(giver, receiver, self.loads[number]), giver].reshape(-1, 6)

@@ -17,12 +17,12 @@ from planners.regrasp.graph.suction_route import RouteCosts, RouteStart, Suction
 from planners.regrasp.grasps.grasp_reach import GraspReach, Surroundings
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGraspSettings
-from planners.regrasp.motion.joint_travel import NodeTravel
+from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
+from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_exchange import HandoverPlace
 from planners.regrasp.motion.tool_motion import moved_by
-from planners.regrasp.motion.tool_queries import ToolTraffic
-from planners.regrasp.motion.tool_stage import HeldGrasp, ToolStage
-from planners.regrasp.statics.static_hold import Bearing
+from planners.regrasp.motion.travel_time import NodeTravelTimes
+from planners.regrasp.statics.static_hold import StaticHold
 from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -36,33 +36,33 @@ class RouteMaker:
 
     def __init__(
         self,
-        traffic: ToolTraffic,
+        queries: StateQueries,
         handovers: HandoverDatabase,
-        bearing: Bearing,
+        static_hold: StaticHold,
         park: Mapping[str, Array],
         settings: ToolPlannerSettings,
     ) -> None:
         """Take what all objects share.
 
         Args:
-            traffic: who may come how close to whom.
+            queries: who may come how close to whom.
             handovers: of the cell and the tool.
-            bearing: what cup and fingers hold.
+            static_hold: what cup and fingers hold.
             park: (6,) where each arm stands while the other moves [rad].
             settings: budgets and distances.
         """
-        self.traffic, self.handovers, self.bearing, self.settings = traffic, handovers, bearing, settings
-        self.workcell = workcell = traffic.workcell
+        self.queries, self.handovers, self.static_hold, self.settings = queries, handovers, static_hold, settings
+        self.workcell = workcell = queries.workcell
         self.grasps, self.arms = handovers.grasps, tuple(workcell.cell.arms)
         self._park = park
-        self._at_rest: tuple[ToolStage, RouteStart] | None = None
+        self._at_rest: tuple[SceneState, RouteStart] | None = None
         """The last start with the tool at rest: every order of the objects begins with the same."""
         self._tool_flange = {arm: self.grasps.T_tool_flange(workcell.gripper(arm)) for arm in self.arms}
         self._grasp_settings = settings.handovers.grasps
         self._layer_settings = replace(self._grasp_settings, approach=0.0, step=settings.carry.layer_step)
         flanges = [self._tool_flange[arm] for arm in self.arms]
-        self.travel = NodeTravel([workcell.arm(arm) for arm in self.arms], flanges, settings.carried)
-        self.ways = HandoverWays(handovers, workcell, bearing, park, self.travel, settings.handover_tilt)
+        self.travel_times = NodeTravelTimes([workcell.arm(arm) for arm in self.arms], flanges, settings.carried)
+        self.ways = HandoverWays(handovers, workcell, static_hold, park, self.travel_times, settings.handover_tilt)
         partners = handovers.partners
         counts = np.concatenate([partners.sum(axis=1), partners.sum(axis=0)])
         self.partnerless = 1.0 - counts / max(1, counts.max(initial=0))
@@ -73,27 +73,27 @@ class RouteMaker:
         arm, grasp = divmod(node, len(self.grasps))
         return HeldGrasp(self.arms[arm], grasp)
 
-    def start(self, stage: ToolStage) -> RouteStart:
+    def start(self, state: SceneState) -> RouteStart:
         """Return the grasps the tool can be held in: the one it is held in, or all with which it can be picked up."""
         count = len(self.grasps)
-        if stage.holder is not None:
-            node = self.node(stage.holder)
+        if state.holder is not None:
+            node = self.node(state.holder)
             nodes = np.zeros(2 * count, dtype=bool)
             nodes[node] = True
             positions = np.full((2 * count, 1, 6), np.nan)
-            positions[node, 0] = stage.q[self.workcell.joints(stage.holder.arm)]
+            positions[node, 0] = state.q[self.workcell.joints(state.holder.arm)]
             return RouteStart(nodes, positions, None)
-        if self._at_rest is None or self._at_rest[0] is not stage:
-            reach = self._reach(stage, {}, {}, self._grasp_settings)
-            load = LayerLoad.of(self.bearing, None, self.settings.torque.posture_reserve)
-            rest = GraspLayer(stage.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
+        if self._at_rest is None or self._at_rest[0] is not state:
+            reach = self._reach(state, {}, {}, self._grasp_settings)
+            load = LayerLoad.of(self.static_hold, None, self.settings.torque.posture_reserve)
+            rest = GraspLayer(state.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
             nodes = rest.ask(np.ones(2 * count, dtype=bool))
-            self._at_rest = stage, RouteStart(nodes, rest.solutions, rest)
+            self._at_rest = state, RouteStart(nodes, rest.solutions, rest)
         return self._at_rest[1]
 
     def routes(
         self,
-        stage: ToolStage,
+        state: SceneState,
         target: MovedObject,
         poses: Sequence[SuctionPose],
         start: RouteStart,
@@ -102,15 +102,15 @@ class RouteMaker:
     ) -> Iterator[SuctionRoute]:
         """Yield all ways to move an object, one suction pose after the other; nothing of them is asked yet."""
         lift = self.settings.carry.lift * _UP
-        T_world_object = stage.T_world_objects[target.name]
+        T_world_object = state.T_world_objects[target.name]
         riding: dict[str, Placement | None] = {target.name: Riding("tool", np.eye(4))}
-        beside = [self._beside(stage, target.name, T) for T in (T_world_object, target.T_world_goal)]
-        here = there = self._reach(stage, riding, beside[0], self._layer_settings)
+        beside = [self._beside(state, target.name, T) for T in (T_world_object, target.T_world_goal)]
+        here = there = self._reach(state, riding, beside[0], self._layer_settings)
         if beside[0] != beside[1]:
-            there = self._reach(stage, riding, beside[1], self._layer_settings)
+            there = self._reach(state, riding, beside[1], self._layer_settings)
         for pose in poses:
             sucked = SuckedObject(target.name, inverse(pose.T_object_tool))
-            load = LayerLoad.of(self.bearing, sucked, self.settings.torque.posture_reserve)
+            load = LayerLoad.of(self.static_hold, sucked, self.settings.torque.posture_reserve)
             suction = GraspLayer(T_world_object @ pose.T_object_tool, here, lift, load)
             goals = tuple(GraspLayer(T @ pose.T_object_tool, there, lift, load) for T in target.goals)
             passing = LoadHandovers(self.ways, sucked)
@@ -120,46 +120,46 @@ class RouteMaker:
         """Return the node of an arm and a grasp."""
         return self.arms.index(held.arm) * len(self.grasps) + held.grasp
 
-    def places(self, stage: ToolStage, receiver: int, ahead: Array) -> list[HandoverPlace]:
+    def places(self, state: SceneState, receiver: int, ahead: Array) -> list[HandoverPlace]:
         """Return where the holder can hand the tool to a node that goes on to `ahead` (k, 6), shortest way first."""
-        q = {arm: stage.q[self.workcell.joints(arm)] for arm in self.arms}
-        return self.ways.places(q, self.node(stage.held), receiver, stage.sucked, ahead)
+        q = {arm: state.q[self.workcell.joints(arm)] for arm in self.arms}
+        return self.ways.places(q, self.node(state.held), receiver, state.sucked, ahead)
 
-    def on_the_way(self, stage: ToolStage, node: int, between: GraspLayer, ahead: Array) -> tuple[int, ...]:
+    def on_the_way(self, state: SceneState, node: int, between: GraspLayer, ahead: Array) -> tuple[int, ...]:
         """Return the branches of a grasp in a layer: those on a shortest way to `ahead` (k, 6) first, then all."""
         branches = int(between.branches[node])
         if not len(ahead):
             return (branches,)
-        here = stage.q[self.workcell.joints(self.held(node).arm)][None]
-        carries = stage.holder is not None
+        here = state.q[self.workcell.joints(self.held(node).arm)][None]
+        carries = state.holder is not None
         seconds = [
-            self.travel.of(node, here, q, carries=carries) + self.travel.of(node, q, ahead)
+            self.travel_times.of(node, here, q, carries=carries) + self.travel_times.of(node, q, ahead)
             for q in between.solutions[node][:, None]
         ]
         near = [b for b, each in enumerate(seconds) if each <= min(seconds) + self.settings.detour]
         chosen = sum(1 << b for b in near) & branches
         return (branches,) if chosen in (0, branches) else (chosen, branches)
 
-    def _beside(self, stage: ToolStage, name: str, T_world_object: Transform) -> dict[NamePair, float]:
+    def _beside(self, state: SceneState, name: str, T_world_object: Transform) -> dict[NamePair, float]:
         """Return margins of the pairs that an object is closer in than usual where it stands, but for what is below."""
         raised = moved_by(T_world_object, self.settings.carry.layer_step * _UP)
-        standing = replace(stage, sucked=None, T_world_objects={**stage.T_world_objects, name: raised})
-        close = self.traffic.close_pairs(standing, frozenset({name}))
+        standing = replace(state, sucked=None, T_world_objects={**state.T_world_objects, name: raised})
+        close = self.queries.close_pairs(standing, frozenset({name}))
         return {pair: margin for pair, margin in close.items() if TOOL_FRAME not in pair}
 
     def _reach(
         self,
-        stage: ToolStage,
+        state: SceneState,
         riding: Mapping[str, Placement | None],
         margins: Mapping[NamePair, float],
         settings: ToolGraspSettings,
     ) -> dict[str, GraspReach]:
         """Return each arm's reach among the objects where they stand, or ride; the other arm is parked."""
-        objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
+        objects: dict[str, Placement | None] = {name: Fixed(T) for name, T in state.T_world_objects.items()}
         objects |= riding
         reach = {}
         for arm in self.arms:
             other = self.workcell.other(arm)
-            around = Surroundings(objects, self._park[other], stage.widths[other], margins)
+            around = Surroundings(objects, self._park[other], state.widths[other], margins)
             reach[arm] = GraspReach(self.workcell, arm, self.grasps, around, settings)
         return reach

@@ -13,7 +13,7 @@ from planners.regrasp.graph.grasp_layer import GraspLayer, NodeMask
 from planners.regrasp.graph.handover_ways import HandoverMasks, LoadHandovers
 from planners.regrasp.graph.object_progress import ObjectStage, Tell
 from planners.regrasp.graph.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
-from planners.regrasp.motion.joint_travel import NodeTravel
+from planners.regrasp.motion.travel_time import NodeTravelTimes
 from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.scene.moved_object import side_of
 
@@ -41,7 +41,7 @@ class RouteCosts:
 
     onward: Callable[[Array], Array]
     """From joint positions (2 n, k, 6) at the end to the cost (2 n,) of ending with each grasp."""
-    travel: NodeTravel
+    travel_times: NodeTravelTimes
     """From place to place."""
 
 
@@ -104,7 +104,7 @@ class SuctionRoute:
         for graph in self._graphs.values():
             graph.delete(edge)
 
-    def prospect(self, node: int, q: Array) -> float:
+    def cost_to_go(self, node: int, q: Array) -> float:
         """Return what it costs to end with a grasp where its arm is at `q` (6,) [s]."""
         positions = np.full((len(self.start.nodes), 1, 6), np.nan)
         positions[node, 0] = q
@@ -151,30 +151,32 @@ class SuctionRoute:
                     self.goals[goal].ask(after)
 
     def _rounds(self, handovers: int, goals: int) -> tuple[RoundLayers, RoundLayers]:
-        travel, nodes = self.costs.travel.between, len(self.start.nodes)
+        seconds_between, nodes = self.costs.travel_times.between, len(self.start.nodes)
         nowhere, nobody = np.full((1, nodes), np.inf), np.zeros((nodes // 2, nodes // 2), dtype=bool)
-        direct = travel(self.start.positions, self.suction.solutions)[None]
+        direct = seconds_between(self.start.positions, self.suction.solutions)[None]
         first = RoundLayers(direct, nowhere[0], nowhere, (nobody, nobody))
         layers = {goal: self.goals[goal] for goal in self.goal_order[:goals]}
         ends = np.full((len(self.goals), nodes), np.inf)
         direct, arriving = ends.copy(), ends.copy()
         onward = {goal: self.costs.onward(layer.solutions) for goal, layer in layers.items() if layer.reached.any()}
         for goal, seconds in onward.items():
-            direct[goal] = seconds + travel(self.suction.solutions, layers[goal].solutions)
+            direct[goal] = seconds + seconds_between(self.suction.solutions, layers[goal].solutions)
         second = RoundLayers(direct, nowhere[0], arriving, (nobody, nobody))
         if not handovers:
             return first, second
         alone, laden = self.handovers.positions
         receiving = self.handovers.ways.receiving
         for goal, seconds in onward.items():
-            arriving[goal] = seconds + receiving + travel(laden, layers[goal].solutions)
+            arriving[goal] = seconds + receiving + seconds_between(laden, layers[goal].solutions)
         first = replace(
             first,
-            departing=travel(self.start.positions, alone),
-            arriving=(receiving + travel(alone, self.suction.solutions))[None],
+            departing=seconds_between(self.start.positions, alone),
+            arriving=(receiving + seconds_between(alone, self.suction.solutions))[None],
             handovers=self.handovers.masks[0],
         )
-        second = replace(second, departing=travel(self.suction.solutions, laden), handovers=self.handovers.masks[1])
+        second = replace(
+            second, departing=seconds_between(self.suction.solutions, laden), handovers=self.handovers.masks[1]
+        )
         return first, second
 
     def _turn_to(self, goal: int) -> tuple[float, float]:

@@ -13,11 +13,20 @@ from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
-from planners.regrasp.motion.cartesian_legs import Leg, Onward, Posture, StraightLeg, TiltLeg, Visit, raising, tilt_of
+from planners.regrasp.motion.cartesian_path import (
+    CartesianPath,
+    Leg,
+    Onward,
+    Posture,
+    StraightLeg,
+    TiltLeg,
+    raising,
+    tilt_of,
+)
+from planners.regrasp.motion.scene_state import HeldGrasp, SceneState, SegmentWriter
+from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_exchange import Exchange, HandoverPlace
 from planners.regrasp.motion.tool_motion import Stuck, ToolMotion, commonest, moved_by
-from planners.regrasp.motion.tool_queries import ToolTraffic
-from planners.regrasp.motion.tool_stage import HeldGrasp, StageWriter, ToolStage
 from planners.regrasp.motion.tool_switches import ToolSwitches
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_segment import SuckedObject
@@ -28,11 +37,11 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class ToolChoreographer:
-    """Plans the motion of single steps in one scene: each leads from one stage to the next, or raises `Stuck`."""
+    """Plans the motion of single steps in one scene: each leads from one state to the next, or raises `Stuck`."""
 
     def __init__(
         self,
-        traffic: ToolTraffic,
+        queries: StateQueries,
         statics: HoldStatics,
         park: Mapping[str, Array],
         settings: ToolPlannerSettings,
@@ -41,148 +50,148 @@ class ToolChoreographer:
         """Take what all steps share.
 
         Args:
-            traffic: collision queries.
+            queries: collision queries.
             statics: whether cup and fingers hold.
             park: (6,) where each arm stands while the other moves [rad].
             settings: distances, paces and budgets.
             rng: of the searches for free motion.
         """
-        self.traffic, self.settings = traffic, settings
-        self.workcell, self.grasps = traffic.workcell, traffic.grasps
-        writer = StageWriter(traffic.workcell, traffic.grasps, settings.timing.sample_step)
-        self.motion = ToolMotion(traffic, writer, statics, park, settings, rng)
-        self.switches = ToolSwitches(traffic, writer, statics, settings.pace)
+        self.queries, self.settings = queries, settings
+        self.workcell, self.grasps = queries.workcell, queries.grasps
+        writer = SegmentWriter(queries.workcell, queries.grasps, settings.timing.sample_step)
+        self.motion = ToolMotion(queries, writer, statics, park, settings, rng)
+        self.switches = ToolSwitches(queries, writer, statics, settings.pace)
 
-    def pick_up(self, stage: ToolStage, held: HeldGrasp, branches: int, ahead: Array) -> ToolStage:
+    def pick_up(self, state: SceneState, held: HeldGrasp, branches: int, ahead: Array) -> SceneState:
         """Take the tool from where it rests and lift it straight up; `ahead` (k, 6) says where it goes then."""
-        stage = self.switches.shaped(self.motion.parked(stage, self.workcell.other(held.arm)), held)
-        T_world_flange = stage.T_world_tool @ self.traffic.T_tool_flange(held)
+        state = self.switches.shaped(self.motion.parked(state, self.workcell.other(held.arm)), held)
+        T_world_flange = state.T_world_tool @ self.queries.T_tool_flange(held)
         lift = StraightLeg(T_world_flange, self.settings.carry.unrest * _UP)
-        visit = Visit(self.motion.arm(held.arm), (self.motion.approach(T_world_flange), lift))
-        taken = replace(stage, holder=held, widths={**stage.widths, held.arm: float(self.grasps.widths[held.grasp])})
-        close = self.traffic.close_pairs(stage, frozenset({TOOL_FRAME}))
+        cartesian = CartesianPath(self.motion.arm(held.arm), (self.motion.approach(T_world_flange), lift))
+        taken = replace(state, holder=held, widths={**state.widths, held.arm: float(self.grasps.widths[held.grasp])})
+        close = self.queries.close_pairs(state, frozenset({TOOL_FRAME}))
         posture = self.motion.choose(
-            stage,
-            visit,
+            state,
+            cartesian,
             branches,
-            [self.traffic.hand(stage, held.arm, around=True), self.traffic.carrying(taken, close)],
+            [self.queries.hand(state, held.arm, around=True), self.queries.carrying(taken, close)],
         )
-        stage, posture = self.motion.arrive(stage, visit, posture, SegmentKind.TRANSIT, Onward(ahead, held))
-        stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.APPROACH)
-        stage = self.switches.gripped(stage, held)
-        return self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, close)
+        state, posture = self.motion.arrive(state, cartesian, posture, SegmentKind.TRANSIT, Onward(ahead, held))
+        state = self.motion.straight(state, cartesian, 0, posture, SegmentKind.APPROACH)
+        state = self.switches.gripped(state, held)
+        return self.motion.straight(state, cartesian, 1, posture, SegmentKind.TRANSFER, close)
 
-    def suck(self, stage: ToolStage, name: str, T_object_tool: Transform, branches: int, ahead: Array) -> ToolStage:
+    def suck(self, state: SceneState, name: str, T_object_tool: Transform, branches: int, ahead: Array) -> SceneState:
         """Bring the tool onto an object along the facet's normal, and lift both straight up; then go on `ahead`.
 
         A level tool is turned up before it goes on.
         """
-        carry, held = self.settings.carry, stage.held
-        stage = self.motion.parked(stage, self.workcell.other(held.arm))
-        T_world_tool = stage.T_world_objects[name] @ T_object_tool
-        T_world_flange = T_world_tool @ self.traffic.T_tool_flange(held)
+        carry, held = self.settings.carry, state.held
+        state = self.motion.parked(state, self.workcell.other(held.arm))
+        T_world_tool = state.T_world_objects[name] @ T_object_tool
+        T_world_flange = T_world_tool @ self.queries.T_tool_flange(held)
         normal = T_world_tool[:3, 2]
         above = StraightLeg(moved_by(T_world_flange, carry.descent * normal), -carry.descent * normal)
         lift = StraightLeg(T_world_flange, carry.lift * _UP)
         sucked = SuckedObject(name, inverse(T_object_tool))
-        bare = replace(stage, T_world_tool=T_world_tool)
+        bare = replace(state, T_world_tool=T_world_tool)
         laden = replace(bare, sucked=sucked)
         lifted = self._raised(laden)
-        cup = self.traffic.close_pairs(bare, frozenset({TOOL_FRAME}))
-        rest = self.traffic.close_pairs(laden, frozenset({TOOL_FRAME, name}))
-        beside = self.traffic.close_pairs(lifted, lifted.carried)
-        queries = [self.traffic.carrying(bare, cup), self.traffic.carrying(laden, rest)]
+        cup = self.queries.close_pairs(bare, frozenset({TOOL_FRAME}))
+        rest = self.queries.close_pairs(laden, frozenset({TOOL_FRAME, name}))
+        beside = self.queries.close_pairs(lifted, lifted.carried)
+        on_legs = [self.queries.carrying(bare, cup), self.queries.carrying(laden, rest)]
         ways = [(above, lift)]
         if turns := self._turns(lifted):
-            queries.append(self.traffic.carrying(lifted, beside))
+            on_legs.append(self.queries.carrying(lifted, beside))
             ways = [(above, lift, turn) for turn in turns]
-        visit, postures = self._choose(stage, ways, branches, queries)
-        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, Onward(ahead, held))
-        stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, cup)
-        stage = self.switches.vacuum(replace(stage, sucked=sucked), SegmentKind.ATTACH)
-        stage = self.motion.straight(stage, visit, 1, posture, SegmentKind.TRANSFER, rest)
+        cartesian, postures = self._choose(state, ways, branches, on_legs)
+        state, posture = self.motion.arrive(state, cartesian, postures, SegmentKind.TRANSFER, Onward(ahead, held))
+        state = self.motion.straight(state, cartesian, 0, posture, SegmentKind.TRANSFER, cup)
+        state = self.switches.vacuum(replace(state, sucked=sucked), SegmentKind.ATTACH)
+        state = self.motion.straight(state, cartesian, 1, posture, SegmentKind.TRANSFER, rest)
         if turns:
-            stage = self.motion.straight(stage, visit, 2, posture, SegmentKind.TRANSFER, beside)
-        return stage
+            state = self.motion.straight(state, cartesian, 2, posture, SegmentKind.TRANSFER, beside)
+        return state
 
-    def put_down(self, stage: ToolStage, T_world_goal: Transform, branches: int) -> ToolStage:
+    def put_down(self, state: SceneState, T_world_goal: Transform, branches: int) -> SceneState:
         """Bring tool and object over the goal, lower them, let go, and take the tool off along the facet's normal.
 
         A tool that is level there is turned level over the goal.
         """
-        carry, held, sucked = self.settings.carry, stage.held, stage.sucked
+        carry, held, sucked = self.settings.carry, state.held, state.sucked
         assert sucked is not None
         name = sucked.name
-        stage = self.motion.parked(stage, self.workcell.other(held.arm))
+        state = self.motion.parked(state, self.workcell.other(held.arm))
         T_world_tool = T_world_goal @ inverse(sucked.T_tool_object)
-        T_world_flange = T_world_tool @ self.traffic.T_tool_flange(held)
+        T_world_flange = T_world_tool @ self.queries.T_tool_flange(held)
         lowered = StraightLeg(moved_by(T_world_flange, carry.lift * _UP), -carry.lift * _UP)
         leaving = StraightLeg(T_world_flange, carry.descent * T_world_tool[:3, 2])
-        laden = replace(stage, T_world_tool=T_world_tool, T_world_objects={**stage.T_world_objects, name: T_world_goal})
+        laden = replace(state, T_world_tool=T_world_tool, T_world_objects={**state.T_world_objects, name: T_world_goal})
         bare = replace(laden, sucked=None)
         over = self._raised(laden)
-        rest = self.traffic.close_pairs(laden, frozenset({TOOL_FRAME, name}))
-        cup = self.traffic.close_pairs(bare, frozenset({TOOL_FRAME}))
-        beside = self.traffic.close_pairs(over, over.carried)
-        queries = [self.traffic.carrying(laden, rest), self.traffic.carrying(bare, cup)]
+        rest = self.queries.close_pairs(laden, frozenset({TOOL_FRAME, name}))
+        cup = self.queries.close_pairs(bare, frozenset({TOOL_FRAME}))
+        beside = self.queries.close_pairs(over, over.carried)
+        on_legs = [self.queries.carrying(laden, rest), self.queries.carrying(bare, cup)]
         ways = [(lowered, leaving)]
         if turns := self._turns(over):
-            queries.insert(0, self.traffic.carrying(over, beside))
+            on_legs.insert(0, self.queries.carrying(over, beside))
             ways = [(turn.back(), lowered, leaving) for turn in turns]
-        visit, postures = self._choose(stage, ways, branches, queries)
+        cartesian, postures = self._choose(state, ways, branches, on_legs)
         home = self.motion.home(held.arm)
-        stage, posture = self.motion.arrive(stage, visit, postures, SegmentKind.TRANSFER, home, beside)
-        last = len(visit.legs) - 1
+        state, posture = self.motion.arrive(state, cartesian, postures, SegmentKind.TRANSFER, home, beside)
+        last = len(cartesian.legs) - 1
         if turns:
-            stage = self.motion.straight(stage, visit, 0, posture, SegmentKind.TRANSFER, beside)
-        stage = self.motion.straight(stage, visit, last - 1, posture, SegmentKind.TRANSFER, rest)
-        stage = replace(self.switches.vacuum(stage, SegmentKind.DETACH), sucked=None)
-        return self.motion.straight(stage, visit, last, posture, SegmentKind.TRANSFER, cup)
+            state = self.motion.straight(state, cartesian, 0, posture, SegmentKind.TRANSFER, beside)
+        state = self.motion.straight(state, cartesian, last - 1, posture, SegmentKind.TRANSFER, rest)
+        state = replace(self.switches.vacuum(state, SegmentKind.DETACH), sucked=None)
+        return self.motion.straight(state, cartesian, last, posture, SegmentKind.TRANSFER, cup)
 
-    def _raised(self, stage: ToolStage) -> ToolStage:
-        """Return the stage with tool and object as far up as they are lifted."""
-        assert stage.sucked is not None
-        up, name = self.settings.carry.lift * _UP, stage.sucked.name
-        objects = {**stage.T_world_objects, name: moved_by(stage.T_world_objects[name], up)}
-        return replace(stage, T_world_tool=moved_by(stage.T_world_tool, up), T_world_objects=objects)
+    def _raised(self, state: SceneState) -> SceneState:
+        """Return the state with tool and object as far up as they are lifted."""
+        assert state.sucked is not None
+        up, name = self.settings.carry.lift * _UP, state.sucked.name
+        objects = {**state.T_world_objects, name: moved_by(state.T_world_objects[name], up)}
+        return replace(state, T_world_tool=moved_by(state.T_world_tool, up), T_world_objects=objects)
 
-    def _turns(self, stage: ToolStage) -> list[TiltLeg]:
+    def _turns(self, state: SceneState) -> list[TiltLeg]:
         """Return the turns that raise a level tool with its object, to be tried in order; none if it is not level."""
-        carry, sucked = self.settings.carry, stage.sucked
+        carry, sucked = self.settings.carry, state.sucked
         assert sucked is not None
-        if tilt_of(stage.T_world_tool) <= carry.level:
+        if tilt_of(state.T_world_tool) <= carry.level:
             return []
-        T_world_flange = stage.T_world_tool @ self.traffic.T_tool_flange(stage.held)
+        T_world_flange = state.T_world_tool @ self.queries.T_tool_flange(state.held)
         body = next(body for body in self.workcell.objects if body.name == sucked.name)
-        T_world_object = stage.T_world_objects[sucked.name]
+        T_world_object = state.T_world_objects[sucked.name]
         pivot = T_world_object[:3, :3] @ body.com + T_world_object[:3, 3]
-        return [TiltLeg(T_world_flange, pivot, raising(stage.T_world_tool, tilt)) for tilt in carry.reliefs]
+        return [TiltLeg(T_world_flange, pivot, raising(state.T_world_tool, tilt)) for tilt in carry.reliefs]
 
     def _choose(
-        self, stage: ToolStage, ways: Sequence[tuple[Leg, ...]], branches: int, queries: Sequence[CollisionQuery]
-    ) -> tuple[Visit, list[Posture]]:
-        """Return the first of several visits that has postures free of collision, and these."""
-        *earlier, last = (Visit(self.motion.arm(stage.held.arm), way) for way in ways)
-        for visit in earlier:
+        self, state: SceneState, ways: Sequence[tuple[Leg, ...]], branches: int, on_legs: Sequence[CollisionQuery]
+    ) -> tuple[CartesianPath, list[Posture]]:
+        """Return the first of several Cartesian paths that has postures free of collision, and these."""
+        *earlier, last = (CartesianPath(self.motion.arm(state.held.arm), way) for way in ways)
+        for cartesian in earlier:
             with suppress(Stuck):
-                return visit, self.motion.choose(stage, visit, branches, queries)
-        return last, self.motion.choose(stage, last, branches, queries)
+                return cartesian, self.motion.choose(state, cartesian, branches, on_legs)
+        return last, self.motion.choose(state, last, branches, on_legs)
 
     def hand_over(
-        self, stage: ToolStage, receiver: HeldGrasp, places: Sequence[HandoverPlace], ahead: Array
-    ) -> ToolStage:
+        self, state: SceneState, receiver: HeldGrasp, places: Sequence[HandoverPlace], ahead: Array
+    ) -> SceneState:
         """Bring the tool to a handover place, let the other arm take it there, and park the arm that gave it.
 
         The receiver goes on `ahead` (k, 6). Places are tried in the order given until the budget of motions is spent.
         """
-        stage = self.motion.parked(stage, receiver.arm)
+        state = self.motion.parked(state, receiver.arm)
         reasons: Counter[Rejection] = Counter()
         moved = 0
         for place in places:
             if moved >= self.settings.orientations:
                 break
             try:
-                exchange = Exchange(self.motion, self.switches, stage, receiver, place)
+                exchange = Exchange(self.motion, self.switches, state, receiver, place)
                 moved += 1
                 return exchange.realise(Onward(ahead, receiver))
             except Stuck as stuck:

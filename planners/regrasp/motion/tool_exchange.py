@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection
-from planners.regrasp.motion.cartesian_legs import Onward, Posture, Visit
+from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture
+from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
 from planners.regrasp.motion.tool_motion import Stuck, ToolMotion, columns, commonest
-from planners.regrasp.motion.tool_stage import HeldGrasp, ToolStage
 from planners.regrasp.motion.tool_switches import ToolSwitches
 from planners.segment import SegmentKind
 
@@ -28,34 +28,34 @@ class Exchange:
     """The tool changes hands at one place: which postures of both arms go together there, and the motion."""
 
     def __init__(
-        self, motion: ToolMotion, switches: ToolSwitches, stage: ToolStage, receiver: HeldGrasp, place: HandoverPlace
+        self, motion: ToolMotion, switches: ToolSwitches, state: SceneState, receiver: HeldGrasp, place: HandoverPlace
     ) -> None:
         """Find the postures.
 
         Raises:
             Stuck: no two postures go together.
         """
-        giver = stage.held
-        self.motion, self.switches, self.stage, self.giver, self.receiver = motion, switches, stage, giver, receiver
-        traffic, T = motion.traffic, place.T_world_tool
-        self.give = Visit(motion.arm(giver.arm), (motion.retreat(T @ traffic.T_tool_flange(giver)),))
-        self.take = Visit(motion.arm(receiver.arm), (motion.approach(T @ traffic.T_tool_flange(receiver)),))
-        grasps = traffic.grasps
+        giver = state.held
+        self.motion, self.switches, self.state, self.giver, self.receiver = motion, switches, state, giver, receiver
+        queries, T = motion.queries, place.T_world_tool
+        self.give = CartesianPath(motion.arm(giver.arm), (motion.retreat(T @ queries.T_tool_flange(giver)),))
+        self.take = CartesianPath(motion.arm(receiver.arm), (motion.approach(T @ queries.T_tool_flange(receiver)),))
+        grasps = queries.grasps
         opened = {giver.arm: float(grasps.open_widths[giver.grasp])}
         opened[receiver.arm] = float(grasps.open_widths[receiver.grasp])
         closed = {giver.arm: float(grasps.widths[giver.grasp]), receiver.arm: float(grasps.widths[receiver.grasp])}
-        at_place = replace(stage, T_world_tool=T)
+        at_place = replace(state, T_world_tool=T)
         coming = replace(at_place, widths={**closed, receiver.arm: opened[receiver.arm]})
         both = replace(at_place, widths=closed)
         leaving = replace(at_place, widths={**closed, giver.arm: opened[giver.arm]}, holder=receiver)
         self.pairs = self._pairs(
             place,
-            traffic.hand(coming, receiver.arm, around=True),
-            traffic.everything(both, [giver.arm, receiver.arm]),
-            traffic.hand(leaving, giver.arm, around=True),
+            queries.hand(coming, receiver.arm, around=True),
+            queries.everything(both, [giver.arm, receiver.arm]),
+            queries.hand(leaving, giver.arm, around=True),
         )
 
-    def realise(self, onward: Onward) -> ToolStage:
+    def realise(self, onward: Onward) -> SceneState:
         """Plan all motion of the exchange; the receiver goes onward from there.
 
         Raises:
@@ -63,15 +63,15 @@ class Exchange:
         """
         motion, switches = self.motion, self.switches
         givers = list(dict.fromkeys(giver for giver, _ in self.pairs))
-        stage, giving = motion.arrive(self.stage, self.give, givers, SegmentKind.TRANSFER, motion.home(self.giver.arm))
-        stage = switches.shaped(stage, self.receiver)
+        state, giving = motion.arrive(self.state, self.give, givers, SegmentKind.TRANSFER, motion.home(self.giver.arm))
+        state = switches.shaped(state, self.receiver)
         takers = [taker for giver, taker in self.pairs if giver.branch == giving.branch]
-        stage, taking = motion.arrive(stage, self.take, takers, SegmentKind.TRANSIT, onward)
-        stage = motion.straight(stage, self.take, 0, taking, SegmentKind.APPROACH)
-        stage = switches.gripped(stage, self.receiver)
-        stage = switches.released(stage, self.receiver)
-        stage = motion.straight(stage, self.give, 0, giving, SegmentKind.RETREAT)
-        return motion.parked(stage, self.giver.arm)
+        state, taking = motion.arrive(state, self.take, takers, SegmentKind.TRANSIT, onward)
+        state = motion.straight(state, self.take, 0, taking, SegmentKind.APPROACH)
+        state = switches.gripped(state, self.receiver)
+        state = switches.released(state, self.receiver)
+        state = motion.straight(state, self.give, 0, giving, SegmentKind.RETREAT)
+        return motion.parked(state, self.giver.arm)
 
     def _pairs(
         self, place: HandoverPlace, coming: CollisionQuery, both: CollisionQuery, leaving: CollisionQuery
@@ -86,7 +86,7 @@ class Exchange:
         pairs = []
         for giver in givers:
             for taker in takers:
-                q = columns(self.stage.q, cell.joints(self.giver.arm), giver.start[None])[0]
+                q = columns(self.state.q, cell.joints(self.giver.arm), giver.start[None])[0]
                 come = columns(q, cell.joints(self.receiver.arm), taker.ways[0])
                 leave = columns(come[-1], cell.joints(self.giver.arm), giver.ways[0])
                 ways = ((both, come[-1:]), (coming, come), (leaving, leave))

@@ -20,13 +20,13 @@ from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery
 from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory
-from planners.regrasp.motion.cartesian_legs import Onward, Posture, StraightLeg, Visit
-from planners.regrasp.motion.joint_travel import carried_rates, least_travel, straight_times
-from planners.regrasp.motion.tool_queries import ToolTraffic
-from planners.regrasp.motion.tool_stage import StageWriter, ToolStage
+from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture, StraightLeg
+from planners.regrasp.motion.scene_state import SceneState, SegmentWriter
+from planners.regrasp.motion.state_queries import StateQueries
+from planners.regrasp.motion.travel_time import carried_rates, least_travel_time, straight_times
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker
-from planners.regrasp.statics.static_hold import Bearing, CarryingHand
+from planners.regrasp.statics.static_hold import CarryingHand, StaticHold
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.arm import Arm
 from planners.segment import SegmentKind
@@ -46,12 +46,12 @@ class Stuck(Exception):
 
 
 class ToolMotion:
-    """Plans motions of one arm from stage to stage, or raises `Stuck`."""
+    """Plans motions of one arm from state to state, or raises `Stuck`."""
 
     def __init__(
         self,
-        traffic: ToolTraffic,
-        writer: StageWriter,
+        queries: StateQueries,
+        writer: SegmentWriter,
         statics: HoldStatics,
         park: Mapping[str, Array],
         settings: ToolPlannerSettings,
@@ -60,44 +60,46 @@ class ToolMotion:
         """Take what all motions share.
 
         Args:
-            traffic: collision queries.
+            queries: collision queries.
             writer: of segments.
             statics: whether cup and fingers hold.
             park: (6,) where each arm stands while the other moves [rad].
             settings: distances, paces and budgets.
             rng: of the searches.
         """
-        self.traffic, self.writer, self.statics = traffic, writer, statics
-        self.settings, self.workcell = settings, traffic.workcell
-        self.bearing = Bearing(statics.scene, settings.finger_reserve)
-        self.queries = 0
+        self.queries, self.writer, self.statics = queries, writer, statics
+        self.settings, self.workcell = settings, queries.workcell
+        self.static_hold = StaticHold(statics.scene, settings.finger_reserve)
+        self.searches = 0
         """Free motions that were searched."""
         self._park, self._rng = park, rng
 
-    def parked(self, stage: ToolStage, arm: str) -> ToolStage:
+    def parked(self, state: SceneState, arm: str) -> SceneState:
         """Bring an arm that holds nothing to where it is out of the way."""
         goal = self._park[arm]
-        if np.array_equal(stage.q[self.workcell.joints(arm)], goal):
-            return stage
-        query = self.traffic.hand(stage, arm)
-        return self._free(stage, self.arm(arm), goal[None], query, SegmentKind.TRANSIT)[0]
+        if np.array_equal(state.q[self.workcell.joints(arm)], goal):
+            return state
+        query = self.queries.hand(state, arm)
+        return self._free(state, self.arm(arm), goal[None], query, SegmentKind.TRANSIT)[0]
 
     def home(self, arm: str) -> Onward:
         """Return that an arm goes back to where it is out of the way: as good a guess as any of what is next."""
         return Onward(self._park[arm][None])
 
-    def choose(self, stage: ToolStage, visit: Visit, branches: int, queries: Sequence[CollisionQuery]) -> list[Posture]:
-        """Return the postures of a visit that pass all its legs, each by its own query, free of collision.
+    def choose(
+        self, state: SceneState, cartesian: CartesianPath, branches: int, on_legs: Sequence[CollisionQuery]
+    ) -> list[Posture]:
+        """Return the postures of a Cartesian path that pass all its legs, each by its own query, free of collision.
 
         Raises:
             Stuck: there is none; says what most of them would touch.
         """
-        carry, joints = self.settings.carry, self.workcell.joints(visit.arm.name)
+        carry, joints = self.settings.carry, self.workcell.joints(cartesian.arm.name)
         reasons: Counter[Rejection] = Counter()
         free: list[Posture] = []
-        for posture in visit.postures(branches, carry.step, carry.continuity):
-            for way, query in zip(posture.ways, queries, strict=True):
-                touch = self.touch(query, columns(stage.q, joints, way))
+        for posture in cartesian.postures(branches, carry.step, carry.continuity):
+            for way, query in zip(posture.ways, on_legs, strict=True):
+                touch = self.touch(query, columns(state.q, joints, way))
                 if touch is not None:
                     reasons[Rejection("reach", f"{touch} on a straight way")] += 1
                     break
@@ -105,25 +107,25 @@ class ToolMotion:
                 free.append(posture)
         if not free:
             raise Stuck(
-                commonest(reasons, Rejection("reach", f"the {visit.arm.name} arm cannot follow a straight way"))
+                commonest(reasons, Rejection("reach", f"the {cartesian.arm.name} arm cannot follow a straight way"))
             )
         return free
 
     def arrive(
         self,
-        stage: ToolStage,
-        visit: Visit,
+        state: SceneState,
+        cartesian: CartesianPath,
         postures: Sequence[Posture],
         kind: SegmentKind,
         onward: Onward,
         close: Mapping[NamePair, float] | None = None,
-    ) -> tuple[ToolStage, Posture]:
-        """Move an arm through free space to where one of the postures begins its visit; return which, and its turns.
+    ) -> tuple[SceneState, Posture]:
+        """Move an arm through free space to where one of the postures begins; return which, and its turns.
 
-        Those with the shortest way there, and onward from the visit's end, come first. What is carried may stay close
-        to what it stands beside already, and come close to the pairs of `close` [m].
+        Those with the shortest way there, and onward from the end of the Cartesian path, come first. What is carried
+        may stay close to what it stands beside already, and come close to the pairs of `close` [m].
         """
-        arm = visit.arm
+        arm = cartesian.arm
         turned = [
             posture.turned(turns)
             for posture in postures
@@ -132,119 +134,121 @@ class ToolMotion:
         if not turned:
             raise Stuck(Rejection("reach", f"no turn of the {arm.name} arm's joints keeps them within their limits"))
         if kind is SegmentKind.TRANSFER:
-            beside = self.traffic.close_pairs(stage, stage.carried)
-            query = self.traffic.carrying(stage, {**beside, **(close or {})})
+            beside = self.queries.close_pairs(state, state.carried)
+            query = self.queries.carrying(state, {**beside, **(close or {})})
         else:
-            query = self.traffic.hand(stage, arm.name)
+            query = self.queries.hand(state, arm.name)
         starts = np.array([posture.start for posture in turned])
         ends = np.array([posture.end for posture in turned])
-        costs = self._times(stage, arm, starts, kind) + self._onward_times(arm, ends, onward)
-        stage, chosen = self._free(stage, arm, starts, query, kind, costs)
-        return stage, turned[chosen]
+        costs = self._times(state, arm, starts, kind) + self._onward_times(arm, ends, onward)
+        state, chosen = self._free(state, arm, starts, query, kind, costs)
+        return state, turned[chosen]
 
     def straight(
         self,
-        stage: ToolStage,
-        visit: Visit,
+        state: SceneState,
+        cartesian: CartesianPath,
         leg: int,
         posture: Posture,
         kind: SegmentKind,
         close: Mapping[NamePair, float] | None = None,
-    ) -> ToolStage:
-        """Move along a leg of a visit; `close` names pairs that may come closer than the usual margin [m]."""
-        length = visit.legs[leg].length
+    ) -> SceneState:
+        """Move along a leg of a Cartesian path; `close` names pairs that may come closer than the usual margin [m]."""
+        length = cartesian.legs[leg].length
         pace, share = self.settings.pace, self.settings.carry.executed_share
-        laden = stage.sucked is not None
+        laden = state.sucked is not None
         speed = pace.carried_speed if laden else pace.straight_speed
         acceleration = pace.carried_acceleration if laden else pace.straight_acceleration
-        path = CurvePath(lambda s: visit.exact(leg, s / length, posture), length)
+        path = CurvePath(lambda s: cartesian.exact(leg, s / length, posture), length)
         rates = (RateLimit(np.ones_like, speed, acceleration),)
-        moved = self._moving(stage, visit.arm, kind, path, rates, self.settings.timing)
+        moved = self._moving(state, cartesian.arm, kind, path, rates, self.settings.timing)
         if kind is SegmentKind.TRANSFER:
-            query = self.traffic.carrying(stage, close, share=share)
+            query = self.queries.carrying(state, close, share=share)
         else:
-            query = self.traffic.hand(stage, visit.arm.name, around=True, share=share)
+            query = self.queries.hand(state, cartesian.arm.name, around=True, share=share)
         touch = self.touch(query, moved.segments[-1].trajectory.positions)
         if touch is not None:
             raise Stuck(Rejection("transit", f"{touch} on a straight way"))
         return moved
 
-    def _times(self, stage: ToolStage, arm: Arm, goals: Array, kind: SegmentKind) -> Array:
+    def _times(self, state: SceneState, arm: Arm, goals: Array, kind: SegmentKind) -> Array:
         """Return how long (k,) an arm takes straight to goals (k, 6), if nothing is in the way [s]."""
-        T_tool_flange = self.traffic.T_tool_flange(stage.held) if kind is SegmentKind.TRANSFER else None
-        return straight_times(arm, stage.q[self.workcell.joints(arm.name)], goals, T_tool_flange, self.settings.carried)
+        T_tool_flange = self.queries.T_tool_flange(state.held) if kind is SegmentKind.TRANSFER else None
+        return straight_times(arm, state.q[self.workcell.joints(arm.name)], goals, T_tool_flange, self.settings.carried)
 
     def _onward_times(self, arm: Arm, ends: Array, onward: Onward) -> Array:
-        """Return how long (k,) an arm takes from the ends (k, 6) of a visit to the nearest place onward [s]."""
+        """Return how long (k,) an arm takes from ends (k, 6) of a Cartesian path to the nearest place onward [s]."""
         if not len(onward.positions):
             return np.zeros(len(ends))
         there = np.repeat(onward.positions[None], len(ends), axis=0)
         if onward.held is None:
-            return least_travel(arm, ends[:, None], there)
-        flanges = np.repeat(self.traffic.T_tool_flange(onward.held)[None], len(ends), axis=0)
-        return least_travel(arm, ends[:, None], there, flanges, self.settings.carried)
+            return least_travel_time(arm, ends[:, None], there)
+        flanges = np.repeat(self.queries.T_tool_flange(onward.held)[None], len(ends), axis=0)
+        return least_travel_time(arm, ends[:, None], there, flanges, self.settings.carried)
 
     def _free(
         self,
-        stage: ToolStage,
+        state: SceneState,
         arm: Arm,
         goals: Array,
         query: CollisionQuery,
         kind: SegmentKind,
         costs: Array | None = None,
-    ) -> tuple[ToolStage, int]:
+    ) -> tuple[SceneState, int]:
         """Move one arm through free space to one of the goals (k, 6), those of least cost (k,) first; return which."""
         joints = self.workcell.joints(arm.name)
-        start = stage.q[joints].copy()
-        checker: EdgeChecker = ArmEdgeChecker(query, stage.q.copy(), joints)
+        start = state.q[joints].copy()
+        checker: EdgeChecker = ArmEdgeChecker(query, state.q.copy(), joints)
         if kind is SegmentKind.TRANSFER:
-            checker = self._laden_checker(stage, arm, checker, np.vstack([start, goals]))
-        self.queries += 1
+            checker = self._laden_checker(state, arm, checker, np.vstack([start, goals]))
+        self.searches += 1
         result = plan_motion(
             MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max, costs),
             self.settings.motion,
             self._rng,
         )
         if result.path is None or result.goal_index is None:
-            raise Stuck(self._no_motion(stage, arm, goals, query, result.outcome))
+            raise Stuck(self._no_motion(state, arm, goals, query, result.outcome))
         path = BlendedPath.through(result.path, checker)
         rates, timing = tuple[RateLimit, ...](), self.settings.timing
         if kind is SegmentKind.TRANSFER:
             pace = self.settings.carried
-            rates = carried_rates(path, arm, slice(0, 6), self._centres(stage), pace)
+            rates = carried_rates(path, arm, slice(0, 6), self._centres(state), pace)
             timing = replace(timing, sample_step=pace.sample_step)
-        return self._moving(stage, arm, kind, path, rates, timing), result.goal_index
+        return self._moving(state, arm, kind, path, rates, timing), result.goal_index
 
-    def _laden_checker(self, stage: ToolStage, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
+    def _laden_checker(self, state: SceneState, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
         """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad].
 
         The joints' torques at rest stay within what postures may use, or as far as the ends use more.
         """
-        held = stage.held
-        T_flange_tool = inverse(self.traffic.T_tool_flange(held))
+        held = state.held
+        T_flange_tool = inverse(self.queries.T_tool_flange(held))
         least = -1.0
-        if stage.sucked is not None:
+        if state.sucked is not None:
             poses = flange_poses(arm.dh, arm.T_world_base, np.ascontiguousarray(ends))
             level = float((poses[:, 2, :3] @ T_flange_tool[:3, 2]).min()) - 1e-9
             least = min(math.cos(self.settings.carried_tilt), level)
-        hold, load = self.writer.hold(held), self.bearing.load(stage.sucked)
+        hold, load = self.writer.hold(held), self.static_hold.load(state.sucked)
         hand = CarryingHand(arm, hold.T_flange_tool, hold.T_tool_tcp, hold.width, load)
-        laden = self._laden(stage, arm, SegmentKind.TRANSFER)
+        laden = self._laden(state, arm, SegmentKind.TRANSFER)
         most = max(1.0 - self.settings.torque.posture_reserve, *(laden.share(end) for end in ends))
         return LadenChecker(checker, hand, least - 1e-9, laden, most + 1e-9)
 
-    def _laden(self, stage: ToolStage, arm: Arm, kind: SegmentKind) -> LadenArm:
+    def _laden(self, state: SceneState, arm: Arm, kind: SegmentKind) -> LadenArm:
         """Return an arm with what it carries in a motion of a kind: tool and object in a transfer, else nothing."""
         gravity = self.workcell.cell.gravity
         if kind is not SegmentKind.TRANSFER:
             return LadenArm.of(arm, gravity)
-        return LadenArm.of(arm, gravity, self.writer.hold(stage.held).T_flange_tool, self.bearing.load(stage.sucked))
+        return LadenArm.of(
+            arm, gravity, self.writer.hold(state.held).T_flange_tool, self.static_hold.load(state.sucked)
+        )
 
     def _no_motion(
-        self, stage: ToolStage, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome
+        self, state: SceneState, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome
     ) -> Rejection:
-        ends = {MotionOutcome.START_IN_COLLISION: stage.q[None]}
-        ends[MotionOutcome.GOALS_IN_COLLISION] = columns(stage.q, self.workcell.joints(arm.name), goals)
+        ends = {MotionOutcome.START_IN_COLLISION: state.q[None]}
+        ends[MotionOutcome.GOALS_IN_COLLISION] = columns(state.q, self.workcell.joints(arm.name), goals)
         touch = self.touch(query, ends[outcome][:1]) if outcome in ends else None
         detail = "" if touch is None else f" ({touch})"
         return Rejection("transit", f"free motion of the {arm.name} arm: {outcome.value}{detail}")
@@ -257,33 +261,33 @@ class ToolMotion:
 
     def _moving(
         self,
-        stage: ToolStage,
+        state: SceneState,
         arm: Arm,
         kind: SegmentKind,
         path: JointPath,
         rates: Sequence[RateLimit],
         timing: TimingSettings,
-    ) -> ToolStage:
+    ) -> SceneState:
         """Append a motion of one arm along a path of its six joints, slow enough for joints, cup and fingers."""
         if path.length == 0.0:
-            return stage
+            return state
         joints, slowness = self.workcell.joints(arm.name), 1.0
-        laden = self._laden(stage, arm, kind)
+        laden = self._laden(state, arm, kind)
         for _ in range(SLOWINGS):
             limits = JointLimits(arm.velocity_max / slowness, arm.acceleration_max / slowness**2)
             slower = [RateLimit(r.rate, r.velocity / slowness, r.acceleration / slowness**2) for r in rates]
             try:
-                trajectory = _of_both(time_path(path, limits, timing, slower), stage.q, joints)
+                trajectory = _of_both(time_path(path, limits, timing, slower), state.q, joints)
             except TimingError as error:
                 raise Stuck(Rejection("transit", f"{arm.name} arm: {error}")) from error
-            moved = self.writer.appended(stage, kind, (arm.name,), trajectory)
+            moved = self.writer.appended(state, kind, (arm.name,), trajectory)
             stretch = laden.stretch(trajectory, joints, self.settings.torque.motion_reserve, kind.value)
             if isinstance(stretch, Rejection):
                 raise Stuck(stretch)
             if kind is SegmentKind.TRANSFER:
-                held = self.statics.stretch(moved.segments[-1], stage.places)
+                held = self.statics.stretch(moved.segments[-1], state.places)
                 if held is None:
-                    rejection = self.statics.worst(moved.segments[-1], stage.places).rejection
+                    rejection = self.statics.worst(moved.segments[-1], state.places).rejection
                     assert rejection is not None
                     raise Stuck(rejection)
                 stretch = max(stretch, held)
@@ -305,13 +309,13 @@ class ToolMotion:
         """Return an arm by name."""
         return self.workcell.arm(name)
 
-    def _centres(self, stage: ToolStage) -> Array:
+    def _centres(self, state: SceneState) -> Array:
         """Return the centres of mass of what is carried, in the flange frame of the arm that holds (k, 3) [m]."""
         centres = [self.workcell.tool.com]
-        if stage.sucked is not None:
-            body = next(body for body in self.workcell.objects if body.name == stage.sucked.name)
-            centres.append(_point(stage.sucked.T_tool_object, body.com))
-        T_flange_tool = inverse(self.traffic.T_tool_flange(stage.held))
+        if state.sucked is not None:
+            body = next(body for body in self.workcell.objects if body.name == state.sucked.name)
+            centres.append(_point(state.sucked.T_tool_object, body.com))
+        T_flange_tool = inverse(self.queries.T_tool_flange(state.held))
         return np.array([_point(T_flange_tool, centre) for centre in centres])
 
 

@@ -10,9 +10,9 @@ from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
+from planners.regrasp.motion.scene_state import SceneState
+from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_motion import moved_by
-from planners.regrasp.motion.tool_queries import ToolTraffic
-from planners.regrasp.motion.tool_stage import ToolStage
 from planners.regrasp.suction.suction_poses import STAGE, SuctionPose
 from planners.scene.moved_object import MovedObject
 
@@ -20,24 +20,24 @@ from planners.scene.moved_object import MovedObject
 class ToolRoom:
     """Asks what stands still, other objects among it, whether the tool alone overlaps it."""
 
-    def __init__(self, traffic: ToolTraffic, descent: float, *, objects: bool = True) -> None:
+    def __init__(self, queries: StateQueries, descent: float, *, objects: bool = True) -> None:
         """Take what all objects share.
 
         Args:
-            traffic: who may come how close to whom.
+            queries: who may come how close to whom.
             descent: straight way of the tool along the facet's normal, onto the object and off it [m].
             objects: whether other objects are in the way, or only what never moves.
         """
-        self._traffic, self._descent = traffic, descent
-        self._left_out = frozenset() if objects else frozenset(body.name for body in traffic.workcell.objects)
+        self._queries, self._descent = queries, descent
+        self._left_out = frozenset() if objects else frozenset(body.name for body in queries.workcell.objects)
 
     def poses(
-        self, stage: ToolStage, target: MovedObject, poses: Sequence[SuctionPose], most: int, rejections: Rejections
+        self, state: SceneState, target: MovedObject, poses: Sequence[SuctionPose], most: int, rejections: Rejections
     ) -> tuple[SuctionPose, ...]:
         """Return the first `most` suction poses at which the tool has room at the start and at a goal.
 
         Args:
-            stage: where everything is.
+            state: where everything is.
             target: the object.
             poses: in the order in which they are to be tried.
             most: that are returned.
@@ -45,7 +45,7 @@ class ToolRoom:
         """
         kept: list[SuctionPose] = []
         for pose in poses:
-            in_the_way = self._in_the_way(stage, target, pose)
+            in_the_way = self._in_the_way(state, target, pose)
             if in_the_way is None:
                 kept.append(pose)
             else:
@@ -54,33 +54,33 @@ class ToolRoom:
                 break
         return tuple(kept)
 
-    def _in_the_way(self, stage: ToolStage, target: MovedObject, pose: SuctionPose) -> str | None:
+    def _in_the_way(self, state: SceneState, target: MovedObject, pose: SuctionPose) -> str | None:
         T_object_tool = pose.T_object_tool
-        touched = self._touched(stage, target.name, stage.T_world_objects[target.name] @ T_object_tool)
+        touched = self._touched(state, target.name, state.T_world_objects[target.name] @ T_object_tool)
         if touched is not None:
             return f"With its cup on the object at its start, the tool has no room beside {touched}."
-        at_goals = (self._touched(stage, target.name, T_world_goal @ T_object_tool) for T_world_goal in target.goals)
+        at_goals = (self._touched(state, target.name, T_world_goal @ T_object_tool) for T_world_goal in target.goals)
         first = next(at_goals)
         if first is None or any(touched is None for touched in at_goals):
             return None
         return f"With its cup on the object at its goal, the tool has no room beside {first}."
 
-    def _touched(self, stage: ToolStage, name: str, T_world_tool: Transform) -> str | None:
+    def _touched(self, state: SceneState, name: str, T_world_tool: Transform) -> str | None:
         """Return what the tool overlaps on the object, or is too close to where its straight way there begins."""
-        workcell = self._traffic.workcell
+        workcell = self._queries.workcell
         away = moved_by(T_world_tool, self._descent * T_world_tool[:3, 2])
-        placements: dict[str, Placement | None] = {key: Fixed(T) for key, T in stage.T_world_objects.items()}
+        placements: dict[str, Placement | None] = {key: Fixed(T) for key, T in state.T_world_objects.items()}
         for T, share in ((T_world_tool, 0.0), (away, 1.0)):
             placements[TOOL_FRAME] = Fixed(T)
-            query = workcell.query(stage.widths, placements, share=share, only=self._pairs(name))
-            pair = int(query.first_collision(stage.q)[0])
+            query = workcell.query(state.widths, placements, share=share, only=self._pairs(name))
+            pair = int(query.first_collision(state.q)[0])
             if pair >= 0:
                 return next(touched for touched in query.pair_names(pair) if touched != workcell.tool.body.name)
         return None
 
     def _pairs(self, name: str) -> PairMask:
         """Choose the pairs of the tool with all but the arms and the object it is on."""
-        workcell = self._traffic.workcell
+        workcell = self._queries.workcell
         arms, left_out = workcell.cell.arms, self._left_out | {name}
 
         def chosen(a: CollisionBody, b: CollisionBody) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from planners.geometry.pose import Array, inverse
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
-from planners.regrasp.graph.cost_to_go import Prospect
+from planners.regrasp.graph.cost_to_go import CostToGo
 from planners.regrasp.graph.grasp_layer import GraspLayer
 from planners.regrasp.graph.object_progress import ObjectProgress, ObjectStage, Tell
 from planners.regrasp.graph.regrasp_figures import RegraspFigures
@@ -23,10 +23,10 @@ from planners.regrasp.graph.regrasp_graph import Edge, Handover, Pick, Sequence,
 from planners.regrasp.graph.route_figures import route_figures
 from planners.regrasp.graph.route_maker import RouteMaker
 from planners.regrasp.graph.suction_route import RouteCosts, RouteStart, SuctionRoute
+from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.motion.tool_choreography import ToolChoreographer
 from planners.regrasp.motion.tool_motion import Stuck
 from planners.regrasp.motion.tool_room import ToolRoom
-from planners.regrasp.motion.tool_stage import ToolStage
 from planners.regrasp.suction.suction_poses import SuctionPoses
 from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -81,81 +81,81 @@ class ObjectPlanner:
             progress: told of what is being done; may raise to stop.
         """
         self.choreographer, self.routes = choreographer, routes
-        self.room = ToolRoom(choreographer.traffic, settings.carry.descent)
-        self.later_room = ToolRoom(choreographer.traffic, settings.carry.descent, objects=False)
+        self.room = ToolRoom(choreographer.queries, settings.carry.descent)
+        self.later_room = ToolRoom(choreographer.queries, settings.carry.descent, objects=False)
         self.settings, self.progress = settings, progress
 
     def plan(
-        self, stage: ToolStage, target: MovedObject, suctions: SuctionPoses, following: Following | None
-    ) -> tuple[ToolStage | None, ObjectReport]:
+        self, state: SceneState, target: MovedObject, suctions: SuctionPoses, following: Following | None
+    ) -> tuple[SceneState | None, ObjectReport]:
         """Move an object to its goal, or tell why not.
 
         Args:
-            stage: where everything is.
+            state: where everything is.
             target: the object.
             suctions: in the order in which they are to be tried.
             following: what is likely moved next; without it any grasp is good to end with.
         """
         report = ObjectReport(target.name)
-        poses = self.room.poses(stage, target, suctions.poses, self.settings.suction_poses, report.rejections)
+        poses = self.room.poses(state, target, suctions.poses, self.settings.suction_poses, report.rejections)
         if not poses:
             report.rejections.include(suctions.rejections)
             return None, report
         tell = ObjectProgress(self.progress, target.name, len(poses))
         tell(ObjectStage.FIRST_REGRASP)
-        start = self.routes.start(stage)
-        costs = RouteCosts(self._prospect(stage, target, following, tell).seconds, self.routes.travel)
-        possible = self.routes.routes(stage, target, poses, start, costs, tell)
+        start = self.routes.start(state)
+        costs = RouteCosts(self._cost_to_go(state, target, following, tell).seconds, self.routes.travel_times)
+        possible = self.routes.routes(state, target, poses, start, costs, tell)
         tried: list[SuctionRoute] = []
         while routes := list(islice(possible, self.settings.suction_group)):
             tell.tried = len(tried)
             tell(ObjectStage.FIRST_REGRASP)
             tried += routes
-            done = self._try_group(stage, target, routes, report)
+            done = self._try_group(state, target, routes, report)
             if done is not None:
-                self._tell(stage, tried, done[1], report)
+                self._tell(state, tried, done[1], report)
                 return done[0], report
             if report.counts["tries"] >= self.settings.tries:
                 break
-        self._tell(stage, tried, None, report)
+        self._tell(state, tried, None, report)
         return None, report
 
-    def _prospect(self, stage: ToolStage, target: MovedObject, following: Following | None, tell: Tell) -> Prospect:
+    def _cost_to_go(self, state: SceneState, target: MovedObject, following: Following | None, tell: Tell) -> CostToGo:
         """Look at what follows, with the target at its goal."""
         settings, maker = self.settings, self.routes
         if following is None:
-            return Prospect((), 0, maker.travel, np.zeros_like(maker.partnerless))
-        placed = {**stage.T_world_objects, target.name: target.T_world_goal}
-        after = replace(stage, T_world_objects=placed)
+            return CostToGo((), 0, maker.travel_times, np.zeros_like(maker.partnerless))
+        placed = {**state.T_world_objects, target.name: target.T_world_goal}
+        after = replace(state, T_world_objects=placed)
         poses = following.suctions.poses[: settings.suction_group]
         nowhere = RouteStart.nowhere(len(maker.partnerless))
-        costs = RouteCosts(lambda positions: np.zeros(len(positions)), maker.travel)
+        costs = RouteCosts(lambda positions: np.zeros(len(positions)), maker.travel_times)
         routes = tuple(maker.routes(after, following.target, poses, nowhere, costs, tell))
         otherwise = settings.handover_seconds + settings.partner_weight * maker.partnerless
-        return Prospect(routes, settings.prospect_goals, maker.travel, otherwise)
+        return CostToGo(routes, settings.onward_goals, maker.travel_times, otherwise)
 
     # One group of suction poses.
 
     def _try_group(
-        self, stage: ToolStage, target: MovedObject, routes: list[SuctionRoute], report: ObjectReport
-    ) -> tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None:
+        self, state: SceneState, target: MovedObject, routes: list[SuctionRoute], report: ObjectReport
+    ) -> tuple[SceneState, tuple[SuctionRoute, Sequence]] | None:
         """Try the sequences of several suction poses, those with the fewest handovers first; a slow one not alone."""
-        realised: dict[tuple[int | Edge, ...], ToolStage] = {}
-        best: tuple[ToolStage, tuple[SuctionRoute, Sequence]] | None = None
+        realised: dict[tuple[int | Edge, ...], SceneState] = {}
+        best: tuple[SceneState, tuple[SuctionRoute, Sequence]] | None = None
         least = math.inf
         second_thoughts = self.settings.second_thoughts
         for number, sequence in islice(self._sequences(routes), self.settings.group_tries):
             route = routes[number]
             route.sequences += 1
             report.counts["tries"] += 1
-            done = self._realise(stage, target, route, sequence, realised, (number,), report)
+            done = self._realise(state, target, route, sequence, realised, (number,), report)
             route.tell(ObjectStage.GRAPH)
             if done is not None:
                 q = done.q[self.choreographer.workcell.joints(done.held.arm)]
-                total = done.duration + route.prospect(sequence.last, q)
+                total = done.duration + route.cost_to_go(sequence.last, q)
                 if total < least:
                     best, least = (done, (route, sequence)), total
-                edge, seconds = _slowest(stage, realised, number, sequence)
+                edge, seconds = _slowest(state, realised, number, sequence)
                 if seconds <= self.settings.slow_motion or not second_thoughts:
                     break
                 second_thoughts -= 1
@@ -189,14 +189,14 @@ class ObjectPlanner:
 
     def _realise(
         self,
-        stage: ToolStage,
+        state: SceneState,
         target: MovedObject,
         route: SuctionRoute,
         sequence: Sequence,
-        realised: dict[tuple[int | Edge, ...], ToolStage],
+        realised: dict[tuple[int | Edge, ...], SceneState],
         key: tuple[int | Edge, ...],
         report: ObjectReport,
-    ) -> ToolStage | None:
+    ) -> SceneState | None:
         """Move along a sequence; where it gets stuck, take out the edge that could not be moved."""
         goal = route.goals[sequence.goal]
         for edge, following in zip(sequence.edges, (*sequence.edges[1:], None), strict=True):
@@ -204,25 +204,25 @@ class ObjectPlanner:
             if key not in realised:
                 route.tell(ObjectStage.motion(0 if isinstance(edge, Pick) else edge.round))
                 try:
-                    realised[key] = self._step(stage, target, route, goal, edge, following)
+                    realised[key] = self._step(state, target, route, goal, edge, following)
                 except Stuck as stuck:
                     report.rejections.add(stuck.rejection)
                     report.counts["edges deleted"] += 1
                     route.delete(edge, stuck.rejection)
                     return None
                 route.passed(edge)
-            stage = realised[key]
-        return stage
+            state = realised[key]
+        return state
 
     def _step(
         self,
-        stage: ToolStage,
+        state: SceneState,
         target: MovedObject,
         route: SuctionRoute,
         goal: GraspLayer,
         edge: Edge,
         following: Edge | None,
-    ) -> ToolStage:
+    ) -> SceneState:
         """Move along one edge, on a branch that suits the one that follows if it can be.
 
         Raises:
@@ -231,27 +231,27 @@ class ObjectPlanner:
         plan, ahead = self.choreographer, _ahead(route, goal, following)
         match edge:
             case Pick(node=node):
-                if stage.holder is not None:
-                    return stage
+                if state.holder is not None:
+                    return state
                 assert route.start.layer is not None
-                held, choices = self.routes.held(node), self.routes.on_the_way(stage, node, route.start.layer, ahead)
-                return _first_not_stuck(lambda branches: plan.pick_up(stage, held, branches, ahead), choices)
+                held, choices = self.routes.held(node), self.routes.on_the_way(state, node, route.start.layer, ahead)
+                return _first_not_stuck(lambda branches: plan.pick_up(state, held, branches, ahead), choices)
             case Handover(receiver=receiver):
-                places = self.routes.places(stage, receiver, ahead)
-                return plan.hand_over(stage, self.routes.held(receiver), places, ahead)
+                places = self.routes.places(state, receiver, ahead)
+                return plan.hand_over(state, self.routes.held(receiver), places, ahead)
             case Transfer(round=0, node=node):
-                choices = self.routes.on_the_way(stage, node, route.suction, ahead)
+                choices = self.routes.on_the_way(state, node, route.suction, ahead)
                 pose = route.pose.T_object_tool
-                return _first_not_stuck(lambda branches: plan.suck(stage, target.name, pose, branches, ahead), choices)
+                return _first_not_stuck(lambda branches: plan.suck(state, target.name, pose, branches, ahead), choices)
             case Transfer(node=node):
                 T_world_goal = goal.T_world_tool @ inverse(route.pose.T_object_tool)
-                return plan.put_down(stage, T_world_goal, int(goal.branches[node]))
+                return plan.put_down(state, T_world_goal, int(goal.branches[node]))
 
     # Telling.
 
     def _tell(
         self,
-        stage: ToolStage,
+        state: SceneState,
         routes: list[SuctionRoute],
         done: tuple[SuctionRoute, Sequence] | None,
         report: ObjectReport,
@@ -268,9 +268,9 @@ class ObjectPlanner:
                 report.rejections.add(rejection)
         drawn = chosen or max(routes, key=lambda route: route.sequences, default=None)
         if drawn is not None:
-            report.figures = route_figures(report.name, drawn, stage.T_world_tool, sequence)
+            report.figures = route_figures(report.name, drawn, state.T_world_tool, sequence)
         if sequence is not None:
-            self._tell_steps(stage, sequence, report)
+            self._tell_steps(state, sequence, report)
 
     def _given_up(self, route: SuctionRoute, found: bool) -> Rejection:
         """Return why a suction pose is not used."""
@@ -279,9 +279,9 @@ class ObjectPlanner:
             return max(reasons, key=reasons.__getitem__)
         return _NOT_NEEDED if found else route.emptiness()
 
-    def _tell_steps(self, stage: ToolStage, sequence: Sequence, report: ObjectReport) -> None:
+    def _tell_steps(self, state: SceneState, sequence: Sequence, report: ObjectReport) -> None:
         """Write down the grasps of the sequence that was moved."""
-        by = "picked up" if stage.holder is None else "held"
+        by = "picked up" if state.holder is None else "held"
         for edge in sequence.edges:
             if isinstance(edge, Handover):
                 held = self.routes.held(edge.receiver)
@@ -293,16 +293,16 @@ class ObjectPlanner:
 
 
 def _slowest(
-    stage: ToolStage, realised: Mapping[tuple[int | Edge, ...], ToolStage], number: int, sequence: Sequence
+    state: SceneState, realised: Mapping[tuple[int | Edge, ...], SceneState], number: int, sequence: Sequence
 ) -> tuple[Edge, float]:
     """Return the edge of a sequence that was moved with the motion that takes longest, and how long that is [s]."""
     slowest, longest = sequence.edges[0], 0.0
     for count, edge in enumerate(sequence.edges, start=1):
         after = realised[number, *sequence.edges[:count]]
-        for segment in after.segments[len(stage.segments) :]:
+        for segment in after.segments[len(state.segments) :]:
             if segment.trajectory.duration > longest:
                 slowest, longest = edge, segment.trajectory.duration
-        stage = after
+        state = after
     return slowest, longest
 
 
@@ -314,13 +314,13 @@ def _ahead(route: SuctionRoute, goal: GraspLayer, following: Edge | None) -> Arr
         case Transfer(node=node):
             positions = goal.solutions[node]
         case Handover(round=number, giver=giver, receiver=receiver):
-            positions = route.handovers.given_at(number, giver, receiver)
+            positions = route.handovers.giver_positions(number, giver, receiver)
         case _:
             return np.empty((0, 6))
     return positions[np.isfinite(positions[:, 0])]
 
 
-def _first_not_stuck(move: Callable[[int], ToolStage], choices: tuple[int, ...]) -> ToolStage:
+def _first_not_stuck(move: Callable[[int], SceneState], choices: tuple[int, ...]) -> SceneState:
     """Move on the first set of branches on which that is possible."""
     *earlier, last = choices
     for branches in earlier:

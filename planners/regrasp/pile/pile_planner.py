@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
-from planners.regrasp.motion.tool_stage import ToolStage
+from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.pile.object_order import ObjectOrder
 from planners.regrasp.pile.object_planner import Following, ObjectPlanner, ObjectReport, Stopover
 from planners.regrasp.pile.stopover import Stopovers
@@ -24,10 +24,10 @@ _HOPELESS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class PileState:
     """How far a plan has come."""
 
-    stage: ToolStage
+    state: SceneState
     objects: Mapping[str, MovedObject]
     """All of them, those that wait where they stand now."""
     moved: frozenset[str]
@@ -37,15 +37,15 @@ class Course:
     reports: tuple[ObjectReport, ...] = ()
     """Of what was moved, in order."""
 
-    def after(self, stage: ToolStage, report: ObjectReport) -> Course:
-        """Return the course with one more move."""
+    def after(self, state: SceneState, report: ObjectReport) -> PileState:
+        """Return the state with one more move."""
         name, reports = report.name, (*self.reports, report)
         if report.stopover is None:
-            return replace(self, stage=stage, moved=self.moved | {name}, reports=reports)
+            return replace(self, state=state, moved=self.moved | {name}, reports=reports)
         target = self.objects[name]
-        body = replace(target.body, T_world_body=stage.T_world_objects[name])
+        body = replace(target.body, T_world_body=state.T_world_objects[name])
         objects = {**self.objects, name: replace(target, body=body)}
-        return replace(self, stage=stage, objects=objects, on_the_way=self.on_the_way | {name}, reports=reports)
+        return replace(self, state=state, objects=objects, on_the_way=self.on_the_way | {name}, reports=reports)
 
 
 class SuctionFinder:
@@ -111,43 +111,43 @@ class PilePlanner:
         self.counts = Counter[str]()
         self.planned = 0
 
-    def plan(self, course: Course) -> Course | None:
+    def plan(self, pile: PileState) -> PileState | None:
         """Plan the moves that are left; None if none of the orders tried leads to the end."""
-        if len(course.moved) == len(course.objects):
-            return course
-        order = ObjectOrder.of(tuple(course.objects.values()))
-        for target, stopover in self._moves(course, order):
+        if len(pile.moved) == len(pile.objects):
+            return pile
+        order = ObjectOrder.of(tuple(pile.objects.values()))
+        for target, stopover in self._moves(pile, order):
             if self.planned >= self.most_plans or self.counts["tries"] >= self.most_tries:
                 return None
-            after = self._moved(course, target, stopover)
+            after = self._moved(pile, target, stopover)
             found = None if after is None else self.plan(after)
             if found is not None:
                 return found
         return None
 
-    def _moved(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Course | None:
+    def _moved(self, pile: PileState, target: MovedObject, stopover: Stopover | None) -> PileState | None:
         self.planned += 1
         suctions = self.suctions.between(target)
-        stage, report = self.objects.plan(course.stage, target, suctions, self._following(course, target, stopover))
+        state, report = self.objects.plan(pile.state, target, suctions, self._following(pile, target, stopover))
         report.stopover = stopover
         self.counts.update(report.counts)
-        if stage is None:
+        if state is None:
             self.failed.append(report)
             return None
-        return course.after(stage, report)
+        return pile.after(state, report)
 
-    def _following(self, course: Course, target: MovedObject, stopover: Stopover | None) -> Following | None:
+    def _following(self, pile: PileState, target: MovedObject, stopover: Stopover | None) -> Following | None:
         """Return what is likely moved after a target, if anything is."""
-        moved = course.moved | {target.name} if stopover is None else course.moved
-        order = ObjectOrder.of(tuple(course.objects.values()))
+        moved = pile.moved | {target.name} if stopover is None else pile.moved
+        order = ObjectOrder.of(tuple(pile.objects.values()))
         name = next((name for name in order.next(moved) if name != target.name), None)
-        return None if name is None else Following(course.objects[name], self.suctions.to_goal(course.objects[name]))
+        return None if name is None else Following(pile.objects[name], self.suctions.to_goal(pile.objects[name]))
 
-    def _moves(self, course: Course, order: ObjectOrder) -> Iterator[tuple[MovedObject, Stopover | None]]:
+    def _moves(self, pile: PileState, order: ObjectOrder) -> Iterator[tuple[MovedObject, Stopover | None]]:
         """Yield what can be moved next: to its goal, then to a stopover, those first that the cup cannot take there."""
-        possible = order.next(course.moved)
+        possible = order.next(pile.moved)
         for name in possible:
-            target = self._standing_at_goals(course, name) if self._can_be_taken(course, name, None) else None
+            target = self._standing_at_goals(pile, name) if self._can_be_taken(pile, name, None) else None
             if target is None:
                 continue
             suctions = self.suctions.to_goal(target)
@@ -155,33 +155,33 @@ class PilePlanner:
                 yield target, None
             else:
                 self._fail(name, None, suctions.rejections)
-        waiting = [name for name in order.next_aside(course.moved) if name not in course.on_the_way]
-        for name in sorted(waiting, key=lambda name: bool(self.suctions.to_goal(course.objects[name]).poses)):
+        waiting = [name for name in order.next_aside(pile.moved) if name not in pile.on_the_way]
+        for name in sorted(waiting, key=lambda name: bool(self.suctions.to_goal(pile.objects[name]).poses)):
             why = Stopover.TAKEN_ANEW if name in possible else Stopover.ASIDE
-            if self._can_be_taken(course, name, why):
-                for target in self._stopovers(course, name, why):
+            if self._can_be_taken(pile, name, why):
+                for target in self._stopovers(pile, name, why):
                     yield target, why
 
-    def _can_be_taken(self, course: Course, name: str, stopover: Stopover | None) -> bool:
+    def _can_be_taken(self, pile: PileState, name: str, stopover: Stopover | None) -> bool:
         """Tell whether all other objects stand while one is carried."""
-        rest = {other: (each.body, course.stage.T_world_objects[other]) for other, each in course.objects.items()}
+        rest = {other: (each.body, pile.state.T_world_objects[other]) for other, each in pile.objects.items()}
         del rest[name]
         fall = self.standing.fall(rest)
         if fall is not None:
             self._fail(name, stopover, _refusal("fall", f"once {name} is taken away, {fall}", name))
         return fall is None
 
-    def _standing_at_goals(self, course: Course, name: str) -> MovedObject | None:
+    def _standing_at_goals(self, pile: PileState, name: str) -> MovedObject | None:
         """Return an object with those of its goals at which all objects stand, now and in the end; None without any.
 
         Those that are at their goals stay as they stand there, turned as they may be; the others are to come to theirs
         as they are given.
         """
-        target, T_now = course.objects[name], course.stage.T_world_objects
-        now = {other: (each.body, T_now[other]) for other, each in course.objects.items()}
+        target, T_now = pile.objects[name], pile.state.T_world_objects
+        now = {other: (each.body, T_now[other]) for other, each in pile.objects.items()}
         end = {
-            other: (each.body, T_now[other] if other in course.moved else each.T_world_goal)
-            for other, each in course.objects.items()
+            other: (each.body, T_now[other] if other in pile.moved else each.T_world_goal)
+            for other, each in pile.objects.items()
         }
         goals, refusals = [], Rejections()
         for T in target.goals:
@@ -196,14 +196,14 @@ class PilePlanner:
             return None
         return target if len(goals) == len(target.goals) else target.to(goals)
 
-    def _stopovers(self, course: Course, name: str, why: Stopover) -> Iterator[MovedObject]:
+    def _stopovers(self, pile: PileState, name: str, why: Stopover) -> Iterator[MovedObject]:
         """Yield free places for an object, in poses from which the cup can take it to its goal."""
-        target, others = course.objects[name], _others(course, name)
+        target, others = pile.objects[name], _others(pile, name)
         reason = f"{name} cannot be put down on the way to its goal: it rests on no other face, or nowhere is room"
         for stopover in self.stopovers.targets(target, others):
             if self._is_hopeless(name):
                 return
-            leading_on = self._leading_on(course, target, stopover)
+            leading_on = self._leading_on(pile, target, stopover)
             if leading_on:
                 reason = ""
                 yield stopover.to(leading_on)
@@ -217,19 +217,19 @@ class PilePlanner:
         counts = [report.counts for report in self.failed if report.name == name]
         return sum(bool(each["suction poses"] and not each["tries"]) for each in counts) >= _HOPELESS
 
-    def _leading_on(self, course: Course, target: MovedObject, stopover: MovedObject) -> list[Transform]:
+    def _leading_on(self, pile: PileState, target: MovedObject, stopover: MovedObject) -> list[Transform]:
         """Return the poses at a stopover from which the cup can take an object to its goal.
 
         Hands are left out, and for the way on the other objects too: they may have been moved by then.
         """
         room = self.objects.room
-        if not room.poses(course.stage, stopover, self.suctions.between(stopover).poses, 1, Rejections()):
+        if not room.poses(pile.state, stopover, self.suctions.between(stopover).poses, 1, Rejections()):
             return []
         leading_on = []
         for T in stopover.goals:
             there = replace(target, body=replace(target.body, T_world_body=stopover.T_world_goal))
-            stage = replace(course.stage, T_world_objects={**course.stage.T_world_objects, target.name: T})
-            if self.objects.later_room.poses(stage, there, self.suctions.between(there).poses, 1, Rejections()):
+            state = replace(pile.state, T_world_objects={**pile.state.T_world_objects, target.name: T})
+            if self.objects.later_room.poses(state, there, self.suctions.between(there).poses, 1, Rejections()):
                 leading_on.append(T)
         return leading_on
 
@@ -238,12 +238,12 @@ class PilePlanner:
         self.failed[-1].rejections.include(rejections)
 
 
-def _refusal(stage: str, reason: str, name: str) -> Rejections:
-    return Rejections.of(Rejection(stage, reason, name))
+def _refusal(state: str, reason: str, name: str) -> Rejections:
+    return Rejections.of(Rejection(state, reason, name))
 
 
-def _others(course: Course, name: str) -> list[tuple[Body, Transform]]:
+def _others(pile: PileState, name: str) -> list[tuple[Body, Transform]]:
     """Return all other objects where they are, and those that wait also where they are to go."""
-    others = [each for each in course.objects.values() if each.name != name]
-    here = [(each.body, course.stage.T_world_objects[each.name]) for each in others]
-    return here + [(each.body, each.T_world_goal) for each in others if each.name not in course.moved]
+    others = [each for each in pile.objects.values() if each.name != name]
+    here = [(each.body, pile.state.T_world_objects[each.name]) for each in others]
+    return here + [(each.body, each.T_world_goal) for each in others if each.name not in pile.moved]

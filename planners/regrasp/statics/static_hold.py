@@ -45,7 +45,7 @@ class CarriedLoad(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Bearing:
+class StaticHold:
     """Cup, fingers, payloads and weights of one scene."""
 
     scene: SuctionToolScene

@@ -9,11 +9,11 @@ from planners.collision.placement import Attached, Fixed, Placement, Riding
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, inverse
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGrasps
-from planners.regrasp.motion.tool_stage import HeldGrasp, ToolStage
+from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
 from planners.regrasp.tool_workcell import ToolWorkcell
 
 
-class ToolTraffic:
+class StateQueries:
     """Collision queries of one scene for stages of its plan. Only what moves is checked, against everything."""
 
     def __init__(self, workcell: ToolWorkcell, grasps: ToolGrasps) -> None:
@@ -24,18 +24,18 @@ class ToolTraffic:
         """Return where the flange is on the tool in a grasp."""
         return self._T_tool_flange[held.arm][held.grasp]
 
-    def hand(self, stage: ToolStage, arm: str, *, around: bool = False, share: float = 1.0) -> CollisionQuery:
+    def hand(self, state: SceneState, arm: str, *, around: bool = False, share: float = 1.0) -> CollisionQuery:
         """Query an arm that moves an empty hand; the tool stays where it is, at rest or in the other hand.
 
         Args:
-            stage: where everything is.
+            state: where everything is.
             arm: which arm.
             around: whether the open fingers are about to take the tool, or have just let go of it.
             share: the part of all margins that is kept.
         """
-        placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
+        placements = {TOOL_FRAME: Fixed(state.T_world_tool), **self._objects(state)}
         return self.workcell.query(
-            stage.widths,
+            state.widths,
             placements,
             around=[arm] if around else [],
             share=share,
@@ -43,34 +43,34 @@ class ToolTraffic:
         )
 
     def carrying(
-        self, stage: ToolStage, margins: Mapping[NamePair, float] | None = None, *, share: float = 1.0
+        self, state: SceneState, margins: Mapping[NamePair, float] | None = None, *, share: float = 1.0
     ) -> CollisionQuery:
         """Query an arm that moves the tool it holds, and the object on the cup.
 
         Args:
-            stage: where everything is; the tool is held by one arm.
+            state: where everything is; the tool is held by one arm.
             margins: of pairs that may come closer than the usual margin [m].
             share: the part of all margins that is kept.
         """
-        held = stage.holder
+        held = state.holder
         assert held is not None
-        placements = {TOOL_FRAME: Attached(held.arm, inverse(self.T_tool_flange(held))), **self._objects(stage)}
+        placements = {TOOL_FRAME: Attached(held.arm, inverse(self.T_tool_flange(held))), **self._objects(state)}
         return self.workcell.query(
-            stage.widths,
+            state.widths,
             placements,
             holding=[held.arm],
             margins=margins,
             share=share,
-            only=self._moving(held.arm, stage.carried),
+            only=self._moving(held.arm, state.carried),
         )
 
-    def everything(self, stage: ToolStage, holding: Iterable[str]) -> CollisionQuery:
+    def everything(self, state: SceneState, holding: Iterable[str]) -> CollisionQuery:
         """Query both arms, the tool and the object on the cup among all else; the tool stays where it is."""
-        either = [self._moving(arm, stage.carried) for arm in self.workcell.cell.arms]
-        placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
-        return self.workcell.query(stage.widths, placements, holding=holding, only=either[0] | either[1])
+        either = [self._moving(arm, state.carried) for arm in self.workcell.cell.arms]
+        placements = {TOOL_FRAME: Fixed(state.T_world_tool), **self._objects(state)}
+        return self.workcell.query(state.widths, placements, holding=holding, only=either[0] | either[1])
 
-    def close_pairs(self, stage: ToolStage, carried: frozenset[str]) -> dict[NamePair, float]:
+    def close_pairs(self, state: SceneState, carried: frozenset[str]) -> dict[NamePair, float]:
         """Return margins of the pairs that what is carried may come close to, because it stands there already.
 
         A body that rests beside another keeps apart from it, and one that rests on another may seem to overlap it by
@@ -78,17 +78,17 @@ class ToolTraffic:
         """
         margins: dict[NamePair, float] = {}
         depth = self.workcell.settings.touch_depth
-        model = self.workcell.model(stage.widths)
+        model = self.workcell.model(state.widths)
         arms = self.workcell.cell.arms
 
         def chosen(a: CollisionBody, b: CollisionBody) -> bool:
             return (a.frame in carried) != (b.frame in carried) and not {a.group, b.group} & arms.keys()
 
         mask = self.workcell.pairs(("close", carried), chosen)
-        placements = {TOOL_FRAME: Fixed(stage.T_world_tool), **self._objects(stage)}
+        placements = {TOOL_FRAME: Fixed(state.T_world_tool), **self._objects(state)}
         for _ in range(2 * len(model.pair_names)):
-            query = self.workcell.query(stage.widths, placements, margins=margins, only=mask)
-            pair = int(query.first_collision(stage.q)[0])
+            query = self.workcell.query(state.widths, placements, margins=margins, only=mask)
+            pair = int(query.first_collision(state.q)[0])
             if pair < 0:
                 break
             names = query.pair_names(pair)
@@ -97,10 +97,10 @@ class ToolTraffic:
             margins[names] = 0.0 if names not in margins else -depth
         return margins
 
-    def _objects(self, stage: ToolStage) -> dict[str, Placement]:
-        placements: dict[str, Placement] = {name: Fixed(T) for name, T in stage.T_world_objects.items()}
-        if stage.sucked is not None:
-            placements[stage.sucked.name] = Riding(TOOL_FRAME, stage.sucked.T_tool_object)
+    def _objects(self, state: SceneState) -> dict[str, Placement]:
+        placements: dict[str, Placement] = {name: Fixed(T) for name, T in state.T_world_objects.items()}
+        if state.sucked is not None:
+            placements[state.sucked.name] = Riding(TOOL_FRAME, state.sucked.T_tool_object)
         return placements
 
     def _moving(self, arm: str, carried: frozenset[str]) -> PairMask:

@@ -27,7 +27,7 @@ class HeldGrasp:
 
 
 @dataclass(frozen=True, eq=False)
-class ToolStage:
+class SceneState:
     """A moment at which everything is at rest. Stages are never changed: trying a way leaves where it began alone."""
 
     q: Array
@@ -63,8 +63,8 @@ class ToolStage:
 
 
 @dataclass(frozen=True, eq=False)
-class StageWriter:
-    """Writes the segments of one scene. A stage is never changed: writing returns the next one."""
+class SegmentWriter:
+    """Writes the segments of one scene. A state is never changed: writing returns the next one."""
 
     workcell: ToolWorkcell
     grasps: ToolGrasps
@@ -81,45 +81,45 @@ class StageWriter:
 
     def appended(
         self,
-        stage: ToolStage,
+        state: SceneState,
         kind: SegmentKind,
         movers: tuple[str, ...],
         trajectory: Trajectory,
         widths: Mapping[str, float] | None = None,
         holds: Iterable[HeldGrasp] | None = None,
-    ) -> ToolStage:
+    ) -> SceneState:
         """Append a segment; `widths` are openings at its end [m], `holds` the hands on the tool, if not the holder."""
-        after = {**stage.widths, **(widths or {})}
+        after = {**state.widths, **(widths or {})}
         if holds is None:
-            holds = [] if stage.holder is None else [stage.holder]
-        body_poses = self._body_poses(stage, trajectory) if kind is SegmentKind.TRANSFER else {}
+            holds = [] if state.holder is None else [state.holder]
+        body_poses = self._body_poses(state, trajectory) if kind is SegmentKind.TRANSFER else {}
         segment = ToolSegment(
             kind=kind,
             movers=movers,
             trajectory=trajectory,
-            widths={arm: _ramp(trajectory.time, stage.widths[arm], after[arm]) for arm in after},
+            widths={arm: _ramp(trajectory.time, state.widths[arm], after[arm]) for arm in after},
             holds=tuple(self.hold(held) for held in holds),
-            sucked=stage.sucked,
+            sucked=state.sucked,
             body_poses=body_poses,
         )
         ends = {name: poses[-1] for name, poses in body_poses.items()}
         return replace(
-            stage,
+            state,
             q=trajectory.positions[-1].copy(),
             widths=after,
-            T_world_tool=ends.pop(TOOL_FRAME, stage.T_world_tool),
-            T_world_objects={**stage.T_world_objects, **ends},
-            segments=(*stage.segments, segment),
+            T_world_tool=ends.pop(TOOL_FRAME, state.T_world_tool),
+            T_world_objects={**state.T_world_objects, **ends},
+            segments=(*state.segments, segment),
         )
 
-    def _body_poses(self, stage: ToolStage, trajectory: Trajectory) -> dict[str, Array]:
-        held = stage.held
+    def _body_poses(self, state: SceneState, trajectory: Trajectory) -> dict[str, Array]:
+        held = state.held
         arm = self.workcell.arm(held.arm)
         Q = np.ascontiguousarray(trajectory.positions[:, self.workcell.joints(held.arm)])
         tool = flange_poses(arm.dh, arm.T_world_base, Q) @ inverse(self.T_tool_flange(held))
         poses = {TOOL_FRAME: tool}
-        if stage.sucked is not None:
-            poses[stage.sucked.name] = tool @ stage.sucked.T_tool_object
+        if state.sucked is not None:
+            poses[state.sucked.name] = tool @ state.sucked.T_tool_object
         return poses
 
     def hold(self, held: HeldGrasp) -> ToolHold:
@@ -133,15 +133,15 @@ class StageWriter:
 
     def still(
         self,
-        stage: ToolStage,
+        state: SceneState,
         kind: SegmentKind,
         duration: float,
         widths: Mapping[str, float],
         holds: Iterable[HeldGrasp] | None = None,
-    ) -> ToolStage:
+    ) -> SceneState:
         """Append a segment in which no joint moves; see `appended`."""
-        trajectory = hold_still(stage.q, duration, self.sample_step)
-        return self.appended(stage, kind, (), trajectory, widths, holds)
+        trajectory = hold_still(state.q, duration, self.sample_step)
+        return self.appended(state, kind, (), trajectory, widths, holds)
 
 
 def _ramp(time: Array, start: float, end: float) -> Array:

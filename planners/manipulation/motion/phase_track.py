@@ -1,4 +1,4 @@
-"""The joints of one arm over one engagement: approach, every motion of the plate, retreat, without a jump."""
+"""The joints of one arm over one hold phase: approach, every motion of the plate, retreat, without a jump."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.inverse import BRANCHES
 from planners.kinematics.windings import all_windings
-from planners.manipulation.motion.posture_follower import Engagement, Itinerary, PostureFollower
+from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
+from planners.manipulation.motion.posture_follower import PostureFollower
 from planners.manipulation.reach.hand_reach import HandReach
 
 _TURN = 2.0 * math.pi
 
 
 @dataclass(eq=False)
-class EngagementTrack:
-    """The joints of one arm over one engagement, continuous from approach to retreat."""
+class PhaseTrack:
+    """The joints of one arm over one phase, continuous from approach to retreat."""
 
     reach: HandReach
     hold: int
@@ -35,21 +36,21 @@ class EngagementTrack:
 
     @classmethod
     def of(
-        cls, follower: PostureFollower, itinerary: Itinerary, engagement: Engagement, posture: int
-    ) -> EngagementTrack:
-        """Follow a posture over its engagement, starting in the turns that are nearest to zero."""
-        reach, hold = follower.hand(engagement.hand), engagement.hold.index
+        cls, follower: PostureFollower, sequence: ManipulationSequence, phase: HoldPhase, posture: int
+    ) -> PhaseTrack:
+        """Follow a posture over its phase, starting in the turns that are nearest to zero."""
+        reach, hold = follower.hand(phase.hand), phase.hold.index
 
         def carriers(place: int) -> Array:
-            T_world_plate = follower.poses.poses[itinerary.poses[place]].T_world_plate
-            return follower.approach_carriers(T_world_plate, engagement.hand, hold)
+            T_world_plate = follower.poses.poses[sequence.poses[place]].T_world_plate
+            return follower.approach_carriers(T_world_plate, phase.hand, hold)
 
-        away = carriers(engagement.first)
+        away = carriers(phase.first)
         approach = reach.follow(away, hold, posture)
         last = approach[0]
         motions: dict[int, Array] = {}
-        for place in range(engagement.first, engagement.last):
-            step = itinerary.motions[place]
+        for place in range(phase.first, phase.last):
+            step = sequence.motions[place]
             if step is None:
                 continue
             number, forth = step
@@ -58,15 +59,13 @@ class EngagementTrack:
             motions[place] = along
             last = along[-1]
         retreat = np.empty((0, 6))
-        if engagement.goes:
-            retreat = _continued(reach, carriers(engagement.last), hold, posture, last)
-        back = inverse(follower.poses.poses[itinerary.poses[engagement.first]].T_world_plate)
-        return cls(
-            reach, hold, posture, engagement.first, approach, motions, retreat, (back @ away[0], back @ away[-1])
-        )
+        if phase.goes:
+            retreat = _continued(reach, carriers(phase.last), hold, posture, last)
+        back = inverse(follower.poses.poses[sequence.poses[phase.first]].T_world_plate)
+        return cls(reach, hold, posture, phase.first, approach, motions, retreat, (back @ away[0], back @ away[-1]))
 
     def windings(self, lo: Array, hi: Array) -> Array:
-        """Return (k, 6) whole turns [rad] after which the whole engagement is within limits."""
+        """Return (k, 6) whole turns [rad] after which the whole phase is within limits."""
         everything = np.concatenate([self.approach, *self.motions.values(), self.retreat])
         return all_windings(np.zeros(6), lo - everything.min(axis=0), hi - everything.max(axis=0))
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector
 from planners.kinematics.branch import follow_branch
-from planners.regrasp.motion.tool_stage import HeldGrasp
+from planners.regrasp.motion.scene_state import HeldGrasp
 from planners.scene.arm import Arm
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -104,7 +104,7 @@ Leg = StraightLeg | TiltLeg
 
 @dataclass(frozen=True, eq=False)
 class Onward:
-    """Where an arm goes after a visit: whoever has a choice of postures and turns looks that far ahead."""
+    """Where an arm goes after a Cartesian path: whoever has a choice of postures and turns looks that far ahead."""
 
     positions: Array
     """(k, 6) any of them [rad]."""
@@ -114,7 +114,7 @@ class Onward:
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """Joint positions along the legs of a visit, in one branch and with one choice of whole turns."""
+    """Joint positions along the legs of a Cartesian path, in one branch and with one choice of whole turns."""
 
     branch: int
     ways: tuple[Array, ...]
@@ -122,12 +122,12 @@ class Posture:
 
     @property
     def start(self) -> Array:
-        """(6,) where the visit begins [rad]."""
+        """(6,) where the path begins [rad]."""
         return self.ways[0][0]
 
     @property
     def end(self) -> Array:
-        """(6,) where the visit ends [rad]."""
+        """(6,) where the path ends [rad]."""
         return self.ways[-1][-1]
 
     def turned(self, turns: Array) -> Posture:
@@ -135,7 +135,7 @@ class Posture:
         return Posture(self.branch, tuple(way + turns for way in self.ways))
 
     def windings(self, lo: Array, hi: Array) -> Array:
-        """Return (k, 6) whole turns [rad] after which the whole visit is within limits."""
+        """Return (k, 6) whole turns [rad] after which the whole path is within limits."""
         everything = np.concatenate(self.ways)
         low, high = everything.min(axis=0), everything.max(axis=0)
         choices = [_WINDINGS[(low[i] + _WINDINGS >= lo[i]) & (high[i] + _WINDINGS <= hi[i])] for i in range(6)]
@@ -143,7 +143,7 @@ class Posture:
 
 
 @dataclass(frozen=True, eq=False)
-class Visit:
+class CartesianPath:
     """Legs of one arm's hand; each begins where the one before ended."""
 
     arm: Arm

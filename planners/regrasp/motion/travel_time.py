@@ -33,7 +33,7 @@ def solutions(arm: Arm, T_world_tool: Transform, T_tool_flange: Array, branches:
     return _solutions(arm.dh, inverse(arm.T_world_base) @ T_world_tool, T_tool_flange, branches)
 
 
-def least_travel(
+def least_travel_time(
     arm: Arm,
     one: Array,
     other: Array,
@@ -58,17 +58,17 @@ def least_travel(
     """
     beyond = np.zeros(other.shape[:2]) if beyond is None else beyond
     if T_tool_flange is None or pace is None:
-        return _least_travel(one, other, beyond, _joints(arm), arm.dh, np.empty((0, 3)), np.full(2, np.inf))
+        return _least_travel_time(one, other, beyond, _joints(arm), arm.dh, np.empty((0, 3)), np.full(2, np.inf))
     lips = -np.einsum("nji,nj->ni", T_tool_flange[:, :3, :3], T_tool_flange[:, :3, 3])
-    return _least_travel(one, other, beyond, _joints(arm), arm.dh, lips, np.array([pace.speed, pace.turn]))
+    return _least_travel_time(one, other, beyond, _joints(arm), arm.dh, lips, np.array([pace.speed, pace.turn]))
 
 
 def straight_times(
     arm: Arm, start: Array, goals: Array, T_tool_flange: Transform | None = None, pace: CarriedPace | None = None
 ) -> Array:
-    """Return how long (k,) an arm takes straight from `start` (6,) to each of `goals` (k, 6) [s]; see `least_travel`.
+    """Return how long (k,) an arm takes straight from `start` (6,) to each of `goals` (k, 6) [s].
 
-    Whole turns count here; accelerations do not.
+    See `least_travel_time`. Whole turns count here; accelerations do not.
     """
     if T_tool_flange is None or pace is None:
         seconds = np.abs((goals - start) / arm.velocity_max)
@@ -111,7 +111,7 @@ def _straight_times(start, goals, velocity, dh, lip, pace):
 
 
 @njit(cache=True, nogil=True)
-def _least_travel(one, other, beyond, joints, dh, lips, pace):
+def _least_travel_time(one, other, beyond, joints, dh, lips, pace):
     result = np.full(one.shape[0], np.inf)
     step = np.empty(6)
     for k in range(one.shape[0]):
@@ -205,7 +205,7 @@ def carried_rates(
     return RateLimit(speed, pace.speed), RateLimit(turn, pace.turn)
 
 
-class NodeTravel:
+class NodeTravelTimes:
     """Least times of arms that carry the tool in each of n grasps: those of the left arm, then those of the right."""
 
     def __init__(self, arms: Sequence[Arm], T_tool_flange: Sequence[Array], pace: CarriedPace) -> None:
@@ -222,11 +222,11 @@ class NodeTravel:
             T_tool_flange = self._T_tool_flange[number]
             part = slice(number * len(T_tool_flange), (number + 1) * len(T_tool_flange))
             on = None if beyond is None else beyond[part]
-            parts.append(least_travel(arm, one[part], other[part], T_tool_flange, self._pace, on))
+            parts.append(least_travel_time(arm, one[part], other[part], T_tool_flange, self._pace, on))
         return np.concatenate(parts)
 
     def of(self, node: int, one: Array, other: Array, *, carries: bool = True) -> float:
         """Return least seconds of one node between (k, 6) and (m, 6) [rad], with the tool in hand or without."""
         number, grasp = divmod(node, len(self._T_tool_flange[0]))
         flange = self._T_tool_flange[number][grasp : grasp + 1] if carries else None
-        return float(least_travel(self._arms[number], one[None], other[None], flange, self._pace)[0])
+        return float(least_travel_time(self._arms[number], one[None], other[None], flange, self._pace)[0])
