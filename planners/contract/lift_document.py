@@ -12,8 +12,8 @@ from planners.balance.balanced import Balanced
 from planners.contract.document_members import document_of, motion_members, pose_rows, rounded
 from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, to_pose7
-from planners.manipulation.groundwork import hand_force_limit
 from planners.manipulation.lift_plan import LiftPlan
+from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.scene.scene import PlateLiftScene
 from planners.segment import ContactSet, Segment, SegmentKind
 

@@ -46,6 +46,8 @@ class LiftPlan:
     search: dict[str, int | float | None]
     reserves: ReservedSegments | None = None
     """How much of every limit it leaves; None where there is no plan."""
+    rises: bool = False
+    """Whether the plan ends where the lift can go on straight up."""
 
     @property
     def reserve(self) -> LeastReserve | None:

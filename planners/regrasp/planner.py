@@ -273,7 +273,7 @@ class SuctionToolPlanner:
             "suction_poses": counts["suction poses"],
             "sequences": counts["tries"],
             "edges_deleted": counts["edges deleted"],
-            "motion_queries": self.choreographer.motion.searches,
+            "motion_queries": self.choreographer.motion.free.searches,
             "handovers": sum(report.counts["handovers"] for report in reports),
         }
 

@@ -40,8 +40,6 @@ class CarrySettings:
     [rad]; as for handovers."""
     reliefs: tuple[float, ...] = (math.radians(68.0), math.radians(80.0))
     """Tilts from which such turns begin, or at which they end; the next where one is not possible [rad]."""
-    executed_share: float = 0.5
-    """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
 
 
 @dataclass(frozen=True)

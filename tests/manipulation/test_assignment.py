@@ -17,7 +17,7 @@ def assignments(assigner):
 
 
 def table(planner, hand):
-    return planner.grip_postures if hand == "grip" else planner.push_postures
+    return planner.reach.reached.grip if hand == "grip" else planner.reach.reached.push
 
 
 def test_engagements_are_the_stretches_over_which_a_hand_keeps_its_hold(assigner, solved):
@@ -42,11 +42,11 @@ def test_a_posture_reaches_all_poses_of_its_engagement(planner, assigner, assign
 
 def test_a_posture_follows_all_motions_of_its_engagement_without_a_jump(planner, assigner, assignments):
     for phase, posture in assignments[0].items():
-        reach = planner.follower.hand(phase.hand)
+        reach = planner.reach.follower.hand(phase.hand)
         for place in range(phase.first, phase.last):
             step = assigner.sequence.motions[place]
             if step is not None:
-                q = reach.follow(planner.follower.samples(step[0]), phase.hold.index, posture)
+                q = reach.follow(planner.reach.follower.samples(step[0]), phase.hold.index, posture)
                 assert np.abs(np.diff(q, axis=0)).max() <= CONTINUITY
 
 
@@ -56,9 +56,9 @@ def test_hands_that_are_on_the_plate_together_keep_the_arms_apart(planner, assig
             grip, push = (assigner.sequence.active(hand, place) for hand in ("grip", "push"))
             if grip is None or push is None:
                 continue
-            T = planner.poses.poses[assigner.sequence.poses[place]].T_world_plate[None]
+            T = planner.sampling.poses.poses[assigner.sequence.poses[place]].T_world_plate[None]
             masks = 1 << assignment[grip], 1 << assignment[push]
-            assert planner.pair.compatible(T, (grip.hold.index, push.hold.index), masks) is not None
+            assert planner.reach.pair.compatible(T, (grip.hold.index, push.hold.index), masks) is not None
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -28,8 +28,8 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
     """The fault of before: with 100 N allowed, 40 N on the gripping hand and 36 N on the pushing one."""
     planner, generous = planned(normal=100.0, net=100.0)
     most = payloads(planner)
-    assert most[planner.workcell.gripper] == pytest.approx(17.6, abs=0.1)
-    assert most[planner.workcell.pusher] == pytest.approx(25.5, abs=0.1)
+    assert most[planner.sampling.workcell.gripper] == pytest.approx(17.6, abs=0.1)
+    assert most[planner.sampling.workcell.pusher] == pytest.approx(25.5, abs=0.1)
     largest = max(most.values())
     _, true = planned(normal=largest, net=largest)
     assert generous.outcome is true.outcome is LiftOutcome.SOLVED
@@ -41,8 +41,8 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
             assert one.sample == other.sample
             assert one.balance.objective == pytest.approx(other.balance.objective, abs=1e-4)
             forces = np.linalg.norm(one.balance.hand_wrenches[:, :3], axis=1)
-            assert forces[0] <= most[planner.workcell.gripper]
-            assert forces[1] <= most[planner.workcell.pusher]
+            assert forces[0] <= most[planner.sampling.workcell.gripper]
+            assert forces[1] <= most[planner.sampling.workcell.pusher]
 
 
 def test_a_task_may_allow_less() -> None:

@@ -29,6 +29,13 @@ class PrincipalContact:
         """The number of the plate's touching element, None without contact."""
         return None if self.plate is None else self.plate.index
 
+    @property
+    def name(self) -> str:
+        """As reports say it: "face", "edge 3", "vertex 0", "no contact"."""
+        if self.index is None:
+            return "no contact"
+        return "face" if self.element == "face" else f"{self.element} {self.index}"
+
 
 NO_CONTACT = PrincipalContact(None, None)
 """The plate is off the environment. Every contact can relax to it."""

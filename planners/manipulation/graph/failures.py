@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
+from planners.manipulation.reach.hand_reach import Hand
 from planners.manipulation.statics.hold_balance import HoldBalance
-
-Hand = Literal["grip", "push"]
 
 
 @dataclass(frozen=True)

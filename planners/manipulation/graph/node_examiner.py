@@ -15,7 +15,7 @@ from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, whole
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
 from planners.manipulation.graph.rising_reach import RisingReach
-from planners.manipulation.reach.hand_reach import HandReach, PairReach
+from planners.manipulation.reach.hand_reach import HandReach, ReachedPostures
 from planners.manipulation.statics.hold_balance import HandPair, HoldBalance, describe
 from planners.manipulation.statics.lift_torques import TORQUE_RESERVE
 
@@ -32,20 +32,17 @@ class NodeExaminer:
     for `minimise="force"`, the largest contact normal of its hands.
     """
 
-    def __init__(  # noqa: PLR0913 - what it looks into, and what it writes down
+    def __init__(
         self,
         graph: ManipulationStateGraph,
         balance: HoldBalance,
-        pair: PairReach,
-        grip_postures: NDArray[np.uint64],
-        push_postures: NDArray[np.uint64],
+        reached: ReachedPostures,
         rejections: Rejections,
         minimise: Objective,
         rising: RisingReach | None = None,
         gravity: Array | None = None,
     ) -> None:
-        self.graph, self.balance, self.pair = graph, balance, pair
-        self.grip_postures, self.push_postures = grip_postures, push_postures
+        self.graph, self.balance, self.reached, self.pair = graph, balance, reached, reached.pair
         self.rejections, self.minimise, self.rising = rejections, minimise, rising
         self.gravity = STANDARD_GRAVITY if gravity is None else gravity
         self.examined = 0
@@ -96,8 +93,8 @@ class NodeExaminer:
 
     def _arms_apart(self, pose: int, grip: HandHold, push: HandHold) -> bool:
         allowed = (
-            self.postures(pose, grip, self.grip_postures),
-            self.postures(pose, push, self.push_postures),
+            self.postures(pose, grip, self.reached.grip),
+            self.postures(pose, push, self.reached.push),
         )
         where = self.graph.poses.poses[pose].T_world_plate[None]
         return self.pair.compatible(where, (grip.index, push.index), allowed) is not None
@@ -131,9 +128,9 @@ class NodeExaminer:
         com = T_world_plate[:3, :3] @ self.balance.balance.com + T_world_plate[:3, 3]
         wrenches = rotated(T_world_plate[:3, :3], answer.hand_wrenches)
         if grip is not None:
-            yield T_world_plate, com, grip, self.pair.first, self.grip_postures, wrenches[0]
+            yield T_world_plate, com, grip, self.pair.first, self.reached.grip, wrenches[0]
         if push is not None:
-            yield T_world_plate, com, push, self.pair.second, self.push_postures, wrenches[1]
+            yield T_world_plate, com, push, self.pair.second, self.reached.push, wrenches[1]
 
     def forget_ruled_out(self) -> None:
         """Mark the nodes that proofs of imbalance have ruled out since."""

@@ -10,9 +10,8 @@ import numpy as np
 from planners.balance.balanced import Balanced
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array
-from planners.manipulation.graph.failures import Hand
 from planners.manipulation.graph.manipulation_graph import HandHold
-from planners.manipulation.reach.hand_reach import PairReach, PlateQuery
+from planners.manipulation.reach.hand_reach import Hand, PairReach, PlateQuery
 from planners.manipulation.statics.hold_balance import HoldBalance
 
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
-from planners.manipulation.graph.failures import Failure, Hand, MotionFailure, PairFailure, RiseFailure, TransitFailure
+from planners.manipulation.graph.failures import Failure, MotionFailure, PairFailure, RiseFailure, TransitFailure
 from planners.manipulation.graph.manipulation_graph import HandHold
+from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
 from planners.manipulation.motion.phase_track import PhaseTrack
 from planners.manipulation.motion.posture_follower import PostureFollower
-from planners.manipulation.reach.hand_reach import bits
+from planners.manipulation.reach.hand_reach import Hand, bits
 
 Assignment = dict[HoldPhase, int]
 """A posture for each hold phase."""
@@ -45,9 +46,23 @@ class NoAssignment:
 class PostureAssigner:
     """Finds postures for the phases of one sequence."""
 
-    def __init__(self, follower: PostureFollower, sequence: ManipulationSequence, start_positions: Array) -> None:
+    def __init__(
+        self,
+        follower: PostureFollower,
+        sequence: ManipulationSequence,
+        start_positions: Array,
+        rising: RisingReach | None,
+    ) -> None:
+        """Gather what is asked.
+
+        Args:
+            follower: of postures along the plate's motions.
+            sequence: whose hold phases get postures.
+            start_positions: (12,) of both arms; postures near them come first [rad].
+            rising: what both hands must keep to at the end so that the lift can go on; None: nothing.
+        """
         self.follower, self.sequence, self.start_positions = follower, sequence, start_positions
-        self._rising = follower.rising
+        self._rising = rising
 
     @cached_property
     def _factors(self) -> dict[HoldPhase, list[tuple[int, Failure]]]:

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from planners.graph.search import GraphPath
-from planners.manipulation.graph.failures import Hand
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
+from planners.manipulation.reach.hand_reach import Hand
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
-from planners.manipulation.graph.failures import Hand
-from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.holds.grips import Grip
 from planners.manipulation.holds.pushes import Push
-from planners.manipulation.reach.hand_reach import HandReach, PairReach, PlateQuery
+from planners.manipulation.reach.hand_reach import Hand, HandReach, PlateQuery, ReachedPostures
 
 
 @dataclass(frozen=True)
@@ -53,23 +50,21 @@ class PostureFollower:
     def __init__(
         self,
         poses: DenseContactStateGraph,
-        pair: PairReach,
+        reached: ReachedPostures,
         queries: PostureQueries,
         holds: tuple[tuple[Grip, ...], tuple[Push, ...]],
-        reach: dict[Hand, NDArray[np.uint64]],
         settings: SweepSettings | None = None,
     ) -> None:
         """Gather what is asked.
 
         Args:
             poses: the dense contact state graph.
-            pair: both hands.
+            reached: which postures reach which pose.
             queries: what counts as a collision in which step.
             holds: all grips and all pushes.
-            reach: (poses, holds) bit sets of each hand.
             settings: how finely to sample.
         """
-        self.poses, self.pair, self.reach = poses, pair, reach
+        self.poses, self.reached, self.pair = poses, reached, reached.pair
         self.with_idle, self.opened, self.lifted = queries.with_idle, queries.opened, queries.lifted
         self.grips, self.pushes = holds
         self.settings = settings or SweepSettings()
@@ -78,12 +73,10 @@ class PostureFollower:
         self._together: dict[tuple[int, int, int, int, int], bool] = {}
         self._samples: dict[int, Array] = {}
         self._blocked: dict[int, tuple[str, str] | None] = {}
-        self.rising: RisingReach | None = None
-        """What both hands must keep to at the end so that the lift can go on; None: nothing."""
 
     def hand(self, hand: Hand) -> HandReach:
         """Return a hand's reach."""
-        return self.pair.first if hand == "grip" else self.pair.second
+        return self.reached.hand(hand)
 
     def motion(self, number: int) -> PlateMotion:
         """Return a motion of the graph, from its first to its second pose."""
@@ -108,7 +101,7 @@ class PostureFollower:
         key = (number, hand, index, alone)
         if key not in self._along:
             i, j = self.poses.edges[number]
-            both = int(self.reach[hand][i, index] & self.reach[hand][j, index])
+            both = int(self.reached.of(hand)[i, index] & self.reached.of(hand)[j, index])
             query = self.with_idle[hand] if alone else self.hand(hand).alone
             self._along[key] = self.hand(hand).track(self.samples(number), index, both, query) if both else 0
         return self._along[key]
@@ -125,7 +118,7 @@ class PostureFollower:
         if key not in self._approach:
             carriers = self.approach_carriers(self.poses.poses[pose].T_world_plate, hand, index)
             plates = np.repeat(self.poses.poses[pose].T_world_plate[None], len(carriers), axis=0)
-            allowed = int(self.reach[hand][pose, index])
+            allowed = int(self.reached.of(hand)[pose, index])
             self._approach[key] = self.hand(hand).track(plates, index, allowed, self.opened[hand], carriers)
         return self._approach[key]
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numba import njit
@@ -31,6 +32,8 @@ CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""
 _BLOCK = 8
 """Poses that a thread looks at in one go."""
+Hand = Literal["grip", "push"]
+"""Which of the two hands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,6 +274,30 @@ class PairReach:
             np.uint64(postures[1]), two.first_joint, T_world_plates, self.between.kernel(), self.between.plate_frame,
         )  # fmt: skip
         return None if found < 0 else (int(found) // 64, int(found) % 64)
+
+
+@dataclass(frozen=True, eq=False)
+class ReachedPostures:
+    """Which postures of which hold reach which pose of the plate."""
+
+    pair: PairReach
+    grip: NDArray[np.uint64]
+    """(poses, grips) bit sets of the gripping hand's postures."""
+    push: NDArray[np.uint64]
+    """(poses, pushes), likewise of the pushing hand's."""
+
+    @property
+    def sets(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Both tables, the gripping hand's first."""
+        return self.grip, self.push
+
+    def of(self, hand: Hand) -> NDArray[np.uint64]:
+        """Return the table of a hand."""
+        return self.grip if hand == "grip" else self.push
+
+    def hand(self, hand: Hand) -> HandReach:
+        """Return what a hand can be asked."""
+        return self.pair.first if hand == "grip" else self.pair.second
 
 
 def bits(postures: int) -> list[int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from planners.collision.model import CollisionModel, CollisionQuery, PairChoice,
 from planners.collision.placement import Attached, Fixed, Placement, Upright
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, transform
+from planners.hands.workcell import Clearance, Workcell
 from planners.manipulation.reach.hand_reach import PlateQuery
 from planners.scene.arm import Arm
 from planners.scene.clashes import arm_frames, gaps_below, placed_body
@@ -24,21 +25,15 @@ _LIFTED = frozenset({"plate", "cup"})
 
 
 @dataclass(frozen=True)
-class ClearanceSettings:
-    """How far bodies keep apart while planning; the certificate asks for no penetration."""
+class LiftClearance(Clearance):
+    """What there is beside, where the task puts bodies close together."""
 
-    margin: float = 0.003
-    """Between bodies that have nothing to do with one another [m]: at 1 mm plans were seen to touch."""
-    finger_margin: float = 0.0
-    """Between the plate and the parts of the fingers next to the pads that hold it [m]."""
-    executed_share: float = 0.5
-    """Part of all margins that timed motion must keep at its samples: motion is planned at fewer."""
     rounding: float = 1e-6
     """What stands closer than its margin at the start must not come closer than then, by more than this [m]."""
 
 
 @dataclass(frozen=True, eq=False)
-class LiftWorkcell:
+class LiftWorkcell(Workcell):
     """One gripper, one pusher, the plate with cup and cable, and the rest of the scene.
 
     Two collision models differ in the gripper's opening: `holding` the plate, and `open` around it.
@@ -49,7 +44,7 @@ class LiftWorkcell:
     """Name of the arm that grips."""
     pusher: str
     """Name of the arm that pushes."""
-    settings: ClearanceSettings = field(default_factory=ClearanceSettings)
+    settings: LiftClearance = field(default_factory=LiftClearance)
     holding: CollisionModel = field(init=False)
     open: CollisionModel = field(init=False)
     start_margins: dict[tuple[str, str], float] = field(init=False)
@@ -89,17 +84,10 @@ class LiftWorkcell:
         """Opening of the gripper while it holds nothing [m]."""
         return self.scene.start_widths[self.gripper]
 
-    def arm(self, name: str) -> Arm:
-        """Return an arm by name."""
-        return self.scene.cell.arms[name]
-
-    def joints(self, name: str) -> slice:
-        """Return the places of an arm's joints among all twelve."""
-        return slice(0, 6) if name == "left" else slice(6, 12)
-
-    def other(self, name: str) -> str:
-        """Return the other arm."""
-        return self.pusher if name == self.gripper else self.gripper
+    @property
+    def arms(self) -> Mapping[str, Arm]:
+        """Both arms by name."""
+        return self.scene.cell.arms
 
     def plate_query(self, model: CollisionModel, only: PairChoice | PairMask, *, hands: Iterable[str]) -> PlateQuery:
         """Query `model` with the plate movable; the hands of the arms in `hands` hold or touch it."""
@@ -149,10 +137,6 @@ class LiftWorkcell:
 
         return self.query(model, chosen, plate, hands=hands, share=self.settings.executed_share)
 
-    def with_arm(self, arm: str) -> PairChoice:
-        """Choose all pairs that have a body of an arm."""
-        return lambda a, b: arm in (a.group, b.group)
-
     def without_other(self, arm: str) -> PairChoice:
         """Choose all pairs of an arm but those with the other arm."""
         other = self.other(arm)
@@ -163,10 +147,6 @@ class LiftWorkcell:
         flange = f"{arm}/6"
         arms = (self.gripper, self.pusher)
         return lambda a, b: (a.frame == flange and b.group not in arms) or (b.frame == flange and a.group not in arms)
-
-    def between_arms(self, a: CollisionBody, b: CollisionBody) -> bool:
-        """Choose the pairs of one arm with the other."""
-        return {a.group, b.group} == {self.gripper, self.pusher}
 
     def with_idle(self, arm: str) -> PairChoice:
         """Choose the pairs of an arm with everything, and those of the idle other arm with the plate, which moves."""

@@ -131,13 +131,6 @@ class GraspReach:
                 )  # fmt: skip
         return ReachedGrasps(result, faults)
 
-    def joint_solution(self, T_world_tool: Transform, grasp: int, branch: int) -> Array:
-        """Return the arm's joint positions (6,) in a grasp, in (-pi, pi]; NaN where the branch does not reach [rad]."""
-        solutions = np.empty((8, 6))
-        T_base_flange = self._T_base_world @ T_world_tool @ self.T_tool_flange[grasp]
-        inverse_kinematics(self.workcell.arm(self.arm).dh, T_base_flange, 0.0, solutions)
-        return solutions[branch]
-
     def _lifted(self, T_world_tool: Transform, lift: Array | None) -> Array:
         """Return the poses (m, 4, 4) of the tool along its lift, where it is first."""
         way = np.zeros(3) if lift is None else np.asarray(lift, dtype=float)

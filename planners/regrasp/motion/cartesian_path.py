@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector
+from planners.hands.arm_motion import interpolated
 from planners.kinematics.branch import follow_branch
 from planners.regrasp.motion.scene_state import HeldGrasp
 from planners.scene.arm import Arm
@@ -169,12 +170,7 @@ class CartesianPath:
 
     def exact(self, leg: int, part: Array, posture: Posture) -> Array:
         """Return joint positions (n, 6) at parts (n,) of a leg, in the turns of a posture [rad]."""
-        way = posture.ways[leg]
-        at = np.clip(part, 0.0, 1.0) * (len(way) - 1)
-        below = np.minimum(at.astype(int), len(way) - 2)
-        weight = (at - below)[:, None]
-        reference = (1.0 - weight) * way[below] + weight * way[below + 1]
-        return self.follow(self.legs[leg].at(part), posture.branch, reference)
+        return self.follow(self.legs[leg].at(part), posture.branch, interpolated(posture.ways[leg], part))
 
     def follow(self, T_world_flanges: Array, branch: int, reference: Array | None = None) -> Array:
         """Return joint positions (n, 6) of a branch; see `follow_branch`."""

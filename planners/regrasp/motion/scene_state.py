@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse
+from planners.hands.arm_motion import openings
 from planners.kinematics.forward import flange_poses
 from planners.motion.trajectory import Trajectory, hold_still
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGrasps
@@ -97,7 +98,7 @@ class SegmentWriter:
             kind=kind,
             movers=movers,
             trajectory=trajectory,
-            widths={arm: _ramp(trajectory.time, state.widths[arm], after[arm]) for arm in after},
+            widths={arm: openings(trajectory.time, state.widths[arm], after[arm]) for arm in after},
             holds=tuple(self.hold(held) for held in holds),
             sucked=state.sucked,
             body_poses=body_poses,
@@ -142,12 +143,3 @@ class SegmentWriter:
         """Append a segment in which no joint moves; see `appended`."""
         trajectory = hold_still(state.q, duration, self.sample_step)
         return self.appended(state, kind, (), trajectory, widths, holds)
-
-
-def _ramp(time: Array, start: float, end: float) -> Array:
-    """Return openings (n,) that go smoothly from one to the other [m]."""
-    if start == end:
-        return np.full(len(time), start)
-    widths = start + (0.5 - 0.5 * np.cos(np.pi * time / time[-1])) * (end - start)
-    widths[-1] = end
-    return widths

@@ -12,6 +12,7 @@ import numpy as np
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
+from planners.hands.arm_motion import Stuck
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
 from planners.regrasp.motion.cartesian_path import (
     CartesianPath,
@@ -26,7 +27,7 @@ from planners.regrasp.motion.cartesian_path import (
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_exchange import Exchange, HandoverPlace
-from planners.regrasp.motion.tool_motion import Stuck, ToolMotion, commonest, moved_by
+from planners.regrasp.motion.tool_motion import ToolMotion, commonest, moved_by
 from planners.regrasp.motion.tool_switches import ToolSwitches
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_segment import SuckedObject

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection
+from planners.hands.arm_motion import Stuck, among_all
 from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
-from planners.regrasp.motion.tool_motion import Stuck, ToolMotion, columns, commonest
+from planners.regrasp.motion.tool_motion import ToolMotion, commonest
 from planners.regrasp.motion.tool_switches import ToolSwitches
 from planners.segment import SegmentKind
 
@@ -86,9 +87,9 @@ class Exchange:
         pairs = []
         for giver in givers:
             for taker in takers:
-                q = columns(self.state.q, cell.joints(self.giver.arm), giver.start[None])[0]
-                come = columns(q, cell.joints(self.receiver.arm), taker.ways[0])
-                leave = columns(come[-1], cell.joints(self.giver.arm), giver.ways[0])
+                q = among_all(self.state.q, cell.joints(self.giver.arm), giver.start[None])[0]
+                come = among_all(q, cell.joints(self.receiver.arm), taker.ways[0])
+                leave = among_all(come[-1], cell.joints(self.giver.arm), giver.ways[0])
                 ways = ((both, come[-1:]), (coming, come), (leaving, leave))
                 touches = (self.motion.touch(query, Q) for query, Q in ways)
                 touch = next((each for each in touches if each is not None), None)

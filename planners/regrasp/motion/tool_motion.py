@@ -12,14 +12,11 @@ import numpy as np
 from planners.collision.model import CollisionQuery, NamePair
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
+from planners.hands.arm_motion import FreeMotion, FreeMove, Stuck, among_all, of_both_arms, touching
 from planners.kinematics.forward import flange_poses
-from planners.motion.blended_path import BlendedPath
-from planners.motion.checker import ArmEdgeChecker, EdgeChecker
+from planners.motion.checker import EdgeChecker
 from planners.motion.path import CurvePath, JointPath
-from planners.motion.path_search import plan_motion
-from planners.motion.query import MotionOutcome, MotionQuery
 from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
-from planners.motion.trajectory import Trajectory
 from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture, StraightLeg
 from planners.regrasp.motion.scene_state import SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
@@ -35,14 +32,8 @@ SLOWER = 1.05
 """A motion that cup or fingers do not hold is slowed by this much more than it need be: its timing changes too."""
 SLOWINGS = 4
 """How often a motion is slowed before it is given up."""
-
-
-class Stuck(Exception):
-    """A step cannot be moved; `rejection` says why."""
-
-    def __init__(self, rejection: Rejection) -> None:
-        self.rejection = rejection
-        super().__init__(rejection.reason)
+TOUCH = "{} and {} would touch"
+"""What is said of two bodies."""
 
 
 class ToolMotion:
@@ -70,9 +61,8 @@ class ToolMotion:
         self.queries, self.writer, self.statics = queries, writer, statics
         self.settings, self.workcell = settings, queries.workcell
         self.static_hold = StaticHold(statics.scene, settings.finger_reserve)
-        self.searches = 0
-        """Free motions that were searched."""
-        self._park, self._rng = park, rng
+        self.free = FreeMotion(settings.motion, rng, touch=TOUCH)
+        self._park = park
 
     def parked(self, state: SceneState, arm: str) -> SceneState:
         """Bring an arm that holds nothing to where it is out of the way."""
@@ -99,7 +89,7 @@ class ToolMotion:
         free: list[Posture] = []
         for posture in cartesian.postures(branches, carry.step, carry.continuity):
             for way, query in zip(posture.ways, on_legs, strict=True):
-                touch = self.touch(query, columns(state.q, joints, way))
+                touch = self.touch(query, among_all(state.q, joints, way))
                 if touch is not None:
                     reasons[Rejection("reach", f"{touch} on a straight way")] += 1
                     break
@@ -155,7 +145,7 @@ class ToolMotion:
     ) -> SceneState:
         """Move along a leg of a Cartesian path; `close` names pairs that may come closer than the usual margin [m]."""
         length = cartesian.legs[leg].length
-        pace, share = self.settings.pace, self.settings.carry.executed_share
+        pace, share = self.settings.pace, self.workcell.settings.executed_share
         laden = state.sucked is not None
         speed = pace.carried_speed if laden else pace.straight_speed
         acceleration = pace.carried_acceleration if laden else pace.straight_acceleration
@@ -197,25 +187,17 @@ class ToolMotion:
     ) -> tuple[SceneState, int]:
         """Move one arm through free space to one of the goals (k, 6), those of least cost (k,) first; return which."""
         joints = self.workcell.joints(arm.name)
-        start = state.q[joints].copy()
-        checker: EdgeChecker = ArmEdgeChecker(query, state.q.copy(), joints)
+        move = FreeMove(f"{arm.name} arm", arm, joints, state.q, goals, query, costs)
+        checker: EdgeChecker = move.checker()
         if kind is SegmentKind.TRANSFER:
-            checker = self._laden_checker(state, arm, checker, np.vstack([start, goals]))
-        self.searches += 1
-        result = plan_motion(
-            MotionQuery(start, goals, arm.position_min, arm.position_max, checker, arm.velocity_max, costs),
-            self.settings.motion,
-            self._rng,
-        )
-        if result.path is None or result.goal_index is None:
-            raise Stuck(self._no_motion(state, arm, goals, query, result.outcome))
-        path = BlendedPath.through(result.path, checker)
+            checker = self._laden_checker(state, arm, checker, np.vstack([move.start, goals]))
+        path, chosen = self.free.find(move, checker)
         rates, timing = tuple[RateLimit, ...](), self.settings.timing
         if kind is SegmentKind.TRANSFER:
             pace = self.settings.carried
             rates = carried_rates(path, arm, slice(0, 6), self._centres(state), pace)
             timing = replace(timing, sample_step=pace.sample_step)
-        return self._moving(state, arm, kind, path, rates, timing), result.goal_index
+        return self._moving(state, arm, kind, path, rates, timing), chosen
 
     def _laden_checker(self, state: SceneState, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
         """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad].
@@ -244,20 +226,10 @@ class ToolMotion:
             arm, gravity, self.writer.hold(state.held).T_flange_tool, self.static_hold.load(state.sucked)
         )
 
-    def _no_motion(
-        self, state: SceneState, arm: Arm, goals: Array, query: CollisionQuery, outcome: MotionOutcome
-    ) -> Rejection:
-        ends = {MotionOutcome.START_IN_COLLISION: state.q[None]}
-        ends[MotionOutcome.GOALS_IN_COLLISION] = columns(state.q, self.workcell.joints(arm.name), goals)
-        touch = self.touch(query, ends[outcome][:1]) if outcome in ends else None
-        detail = "" if touch is None else f" ({touch})"
-        return Rejection("transit", f"free motion of the {arm.name} arm: {outcome.value}{detail}")
-
     def touch(self, query: CollisionQuery, Q: Array) -> str | None:
         """Say which bodies would touch along the polyline through Q (n, 12); None where it is free."""
-        found = query.path(Q) if len(Q) > 1 else None
-        pair = int(query.first_collision(Q)[0]) if found is None else found.pair
-        return None if pair < 0 else "{} and {} would touch".format(*query.pair_names(pair))
+        names = touching(query, Q)
+        return None if names is None else TOUCH.format(*names)
 
     def _moving(
         self,
@@ -277,7 +249,7 @@ class ToolMotion:
             limits = JointLimits(arm.velocity_max / slowness, arm.acceleration_max / slowness**2)
             slower = [RateLimit(r.rate, r.velocity / slowness, r.acceleration / slowness**2) for r in rates]
             try:
-                trajectory = _of_both(time_path(path, limits, timing, slower), state.q, joints)
+                trajectory = of_both_arms(time_path(path, limits, timing, slower), state.q, joints)
             except TimingError as error:
                 raise Stuck(Rejection("transit", f"{arm.name} arm: {error}")) from error
             moved = self.writer.appended(state, kind, (arm.name,), trajectory)
@@ -333,22 +305,3 @@ def moved_by(T: Transform, way: Array) -> Transform:
 
 def _point(T: Transform, point: Array) -> Array:
     return T[:3, :3] @ point + T[:3, 3]
-
-
-def columns(q: Array, joints: slice, positions: Array) -> Array:
-    """Put one arm's positions (n, 6) among all twelve; the other arm stays."""
-    Q = np.repeat(q[None], len(positions), axis=0)
-    Q[:, joints] = positions
-    return Q
-
-
-def _of_both(trajectory: Trajectory, q: Array, joints: slice) -> Trajectory:
-    """Widen one arm's trajectory to all twelve joints."""
-    count = len(trajectory.time)
-    still = np.zeros((count, len(q)))
-    return replace(
-        trajectory,
-        positions=columns(q, joints, trajectory.positions),
-        velocities=columns(still[0], joints, trajectory.velocities),
-        accelerations=columns(still[0], joints, trajectory.accelerations),
-    )

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from planners.graph.rejections import Rejection
+from planners.hands.arm_motion import Stuck, touching
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
-from planners.regrasp.motion.tool_motion import Stuck
+from planners.regrasp.motion.tool_motion import TOUCH
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_settings import ToolPace
 from planners.segment import SegmentKind
@@ -28,10 +29,9 @@ class ToolSwitches:
         if state.widths[held.arm] == width:
             return state
         shaped = self.writer.still(state, SegmentKind.TRANSIT, self.pace.finger_time, {held.arm: width})
-        query = self.queries.hand(shaped, held.arm)
-        pair = int(query.first_collision(shaped.q[None])[0])
-        if pair >= 0:
-            touch = "{} and {} would touch".format(*query.pair_names(pair))
+        names = touching(self.queries.hand(shaped, held.arm), shaped.q[None])
+        if names is not None:
+            touch = TOUCH.format(*names)
             raise Stuck(Rejection("transit", f"{touch} while the {held.arm} hand opens"))
         return shaped
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, inverse
 from planners.graph.rejections import Rejection, Rejections
+from planners.hands.arm_motion import Stuck
 from planners.progress import Progress
 from planners.regrasp.graph.cost_to_go import CostToGo
 from planners.regrasp.graph.grasp_layer import GraspLayer
@@ -25,7 +26,6 @@ from planners.regrasp.graph.route_maker import RouteMaker
 from planners.regrasp.graph.suction_route import RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.motion.tool_choreography import ToolChoreographer
-from planners.regrasp.motion.tool_motion import Stuck
 from planners.regrasp.motion.tool_room import ToolRoom
 from planners.regrasp.suction.suction_poses import SuctionPoses
 from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep

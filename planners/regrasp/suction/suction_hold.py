@@ -25,7 +25,6 @@ from planners.geometry.wrench import wrench_about
 _SQRT2, _SQRT3 = math.sqrt(2.0), math.sqrt(3.0)
 _NO_PUSH = 1e-9
 """Share of the largest force below which a push is none: an upright pad neither pulls nor pushes."""
-_HALVINGS = 30
 
 
 class Cup(Protocol):
@@ -190,33 +189,3 @@ def cup_wrenches(loads: Array, T_world_objects: Array, com: Array, T_object_tool
 def weight(mass: float) -> Array:
     """Return the load (6,) of a body's weight about its centre of mass, world axes [N, Nm]."""
     return np.array([0.0, 0.0, -mass * GRAVITY, 0.0, 0.0, 0.0])
-
-
-def acceleration_share(at_rest: Array, inertial: Array, cup: Cup, reserve: float = 0.0) -> float | None:
-    """Return the largest share, at most 1, of a motion's accelerations at which the cup still holds.
-
-    A motion made slower as a whole by a factor k has 1 / k^2 of its accelerations: k = 1 / sqrt(share) is slow enough.
-
-    Args:
-        at_rest: (n, 6) wrenches of the cup that the weight alone asks for.
-        inertial: (n, 6) what the motion's accelerations add.
-        cup: the cup.
-        reserve: the margin that must be left.
-
-    Returns:
-        The share, exact to 1e-9; None if the cup does not hold the object at rest in all of these poses.
-    """
-
-    def holds(share: float) -> bool:
-        return bool(suction_margin(at_rest + share * inertial, cup).min(initial=np.inf) >= reserve)
-
-    if not holds(0.0):
-        return None
-    if holds(1.0):
-        return 1.0
-    # What the cup holds is convex, so the shares it holds are an interval from 0.
-    held, lost = 0.0, 1.0
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (held + lost)
-        held, lost = (middle, lost) if holds(middle) else (held, middle)
-    return held
