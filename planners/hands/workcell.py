@@ -5,10 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from planners.collision.model import PairChoice
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
+from planners.geometry.pose import Array, Transform, inverse
 from planners.scene.arm import Arm
 
 
@@ -26,6 +28,26 @@ class Clearance:
     def __post_init__(self) -> None:
         if min(self.margin, self.finger_margin, self.executed_share) < 0.0:
             raise LiftwrightError("clearances are not negative")
+
+
+class ArmKernel(NamedTuple):
+    """One arm for compiled code."""
+
+    dh: Array
+    """(6, 4), see `planners.kinematics.forward`."""
+    T_base_world: Transform
+    """The world in the frame of the arm's base."""
+    position_min: Array
+    """(6,) [rad]."""
+    position_max: Array
+    """(6,) [rad]."""
+    first_joint: int
+    """Of the arm among all twelve."""
+
+    @classmethod
+    def of(cls, arm: Arm, first_joint: int) -> ArmKernel:
+        """Return what compiled code needs of an arm."""
+        return cls(arm.dh, inverse(arm.T_world_base), arm.position_min, arm.position_max, first_joint)
 
 
 class Workcell(ABC):

@@ -20,6 +20,7 @@ from planners.balance.balanced import Balanced
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
 from planners.manipulation.holds.grips import lack_of_grips
+from planners.manipulation.lift_reach import meeting
 from planners.manipulation.lift_sampling import cup_footprint, jaw_of
 from planners.manipulation.lift_search import LiftSearch
 from planners.manipulation.reach.hand_reach import HandReach
@@ -50,12 +51,6 @@ def find_impasse(search: LiftSearch) -> Impasse:
 def _told(summary: str, link: str, causes: tuple[Rejection, ...]) -> Impasse:
     """End a summary with the weightiest cause."""
     return Impasse(f"{summary}{link}{causes[0].reason}." if causes else f"{summary}.", causes)
-
-
-def _touch(names: tuple[str, str]) -> str:
-    """Say that the plate or its cup, whichever is named, would touch what is named beside it."""
-    body, obstacle = sorted(names, key=lambda name: name not in ("plate", "cup"))
-    return f"the {body} would touch {obstacle}"
 
 
 class _Stages:
@@ -141,14 +136,14 @@ class _Stages:
         for number in motions:
             names = self._reach.follower.blocked(int(number))
             if names is not None:
-                return Rejection("clearance", f"{_touch(names)} on the way", where)
+                return Rejection("clearance", f"{meeting(*names).reason} on the way", where)
         return Rejection("transfer", "the plate could be held, but not be brought there", where)
 
     def _cause_at(self, pose: int, where: str) -> Rejection:
         """Say why no hold that reaches a pose bears the plate there."""
-        meeting = self._meeting(pose)
-        if meeting is not None:
-            return Rejection("clearance", meeting, where)
+        touch = self._meeting(pose)
+        if touch is not None:
+            return Rejection("clearance", touch, where)
         where_plate = self._poses[pose]
         for hands in itertools.islice(self._unproven(pose), _BALANCES):
             answer = self._search.balance.solve(where_plate.T_world_plate, where_plate.contact_points, hands)
@@ -180,7 +175,7 @@ class _Stages:
     def _meeting(self, pose: int) -> str | None:
         """Name what the plate or its cup meets at a pose, so that no hold is allowed there."""
         names = next(self._reach.lifted.meetings(self._poses[pose].T_world_plate[None]), None)
-        return None if names is None else _touch(names)
+        return None if names is None else meeting(*names).reason
 
     def _hindrances(self, poses: list[int], hands: tuple[bool, bool], where: str) -> tuple[Rejection, ...]:
         """Say what keeps hands (gripper, stick) from poses: for each hand the cause of most of its holds, then more.

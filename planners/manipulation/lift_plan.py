@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from planners.graph.rejections import Rejection, Rejections
@@ -37,13 +37,13 @@ class LiftPlan:
     """What came out of planning a plate lift, and what it cost."""
 
     outcome: LiftOutcome
-    segments: tuple[Segment, ...]
-    steps: tuple[SequenceStep, ...]
-    causes: tuple[Rejection, ...]
     summary: str
+    causes: tuple[Rejection, ...]
     rejections: Rejections
     graph: Mapping[str, int | Mapping[str, Mapping[str, int]]]
-    search: dict[str, int | float | None]
+    search: dict[str, int | float | None] = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+    steps: tuple[SequenceStep, ...] = ()
     reserves: ReservedSegments | None = None
     """How much of every limit it leaves; None where there is no plan."""
     rises: bool = False

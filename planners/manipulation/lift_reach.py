@@ -80,7 +80,7 @@ class LiftReach:
 
 
 def meeting(one: str, other: str) -> Rejection:
-    """Return that the plate or its cup, whichever is named, meets the other."""
+    """Return the rejection of a place at which the plate or its cup, whichever is named, meets the other."""
     body, obstacle = (one, other) if one in ("plate", "cup") else (other, one)
     return Rejection("clearance", f"the {body} would touch {obstacle}")
 

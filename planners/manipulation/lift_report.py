@@ -63,8 +63,6 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
         rejections.add(cause)
     return LiftPlan(
         outcome=LiftOutcome.NOT_FOUND,
-        segments=(),
-        steps=(),
         causes=(*main, *often)[:_CAUSES],
         summary=summary,
         rejections=rejections,
@@ -131,16 +129,7 @@ def _unsearched(
 ) -> LiftPlan:
     """Report what is told before anything is searched."""
     rejections.add(cause)
-    return LiftPlan(
-        outcome=outcome,
-        segments=(),
-        steps=(),
-        causes=(cause,),
-        summary=summary,
-        rejections=rejections,
-        graph=sampling.figures(),
-        search={},
-    )
+    return LiftPlan(outcome, summary, (cause,), rejections, sampling.figures())
 
 
 def _reserved(search: LiftSearch, segments: tuple[Segment, ...]) -> ReservedSegments:

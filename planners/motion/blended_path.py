@@ -83,7 +83,7 @@ class BlendedPath:
         return self._corners()[1:-1][self.reaches[1:-1] == 0.0]
 
     def grid(self, s_from: float, s_to: float) -> NDArray[np.float64]:
-        """Parameters from s_from to s_to, dense in the blends."""
+        """Parameters (n,) from s_from to s_to, dense in the blends."""
         corners = self._corners()
         knots = np.concatenate([corners - self.reaches, corners + self.reaches, [s_from, s_to]])
         knots = np.unique(knots[(knots >= s_from) & (knots <= s_to)])

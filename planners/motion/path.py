@@ -36,7 +36,7 @@ class JointPath(Protocol):
         ...
 
     def grid(self, s_from: float, s_to: float) -> NDArray[np.float64]:
-        """Rising parameters from s_from to s_to, ends included, dense enough to check limits at them only."""
+        """Rising parameters (n,) from s_from to s_to, ends included, dense enough to check limits only at them."""
         ...
 
     def evaluate(self, s: NDArray[np.float64]) -> PathPoints:
@@ -65,7 +65,7 @@ class CurvePath:
     """Grid cells over the whole length; the limits are exceeded by less than 2 % between the grid's points."""
 
     def grid(self, s_from: float, s_to: float) -> NDArray[np.float64]:
-        """Evenly spaced parameters from s_from to s_to."""
+        """Evenly spaced parameters (n,) from s_from to s_to."""
         cells = max(40, int(np.ceil(self.cells * (s_to - s_from) / self.length)))
         return np.linspace(s_from, s_to, cells + 1)
 

@@ -60,7 +60,7 @@ class _PathSearch:
     """(k,) of going straight to each goal."""
 
     def to_any(self, order: NDArray[np.int64]) -> MotionResult:
-        """Go to one of these goals, straight if that is possible."""
+        """Go to one of these goals (k,), straight if that is possible."""
         attempts = order[: self.settings.straight_attempts]
         for tried, index in enumerate(attempts, start=1):
             if self.query.edge_checker.edge_free(self.query.start, self.query.goals[index]):

@@ -12,7 +12,6 @@ from planners.progress import Progress
 from planners.regrasp.graph.route_maker import RouteMaker
 from planners.regrasp.graph.tool_pickup import not_taken
 from planners.regrasp.grasps.handovers import HandoverDatabase, find_handovers
-from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.motion.hose import hose_turns
 from planners.regrasp.motion.park_pose import park_poses, start_clash
 from planners.regrasp.motion.scene_state import SceneState
@@ -58,22 +57,7 @@ def infeasible_plan(scene: SuctionToolScene) -> ToolPlan | None:
     rejections = Rejections()
     for proof in proofs:
         rejections.add(proof)
-    return ToolPlan(
-        outcome=RegraspOutcome.INFEASIBLE,
-        segments=(),
-        summary=f"There is no plan. {proofs[0].reason}",
-        causes=proofs,
-        rejections=rejections,
-        graph={},
-        search={},
-        order=(),
-        steps=(),
-        considered=Considered(places={}, suctions=()),
-        grasps=ToolGrasps.none(),
-        regrasp=(),
-        hose_turns=0.0,
-        most_hose_turns=0.0,
-    )
+    return ToolPlan(RegraspOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs, rejections)
 
 
 class SuctionToolPlanner:

@@ -170,7 +170,7 @@ class FreeCheck:
     """Asks the compiled kernel for one configuration with the plate at one pose."""
 
     def __init__(self, query: PlateQuery) -> None:
-        self.kernel, self.frame = query.kernel(), query.plate_frame
+        self.kernel, self.frame = query.kernel()
         self.scratch: Any = make_scratch(self.kernel)
 
     def free(self, q: np.ndarray, T_world_plate: np.ndarray) -> bool:

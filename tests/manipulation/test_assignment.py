@@ -20,7 +20,7 @@ def table(planner, hand):
     return planner.reach.reached.grip if hand == "grip" else planner.reach.reached.push
 
 
-def test_engagements_are_the_stretches_over_which_a_hand_keeps_its_hold(assigner, solved):
+def test_hold_phases_are_the_stretches_over_which_a_hand_keeps_its_hold(assigner, solved):
     sequence = assigner.sequence
     for hand, side in (("grip", 0), ("push", 1)):
         for place, step in enumerate(solved.steps):
@@ -30,7 +30,7 @@ def test_engagements_are_the_stretches_over_which_a_hand_keeps_its_hold(assigner
             assert phase.goes == (phase.last < len(solved.steps) - 1)
 
 
-def test_a_posture_reaches_all_poses_of_its_engagement(planner, assigner, assignments):
+def test_a_posture_reaches_all_poses_of_its_hold_phase(planner, assigner, assignments):
     assert assignments
     for assignment in assignments:
         assert set(assignment) == set(assigner.sequence.phases)
@@ -40,7 +40,7 @@ def test_a_posture_reaches_all_poses_of_its_engagement(planner, assigner, assign
                 assert int(table(planner, phase.hand)[pose, phase.hold.index]) >> posture & 1
 
 
-def test_a_posture_follows_all_motions_of_its_engagement_without_a_jump(planner, assigner, assignments):
+def test_a_posture_follows_all_motions_of_its_hold_phase_without_a_jump(planner, assigner, assignments):
     for phase, posture in assignments[0].items():
         reach = planner.reach.follower.hand(phase.hand)
         for place in range(phase.first, phase.last):

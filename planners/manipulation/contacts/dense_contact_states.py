@@ -97,17 +97,17 @@ class ContactSampling:
         )
 
     def tilts(self, spread: tuple[float, float, int]) -> Array:
-        """Return the tilts of one of the spreads above at this density [rad]."""
+        """Return the tilts (m,) of one of the spreads above at this density [rad]."""
         low, high, count = spread
         return np.linspace(low, high, (count - 1) * self.tilt_density + 1)
 
     def cone_fractions(self) -> Array:
-        """Return the vertex azimuths as fractions of the vertex's cone, its two edges excluded."""
+        """Return the vertex azimuths (m,) as fractions [1] of the vertex's cone, its two edges excluded."""
         steps = (self.vertex_azimuths + 1) * self.azimuth_density
         return np.arange(1, steps) / steps
 
     def lifted_directions(self) -> Array:
-        """Return the azimuths off the environment, from the plate's x axis at rest [rad]."""
+        """Return the azimuths (m,) off the environment, from the plate's x axis at rest [rad]."""
         count = self.lifted_azimuths * self.azimuth_density
         return 2.0 * np.pi * np.arange(count) / count
 
@@ -323,7 +323,7 @@ class DenseContactStateGraph:
 
     @cached_property
     def neighbours(self) -> tuple[NDArray[np.int64], ...]:
-        """The sorted numbers of the poses that each pose is joined to."""
+        """(poses,) of (k,) sorted numbers of the poses that each pose is joined to."""
         both = np.vstack([self.edges, self.edges[:, ::-1]])
         both = both[np.lexsort((both[:, 1], both[:, 0]))]
         starts = np.searchsorted(both[:, 0], np.arange(1, len(self.poses)))

@@ -29,7 +29,7 @@ class MotionFailure:
     """Whether this holds only where the other arm idles."""
 
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges it kills."""
+        """Return which edges (edges,) it kills."""
         node = graph.edge_nodes[:, 0]
         mine, others = _numbers(graph, self.hand)
         dead = np.isin(mine[node], _without(graph, self.hand, self.index, self.survivors))
@@ -45,7 +45,7 @@ class BlockedMotion:
     motion: int
 
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges it kills."""
+        """Return which edges (edges,) it kills."""
         return graph.edge_motion == self.motion
 
 
@@ -59,7 +59,7 @@ class TransitFailure:
     survivors: int
 
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges it kills."""
+        """Return which edges (edges,) it kills."""
         mine, _ = _numbers(graph, self.hand)
         poor = _without(graph, self.hand, self.index, self.survivors)
         return (
@@ -103,7 +103,7 @@ class PairFailure:
     changing: Hand | None = None
 
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges it kills."""
+        """Return which edges (edges,) it kills."""
         grips = [n for n, hold in enumerate(graph.grips, start=1) if _within(hold, self.grip)]
         pushes = [n for n, hold in enumerate(graph.pushes, start=1) if _within(hold, self.push)]
         ends = graph.edge_nodes
@@ -145,7 +145,7 @@ class EdgeFailure:
         return cls((one, other))
 
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges it kills."""
+        """Return which edges (edges,) it kills."""
         one, other = (end.nodes(graph)[graph.edge_nodes] for end in self.ends)
         return (one[:, 0] & other[:, 1]) | (one[:, 1] & other[:, 0])
 
@@ -159,7 +159,7 @@ class _NodeKey:
     push: HandHold | None
 
     def nodes(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which nodes it, or parts of it, are."""
+        """Return which nodes (nodes,) it, or parts of it, are."""
         return (
             (graph.node_pose == self.pose)
             & _holds_within(graph.grips, self.grip)[graph.node_grip]

@@ -92,7 +92,7 @@ class ManipulationStateGraph:
         return replace(self, goal=self.goal.copy(), knowledge=Knowledge.none(self.graph), lost_starts=set())
 
     def reachable(self) -> NDArray[np.int64]:
-        """Return the nodes that are left and can be come to from a start, over edges that are left."""
+        """Return the nodes (k,) that are left and can be come to from a start, over edges that are left."""
         knowledge, count = self.knowledge, self.graph.node_count
         there = knowledge.status != DEAD
         open_edges = ~knowledge.edge_dead & there[self.edge_nodes].all(axis=1)

@@ -88,7 +88,7 @@ class NodeExaminer:
                 done(node, count)
 
     def postures(self, pose: int, hold: HandHold, reach: NDArray[np.uint64]) -> int:
-        """Return the postures of a hold that reach a pose."""
+        """Return the postures of a hold that reach a pose, as a bit set; `reach` is (poses, holds)."""
         return int(reach[pose, hold.index]) & hold.postures
 
     def _arms_apart(self, pose: int, grip: HandHold, push: HandHold) -> bool:

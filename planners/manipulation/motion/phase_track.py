@@ -70,7 +70,7 @@ class PhaseTrack:
         return all_windings(np.zeros(6), lo - everything.min(axis=0), hi - everything.max(axis=0))
 
     def turn(self, turns: Array) -> None:
-        """Add whole turns to all joints."""
+        """Add whole turns (6,) to all joints [rad]."""
         self.approach = self.approach + turns
         self.retreat = self.retreat + turns
         self.motions = {place: along + turns for place, along in self.motions.items()}

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
 from planners.collision.model import CollisionQuery
-from planners.geometry.pose import Array, Transform, inverse
+from planners.geometry.pose import Array, Transform
+from planners.hands.workcell import ArmKernel
 from planners.kinematics.branch import follow_branch, multiply, within_limits
 from planners.kinematics.forward import jacobian, link_frames
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics
@@ -36,6 +37,23 @@ Hand = Literal["grip", "push"]
 """Which of the two hands."""
 
 
+class PlateKernel(NamedTuple):
+    """A `PlateQuery` for compiled code, which moves the plate in it."""
+
+    collisions: CollisionKernel
+    plate_frame: int
+
+
+class HoldKernel(NamedTuple):
+    """One hold of one hand for compiled code."""
+
+    arm: ArmKernel
+    T_plate_flange: Array
+    """(hand poses, 4, 4)"""
+    postures: np.uint64
+    """Those that are asked for, as a bit set."""
+
+
 @dataclass(frozen=True, eq=False)
 class PlateQuery:
     """A collision query in which the plate is put at many poses: its compiled form, and the number of the plate."""
@@ -43,9 +61,9 @@ class PlateQuery:
     query: CollisionQuery
     plate_frame: int
 
-    def kernel(self) -> CollisionKernel:
+    def kernel(self) -> PlateKernel:
         """Return a copy of the compiled query that one thread may move the plate in."""
-        return self.query.kernel_copy()
+        return PlateKernel(self.query.kernel_copy(), self.plate_frame)
 
     def first_collisions(self, T_world_plates: Array, q: Array | None = None) -> NDArray[np.int64]:
         """Return for each plate pose (n, 4, 4) the first pair within its margin, or -1: (n,).
@@ -53,7 +71,7 @@ class PlateQuery:
         The arms are at q (12,); at zero where the query does not look at arms.
         """
         positions = np.zeros(12) if q is None else q
-        return _collisions_at(self.kernel(), self.plate_frame, np.ascontiguousarray(T_world_plates), positions)
+        return _collisions_at(self.kernel(), np.ascontiguousarray(T_world_plates), positions)
 
     def meetings(self, T_world_plates: Array) -> Iterator[tuple[str, str]]:
         """Yield the names of bodies that meet, one pair for each plate pose (n, 4, 4) that is not free."""
@@ -77,9 +95,13 @@ class HandReach:
     """(12,) where idle arms stand [rad]."""
 
     @cached_property
-    def T_base_world(self) -> Transform:
-        """The world in the frame of the arm's base."""
-        return inverse(self.arm.T_world_base)
+    def kernel(self) -> ArmKernel:
+        """The arm for compiled code."""
+        return ArmKernel.of(self.arm, self.first_joint)
+
+    def asked(self, hold: int, postures: int) -> HoldKernel:
+        """Return a hold for compiled code, with the postures that are asked for, as a bit set."""
+        return HoldKernel(self.kernel, self.T_plate_flange[hold], np.uint64(postures))
 
     @property
     def hold_count(self) -> int:
@@ -95,11 +117,8 @@ class HandReach:
         """
         T_plate_flange = self.T_plate_flange[holds]
         result = np.zeros((len(T_world_plates), len(T_plate_flange)), np.uint64)
-        _reach(
-            self.arm.dh, self.T_base_world, self.arm.position_min, self.arm.position_max,
-            T_world_plates, T_plate_flange, self.start_positions.copy(), self.first_joint, self.alone.kernel(),
-            self.alone.plate_frame, self.hand_only.kernel(), self.hand_only.plate_frame, result,
-        )  # fmt: skip
+        q = self.start_positions.copy()
+        _reach(self.kernel, self.alone.kernel(), self.hand_only.kernel(), T_world_plates, T_plate_flange, q, result)
         return result
 
     def hindrance(self, T_world_plate: Transform, hold: int) -> str | None:
@@ -144,12 +163,8 @@ class HandReach:
                 the hand moves and the plate does not. Left out: where the plate is.
         """
         carriers = T_world_plates if T_world_carriers is None else T_world_carriers
-        left = _track(
-            self.arm.dh, self.T_base_world, self.arm.position_min, self.arm.position_max,
-            T_world_plates, carriers, self.T_plate_flange[hold], np.uint64(postures), self.start_positions.copy(),
-            self.first_joint, query.kernel(), query.plate_frame,
-        )  # fmt: skip
-        return int(left)
+        q = self.start_positions.copy()
+        return int(_track(self.asked(hold, postures), query.kernel(), T_world_plates, carriers, q))
 
     def follow(self, T_world_plates: Array, hold: int, posture: int, reference: Array | None = None) -> Array:
         """Return the (n, 6) joint positions of one posture at the plate poses (n, 4, 4).
@@ -164,7 +179,7 @@ class HandReach:
         near = np.empty((0, 6)) if reference is None else np.ascontiguousarray(reference)
         return follow_branch(
             self.arm.dh,
-            self.T_base_world,
+            self.kernel.T_base_world,
             np.ascontiguousarray(T_world_flanges),
             posture % BRANCHES,
             near,
@@ -180,10 +195,7 @@ class HandReach:
             wrench: (6,) that the hand exerts on the plate, world axes, torque about `point`.
             point: (3,) in the world.
         """
-        return _loads(
-            self.arm.dh, self.arm.T_world_base, self.T_base_world, T_world_plate,
-            self.T_plate_flange[hold], np.uint64(postures), wrench, point,
-        )  # fmt: skip
+        return _loads(self.asked(hold, postures), self.arm.T_world_base, T_world_plate, wrench, point)
 
     def torque_shares(
         self, T_world_plates: Array, hold: int, postures: int, wrenches: Array, points: Array, gravity: Array
@@ -201,11 +213,9 @@ class HandReach:
             points: (n, 3) in the world.
             gravity: (3,) in the world [m/s^2].
         """
-        return _torque_shares(
-            self.arm.weighed(gravity), self.arm.torque_max, self.T_base_world, np.ascontiguousarray(T_world_plates),
-            self.T_plate_flange[hold], np.uint64(postures), np.ascontiguousarray(wrenches),
-            np.ascontiguousarray(points),
-        )  # fmt: skip
+        forces = np.ascontiguousarray(wrenches), np.ascontiguousarray(points)
+        weighed, most = self.arm.weighed(gravity), self.arm.torque_max
+        return _torque_shares(self.asked(hold, postures), weighed, most, np.ascontiguousarray(T_world_plates), *forces)
 
     def within_torque(
         self,
@@ -267,12 +277,8 @@ class PairReach:
             holds: of the first and the second hand.
             postures: bit sets.
         """
-        one, two = self.first, self.second
-        found = _compatible(
-            one.arm.dh, one.T_base_world, one.T_plate_flange[holds[0]], np.uint64(postures[0]),
-            one.first_joint, two.arm.dh, two.T_base_world, two.T_plate_flange[holds[1]],
-            np.uint64(postures[1]), two.first_joint, T_world_plates, self.between.kernel(), self.between.plate_frame,
-        )  # fmt: skip
+        one, two = self.first.asked(holds[0], postures[0]), self.second.asked(holds[1], postures[1])
+        found = _compatible(one, two, T_world_plates, self.between.kernel())
         return None if found < 0 else (int(found) // 64, int(found) % 64)
 
 
@@ -288,11 +294,11 @@ class ReachedPostures:
 
     @property
     def sets(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Both tables, the gripping hand's first."""
+        """Both tables (poses, holds), the gripping hand's first."""
         return self.grip, self.push
 
     def of(self, hand: Hand) -> NDArray[np.uint64]:
-        """Return the table of a hand."""
+        """Return the table (poses, holds) of a hand."""
         return self.grip if hand == "grip" else self.push
 
     def hand(self, hand: Hand) -> HandReach:
@@ -306,7 +312,8 @@ def bits(postures: int) -> list[int]:
 
 
 @njit(cache=True, nogil=True)
-def _collisions_at(kernel, frame, T_world_plates, q):
+def _collisions_at(placed, T_world_plates, q):
+    kernel, frame = placed
     scratch = make_scratch(kernel)
     result = np.empty(T_world_plates.shape[0], np.int64)
     for p in range(T_world_plates.shape[0]):
@@ -316,9 +323,9 @@ def _collisions_at(kernel, frame, T_world_plates, q):
 
 
 @njit(cache=True, nogil=True)
-def _reach(
-    dh, T_base_world, lo, hi, T_world_plates, T_plate_flange, q, first_joint, kernel, frame, hand, hand_frame, out
-):
+def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, out):
+    dh, T_base_world, lo, hi, first_joint = arm
+    (kernel, frame), (hand, hand_frame) = alone, hand_only
     scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
     T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
     for p in range(T_world_plates.shape[0]):
@@ -345,9 +352,9 @@ def _reach(
 
 
 @njit(cache=True, nogil=True)
-def _track(
-    dh, T_base_world, lo, hi, T_world_plates, T_world_carriers, T_plate_flange, postures, q, first_joint, kernel, frame
-):
+def _track(hold, placed, T_world_plates, T_world_carriers, q):
+    (dh, T_base_world, lo, hi, first_joint), T_plate_flange, postures = hold
+    kernel, frame = placed
     scratch = make_scratch(kernel)
     T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
     last = np.empty((64, 6))
@@ -380,7 +387,8 @@ def _track(
 
 
 @njit(cache=True, nogil=True)
-def _loads(dh, T_world_base, T_base_world, T_world_plate, T_plate_flange, postures, wrench, point):
+def _loads(hold, T_world_base, T_world_plate, wrench, point):
+    (dh, T_base_world, _, _, _), T_plate_flange, postures = hold
     result = np.full(64, np.nan)
     T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
     multiply(T_base_world, T_world_plate, T_base_plate)
@@ -403,7 +411,8 @@ def _loads(dh, T_world_base, T_base_world, T_world_plate, T_plate_flange, postur
 
 
 @njit(cache=True, nogil=True)
-def _torque_shares(weighed, torque_max, T_base_world, T_world_plates, T_plate_flange, postures, wrenches, points):
+def _torque_shares(hold, weighed, torque_max, T_world_plates, wrenches, points):
+    (_, T_base_world, _, _, _), T_plate_flange, postures = hold
     result = np.full((64, 6), np.nan)
     T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
     frames, torques = np.empty((7, 4, 4)), np.empty(6)
@@ -430,11 +439,11 @@ def _torque_shares(weighed, torque_max, T_base_world, T_world_plates, T_plate_fl
 
 
 @njit(cache=True, nogil=True)
-def _compatible(
-    dh_a, T_base_a, flange_a, postures_a, joint_a, dh_b, T_base_b, flange_b, postures_b, joint_b,
-    T_world_plates, kernel, frame,
-):  # fmt: skip
+def _compatible(one, two, T_world_plates, placed):
     """Number 64 a + b of the first pair of postures whose arms stay apart at all poses, -1 if there is none."""
+    (dh_a, T_base_a, _, _, joint_a), flange_a, postures_a = one
+    (dh_b, T_base_b, _, _, joint_b), flange_b, postures_b = two
+    kernel, frame = placed
     scratch = make_scratch(kernel)
     q = np.zeros(12)
     T_plate, T_flange = np.empty((4, 4)), np.empty((4, 4))

@@ -39,7 +39,7 @@ class MotionSampling:
     """How close to the ends, where a contact was just given up [part of the motion]."""
 
     def parameters(self, motion: PlateMotion) -> Array:
-        """Return rising parameters strictly between 0 and 1."""
+        """Return rising parameters (m,) strictly between 0 and 1."""
         length = motion.length
         steps = max(length.rotation / self.rotation_step, length.com_travel / self.com_step)
         return np.linspace(self.end, 1.0 - self.end, max(2, math.ceil(steps)) + 1)

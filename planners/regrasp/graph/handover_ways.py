@@ -78,7 +78,7 @@ class HandoverWays:
         return self._by_node(np.where(borne[:, :, None, None], self.positions, np.nan))
 
     def meetings(self, giver: int, receiver: int, sucked: SuckedObject | None) -> NDArray[np.int64]:
-        """Return the orientations in which two nodes, of either arm, pass the tool on with its load."""
+        """Return the orientations (k,) in which two nodes, of either arm, pass the tool on with its load."""
         arms, n = tuple(self.workcell.cell.arms), len(self.handovers.grasps)
         (giving, given), (taking, taken) = divmod(giver, n), divmod(receiver, n)
         numbers = self.handovers.orientations(arms[giving], given, arms[taking], taken)

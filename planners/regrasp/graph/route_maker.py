@@ -57,10 +57,9 @@ class RouteMaker:
         self._park = park
         self._at_rest: tuple[SceneState, RouteStart] | None = None
         """The last start with the tool at rest: every order of the objects begins with the same."""
-        self._tool_flange = {arm: self.grasps.T_tool_flange(workcell.gripper(arm)) for arm in self.arms}
         self._grasp_settings = settings.handovers.grasps
         self._layer_settings = replace(self._grasp_settings, approach=0.0, step=settings.carry.layer_step)
-        flanges = [self._tool_flange[arm] for arm in self.arms]
+        flanges = [queries.T_tool_flanges[arm] for arm in self.arms]
         self.travel_times = NodeTravelTimes([workcell.arm(arm) for arm in self.arms], flanges, settings.carried)
         self.ways = HandoverWays(handovers, workcell, static_hold, park, self.travel_times, settings.handover_tilt)
         partners = handovers.partners

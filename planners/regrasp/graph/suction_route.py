@@ -190,7 +190,7 @@ class SuctionRoute:
 
 
 def _empty(what: str, layer: GraspLayer) -> Rejection:
-    """Return that a layer has no node, with what keeps most of them away."""
+    """Return the rejection of a layer without a node: what keeps most of them away."""
     counts = {reason: int(mask.sum()) for reason, mask in layer.rejected().items()}
     if not counts:
         return Rejection("grasp", f"{what} that any hand could get hold of it in.")

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,7 +23,8 @@ from planners.collision.kernel import CollisionKernel, first_collision, make_scr
 from planners.collision.model import CollisionQuery, NamePair, PairChoice
 from planners.collision.placement import Fixed, Placement, Riding
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Array, Transform, inverse
+from planners.geometry.pose import Array, Transform
+from planners.hands.workcell import ArmKernel
 from planners.kinematics.branch import multiply
 from planners.kinematics.inverse import inverse_kinematics
 from planners.kinematics.windings import LIMIT_SLACK, wrap
@@ -119,16 +121,18 @@ class GraspReach:
         if not len(wanted) or not self._carried_free(T_world_tools[1:], ridden):
             faults[wanted] = _CARRIED
             return ReachedGrasps(result, faults)
-        arm, first_joint = self.workcell.arm(self.arm), self.workcell.joints(self.arm).start
+        arm = ArmKernel.of(self.workcell.arm(self.arm), self.workcell.joints(self.arm).start)
         for width, group in self._groups.items():
             these = wanted[self._group_of[wanted] == width]
             if len(these):
-                _reach(
-                    arm.dh, self._T_base_world, arm.position_min, arm.position_max, T_world_tools, self.T_tool_flange,
-                    these, self.settings.way(), self._positions.copy(), first_joint, _ridden(group.held, ridden),
-                    _ridden(group.opened, ridden), _ridden(group.links, ridden), group.links.frame_index(TOOL_FRAME),
-                    result, faults,
-                )  # fmt: skip
+                grasps = _GraspKernel(self.T_tool_flange, these, self.settings.way())
+                queries = _QueryKernels(
+                    _ridden(group.held, ridden),
+                    _ridden(group.opened, ridden),
+                    _ridden(group.links, ridden),
+                    group.links.frame_index(TOOL_FRAME),
+                )
+                _reach(arm, grasps, queries, T_world_tools, self._positions.copy(), result, faults)
         return ReachedGrasps(result, faults)
 
     def _lifted(self, T_world_tool: Transform, lift: Array | None) -> Array:
@@ -150,10 +154,6 @@ class GraspReach:
                 self._positions,
             )
         )
-
-    @cached_property
-    def _T_base_world(self) -> Transform:
-        return inverse(self.workcell.arm(self.arm).T_world_base)
 
     @cached_property
     def _positions(self) -> Array:
@@ -248,6 +248,26 @@ class _GroupQueries:
     """The rest of the arm; the fingers are open, which is the larger hand."""
 
 
+class _GraspKernel(NamedTuple):
+    """Grasps for compiled code."""
+
+    T_tool_flange: Array
+    """(n, 4, 4)"""
+    chosen: NDArray[np.int64]
+    """(k,) numbers of those that are asked about."""
+    way: Array
+    """(m,) places of the hand on its way back from the tool, the first at contact [m]."""
+
+
+class _QueryKernels(NamedTuple):
+    """`_GroupQueries` for compiled code."""
+
+    held: CollisionKernel
+    opened: CollisionKernel
+    links: CollisionKernel
+    tool_frame: int
+
+
 @njit(cache=True, nogil=True)
 def _all_free(kernel: CollisionKernel, frame: int, T_world_tools: Array, q: Array) -> bool:
     scratch = make_scratch(kernel)
@@ -259,11 +279,11 @@ def _all_free(kernel: CollisionKernel, frame: int, T_world_tools: Array, q: Arra
 
 
 @njit(cache=True, nogil=True)
-def _reach(
-    dh, T_base_world, lo, hi, T_world_tools, T_tool_flange, chosen, way, q, first_joint, held, opened, links, frame,
-    out, faults,
-):  # fmt: skip
-    held_scratch, opened_scratch, links_scratch = make_scratch(held), make_scratch(opened), make_scratch(links)
+def _reach(arm, grasps, queries, T_world_tools, q, out, faults):
+    dh, T_base_world, lo, hi, first_joint = arm
+    T_tool_flange, chosen, way = grasps
+    held, opened, links, frame = queries
+    closed, around, rest = (held, make_scratch(held)), (opened, make_scratch(opened)), (links, make_scratch(links))
     # The contact comes first, then the way back from it, then the lift.
     back, count = way.shape[0], way.shape[0] + T_world_tools.shape[0] - 1
     T_base_flanges, solutions = np.empty((count, 4, 4)), np.empty((count, 8, 6))
@@ -273,12 +293,12 @@ def _reach(
         faults[grasp] = _AWAY if left == 0 else _HAND
         if (
             left
-            and _hand_free(opened, opened_scratch, solutions[:back], left, T_world_tools[:1], frame, q, first_joint)
-            and _hand_free(held, held_scratch, solutions[:1], left, T_world_tools[:1], frame, q, first_joint)
-            and _hand_free(held, held_scratch, solutions[back:], left, T_world_tools[1:], frame, q, first_joint)
+            and _hand_free(around, frame, solutions[:back], left, T_world_tools[:1], q, first_joint)
+            and _hand_free(closed, frame, solutions[:1], left, T_world_tools[:1], q, first_joint)
+            and _hand_free(closed, frame, solutions[back:], left, T_world_tools[1:], q, first_joint)
         ):
-            left = _links_free(links, links_scratch, solutions[:back], left, T_world_tools[:1], frame, q, first_joint)
-            left = _links_free(links, links_scratch, solutions[back:], left, T_world_tools[1:], frame, q, first_joint)
+            left = _links_free(rest, frame, solutions[:back], left, T_world_tools[:1], q, first_joint)
+            left = _links_free(rest, frame, solutions[back:], left, T_world_tools[1:], q, first_joint)
             out[grasp] = left
             faults[grasp] = _LINKS if left == 0 else _NO_FAULT
 
@@ -298,8 +318,9 @@ def _place_flanges(T_base_world, T_world_tools, T_tool_flange, way, T_base_flang
 
 
 @njit(cache=True, nogil=True)
-def _hand_free(kernel, scratch, solutions, branches, T_world_tools, frame, q, first_joint):
+def _hand_free(query, frame, solutions, branches, T_world_tools, q, first_joint):
     """Say whether the hand, which is where it is on all branches, is free at all places; the last tool pose stays."""
+    kernel, scratch = query
     some = 0
     while not (branches >> some) & 1:
         some += 1
@@ -313,8 +334,9 @@ def _hand_free(kernel, scratch, solutions, branches, T_world_tools, frame, q, fi
 
 
 @njit(cache=True, nogil=True)
-def _links_free(kernel, scratch, solutions, branches, T_world_tools, frame, q, first_joint):
+def _links_free(query, frame, solutions, branches, T_world_tools, q, first_joint):
     """Return the branches whose links are free at all places; the last tool pose stays."""
+    kernel, scratch = query
     left = branches
     for k in range(solutions.shape[0]):
         if k < T_world_tools.shape[0]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -69,16 +68,10 @@ class SegmentWriter:
 
     workcell: ToolWorkcell
     grasps: ToolGrasps
+    T_tool_flanges: Mapping[str, Array]
+    """(n, 4, 4) of each arm: where its flange is on the tool in each grasp."""
     sample_step: float
     """Between samples where nothing moves [s]."""
-
-    def T_tool_flange(self, held: HeldGrasp) -> Transform:
-        """Return where the flange is on the tool in a grasp."""
-        return self._T_tool_flange[held.arm][held.grasp]
-
-    @cached_property
-    def _T_tool_flange(self) -> dict[str, Array]:
-        return {arm: self.grasps.T_tool_flange(self.workcell.gripper(arm)) for arm in self.workcell.cell.arms}
 
     def appended(
         self,
@@ -117,7 +110,7 @@ class SegmentWriter:
         held = state.held
         arm = self.workcell.arm(held.arm)
         Q = np.ascontiguousarray(trajectory.positions[:, self.workcell.joints(held.arm)])
-        tool = flange_poses(arm.dh, arm.T_world_base, Q) @ inverse(self.T_tool_flange(held))
+        tool = flange_poses(arm.dh, arm.T_world_base, Q) @ inverse(self.T_tool_flanges[held.arm][held.grasp])
         poses = {TOOL_FRAME: tool}
         if state.sucked is not None:
             poses[state.sucked.name] = tool @ state.sucked.T_tool_object
@@ -129,7 +122,7 @@ class SegmentWriter:
             arm=held.arm,
             T_tool_tcp=self.grasps.T_tool_tcp[held.grasp],
             width=float(self.grasps.widths[held.grasp]),
-            T_flange_tool=inverse(self.T_tool_flange(held)),
+            T_flange_tool=inverse(self.T_tool_flanges[held.arm][held.grasp]),
         )
 
     def still(

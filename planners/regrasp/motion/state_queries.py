@@ -18,11 +18,11 @@ class StateQueries:
 
     def __init__(self, workcell: ToolWorkcell, grasps: ToolGrasps) -> None:
         self.workcell, self.grasps = workcell, grasps
-        self._T_tool_flange = {arm: grasps.T_tool_flange(workcell.gripper(arm)) for arm in workcell.cell.arms}
+        self.T_tool_flanges = {arm: grasps.T_tool_flange(workcell.gripper(arm)) for arm in workcell.cell.arms}
 
     def T_tool_flange(self, held: HeldGrasp) -> Transform:
         """Return where the flange is on the tool in a grasp."""
-        return self._T_tool_flange[held.arm][held.grasp]
+        return self.T_tool_flanges[held.arm][held.grasp]
 
     def hand(self, state: SceneState, arm: str, *, around: bool = False, share: float = 1.0) -> CollisionQuery:
         """Query an arm that moves an empty hand; the tool stays where it is, at rest or in the other hand.

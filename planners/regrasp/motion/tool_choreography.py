@@ -26,9 +26,8 @@ from planners.regrasp.motion.cartesian_path import (
 )
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
-from planners.regrasp.motion.tool_exchange import Exchange, HandoverPlace
+from planners.regrasp.motion.tool_exchange import Exchange, HandoverPlace, ToolSwitches
 from planners.regrasp.motion.tool_motion import ToolMotion, commonest, moved_by
-from planners.regrasp.motion.tool_switches import ToolSwitches
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -59,7 +58,7 @@ class ToolChoreographer:
         """
         self.queries, self.settings = queries, settings
         self.workcell, self.grasps = queries.workcell, queries.grasps
-        writer = SegmentWriter(queries.workcell, queries.grasps, settings.timing.sample_step)
+        writer = SegmentWriter(queries.workcell, queries.grasps, queries.T_tool_flanges, settings.timing.sample_step)
         self.motion = ToolMotion(queries, writer, statics, park, settings, rng)
         self.switches = ToolSwitches(queries, writer, statics, settings.pace)
 

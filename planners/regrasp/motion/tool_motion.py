@@ -73,7 +73,7 @@ class ToolMotion:
         return self._free(state, self.arm(arm), goal[None], query, SegmentKind.TRANSIT)[0]
 
     def home(self, arm: str) -> Onward:
-        """Return that an arm goes back to where it is out of the way: as good a guess as any of what is next."""
+        """Return where an arm is out of the way, as the place it goes to next: as good a guess as any."""
         return Onward(self._park[arm][None])
 
     def choose(
