@@ -29,7 +29,7 @@ def gentle():
 
 
 def test_a_full_search_examines_every_node_and_a_lazy_one_leaves_some(full, planner):
-    assert not (full[0].graph.knowledge.status == UNKNOWN).any()
+    assert not (full[0].search.graph.knowledge.status == UNKNOWN).any()
     assert (planner.search.graph.knowledge.status == UNKNOWN).any()
 
 
@@ -50,8 +50,8 @@ def test_a_lazy_search_knows_of_every_node_what_a_full_one_knows(full, planner):
     That not every plate within the tolerances is held is asked of sequences only, and its proofs are tested against
     nodes that are not examined yet: who examines later knows of more of these nodes.
     """
-    lazy, whole = planner.search.graph.knowledge, full[0].graph.knowledge
-    assert (planner.search.graph.grips, planner.search.graph.pushes) == (full[0].graph.grips, full[0].graph.pushes)
+    lazy, whole = planner.search.graph.knowledge, full[0].search.graph.knowledge
+    assert (planner.search.graph.grips, planner.search.graph.pushes) == (full[0].search.graph.grips, full[0].search.graph.pushes)
     known = lazy.status != UNKNOWN
     assert known.sum() > 1000
     differing = np.flatnonzero(known & (lazy.status != whole.status))

@@ -9,6 +9,7 @@ import pytest
 
 from planners.errors import PlanningFaultError
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_search import LiftSearch
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import planner_of, task_body
 
@@ -55,7 +56,7 @@ def test_a_task_may_allow_less() -> None:
 
 def test_a_failure_that_forbids_nothing_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     planner, tries = planner_of(task_body("pb1", hold_density=0.5)), list[Any]()
-    monkeypatch.setattr(planner, "_realise", tries.append)
+    monkeypatch.setattr(LiftSearch, "_realise", lambda _, sequence: tries.append(sequence))
     with pytest.raises(PlanningFaultError, match="nothing was forbidden"):
         planner.plan()
     assert len(tries) == 1

@@ -32,7 +32,7 @@ def scene() -> SuctionToolScene:
 
 
 @pytest.fixture(scope="module")
-def bearing(scene: SuctionToolScene) -> StaticHold:
+def static_hold(scene: SuctionToolScene) -> StaticHold:
     return StaticHold(scene, 0.1)
 
 
