@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from planners.graph.rejections import Rejection, Rejections
-from planners.manipulation.statics.reserves import LeastReserve, ReservedSegments
+from planners.manipulation.statics.reserves import ReservedSegments, ReserveMinimum
 from planners.segment import Segment
 
 
@@ -50,6 +50,6 @@ class LiftPlan:
     """Whether the plan ends where the lift can go on straight up."""
 
     @property
-    def reserve(self) -> LeastReserve | None:
+    def reserve(self) -> ReserveMinimum | None:
         """Where along the plan least of the limits is left."""
         return None if self.reserves is None else self.reserves.least

@@ -51,7 +51,10 @@ def test_a_lazy_search_knows_of_every_node_what_a_full_one_knows(full, planner):
     nodes that are not examined yet: who examines later knows of more of these nodes.
     """
     lazy, whole = planner.search.graph.knowledge, full[0].search.graph.knowledge
-    assert (planner.search.graph.grips, planner.search.graph.pushes) == (full[0].search.graph.grips, full[0].search.graph.pushes)
+    assert (planner.search.graph.grips, planner.search.graph.pushes) == (
+        full[0].search.graph.grips,
+        full[0].search.graph.pushes,
+    )
     known = lazy.status != UNKNOWN
     assert known.sum() > 1000
     differing = np.flatnonzero(known & (lazy.status != whole.status))

@@ -13,7 +13,7 @@ from planners.contract.shapes import Box
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import inverse, rotation_x, rotation_z, transform
 from planners.kinematics.branch import follow_branch
-from planners.regrasp.grasps.grasp_reach import GraspReach, Surroundings
+from planners.regrasp.grasps.grasp_reach import GraspReach, GraspSurroundings
 from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings
 from planners.regrasp.motion.travel_time import solutions
 from planners.regrasp.tool_workcell import ToolWorkcell
@@ -34,7 +34,7 @@ def standing(x: float, y: float, above: float = 0.05, yaw: float = 0.0) -> np.nd
 
 def reach_of(workcell: ToolWorkcell, arm: str, grasps: ToolGrasps, objects=None) -> GraspReach:
     other = workcell.arm(workcell.other(arm))
-    return GraspReach(workcell, arm, grasps, Surroundings(objects or {}, other.home, 0.085))
+    return GraspReach(workcell, arm, grasps, GraspSurroundings(objects or {}, other.home, 0.085))
 
 
 @pytest.fixture(scope="module", params=["left", "right"])

@@ -17,7 +17,7 @@ STEPS = 200
 
 
 @dataclass(frozen=True)
-class LeastReserve:
+class ReserveMinimum:
     """Where along a plan least of the limits is left."""
 
     value: float
@@ -108,7 +108,7 @@ class ReservedSegments:
     segments: tuple[Segment, ...]
     samples: tuple[Array, ...]
     """For each segment (n,) the reserve at its samples [1]; NaN where no hand is on the plate."""
-    least: LeastReserve | None
+    least: ReserveMinimum | None
     """None: the plate is never held."""
 
 
@@ -153,5 +153,5 @@ def keeping_most(
     if least is None:
         return ReservedSegments(tuple(chosen), tuple(curves), None)
     value, number, sample, held = least
-    told = LeastReserve(value, scale.limit(held, value), "plate", number, sample)
+    told = ReserveMinimum(value, scale.limit(held, value), "plate", number, sample)
     return ReservedSegments(tuple(chosen), tuple(curves), told)

@@ -14,7 +14,7 @@ from planners.regrasp.graph.grasp_layer import GraspLayer, LayerLoad
 from planners.regrasp.graph.handover_ways import HandoverWays, LoadHandovers
 from planners.regrasp.graph.object_progress import Tell
 from planners.regrasp.graph.suction_route import RouteCosts, RouteStart, SuctionRoute
-from planners.regrasp.grasps.grasp_reach import GraspReach, Surroundings
+from planners.regrasp.grasps.grasp_reach import GraspReach, GraspSurroundings
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGraspSettings
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
@@ -159,6 +159,6 @@ class RouteMaker:
         reach = {}
         for arm in self.arms:
             other = self.workcell.other(arm)
-            around = Surroundings(objects, self._park[other], state.widths[other], margins)
+            around = GraspSurroundings(objects, self._park[other], state.widths[other], margins)
             reach[arm] = GraspReach(self.workcell, arm, self.grasps, around, settings)
         return reach

@@ -63,7 +63,7 @@ class ReachedGrasps:
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class GraspSurroundings:
     """What stands about while an arm takes the tool."""
 
     objects: Mapping[str, Placement | None]
@@ -84,7 +84,7 @@ class GraspReach:
     arm: str
     """Which takes the tool."""
     grasps: ToolGrasps
-    surroundings: Surroundings
+    surroundings: GraspSurroundings
     settings: ToolGraspSettings = field(default_factory=ToolGraspSettings)
 
     @cached_property

@@ -28,7 +28,7 @@ from planners.geometry.pose import Array, inverse
 from planners.graph.rejections import Rejection
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.arm_sweeps import ArmSweep, first_branches, sweep_arm
-from planners.regrasp.grasps.grasp_reach import Branches, GraspReach, Surroundings
+from planners.regrasp.grasps.grasp_reach import Branches, GraspReach, GraspSurroundings
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
 from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, FallenGrasp, ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.tool_workcell import ToolClearance, ToolWorkcell
@@ -248,7 +248,7 @@ class _Pairing:
     def reaches(self) -> dict[str, GraspReach]:
         """Each arm without the other."""
         alone = {
-            arm: Surroundings({}, None, self.workcell.gripper(other).width_max)
+            arm: GraspSurroundings({}, None, self.workcell.gripper(other).width_max)
             for arm, other in (("left", "right"), ("right", "left"))
         }
         return {

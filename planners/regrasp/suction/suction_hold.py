@@ -27,8 +27,8 @@ _NO_PUSH = 1e-9
 """Share of the largest force below which a push is none: an upright pad neither pulls nor pushes."""
 
 
-class Cup(Protocol):
-    """A suction cup."""
+class CupStrength(Protocol):
+    """What a suction cup bears."""
 
     @property
     def radius(self) -> float:
@@ -81,7 +81,7 @@ class HoldMargin:
         return self.margin >= 0.0
 
 
-def suction_margins(wrenches: Array, cup: Cup) -> Array:
+def suction_margins(wrenches: Array, cup: CupStrength) -> Array:
     """Return (..., 5): the part of each limit, in the order of `SuctionLimit`, that a wrench leaves unused.
 
     A wrench can grow by 1 / (1 - margin) before it meets a limit. The last has no such measure: it is 1 while the cup
@@ -109,12 +109,12 @@ def suction_margins(wrenches: Array, cup: Cup) -> Array:
     )
 
 
-def suction_margin(wrenches: Array, cup: Cup) -> Array:
+def suction_margin(wrenches: Array, cup: CupStrength) -> Array:
     """Return (...) the least of `suction_margins`: 1 where nothing is held, 0 at a limit, negative beyond."""
     return suction_margins(wrenches, cup).min(axis=-1)
 
 
-def cup_uses(wrenches: Array, cup: Cup) -> Array:
+def cup_uses(wrenches: Array, cup: CupStrength) -> Array:
     """Return (..., 5): to which part of themselves force, friction and stiffness of the cup could shrink [1].
 
     In the order of `SuctionLimit`: with so much of them each limit is just kept; more than 1 where it is exceeded. Slip
@@ -139,7 +139,7 @@ def cup_uses(wrenches: Array, cup: Cup) -> Array:
     )
 
 
-def least_margin(wrenches: Array, cup: Cup) -> HoldMargin:
+def least_margin(wrenches: Array, cup: CupStrength) -> HoldMargin:
     """Return the weakest moment of a hold with wrenches (n, 6) over time, n > 0."""
     margins = suction_margins(wrenches, cup)
     sample, number = np.unravel_index(int(np.argmin(margins)), margins.shape)
@@ -150,7 +150,7 @@ def least_margin(wrenches: Array, cup: Cup) -> HoldMargin:
     return HoldMargin(float(margins[sample, number]), int(sample), limit, _figures(wrench, limit, cup))
 
 
-def _figures(wrench: Array, limit: SuctionLimit, cup: Cup) -> tuple[float, float, str]:
+def _figures(wrench: Array, limit: SuctionLimit, cup: CupStrength) -> tuple[float, float, str]:
     pull, shear = float(wrench[2]), math.hypot(wrench[0], wrench[1])
     # A pull takes from what friction has for forces and torques along the pad.
     friction = cup.mu * max(0.0, cup.max_force - pull) / _SQRT3

@@ -20,7 +20,7 @@ from planners.geometry.facets import Facet, FacetSettings, find_facets
 from planners.geometry.pose import Array, Transform, rotation_z
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.suction.pad_seal import Pad, PadFit, PadSurface, facet_grid, narrow_places
-from planners.regrasp.suction.suction_hold import Cup, cup_wrenches, least_margin, suction_margin, weight
+from planners.regrasp.suction.suction_hold import CupStrength, cup_wrenches, least_margin, suction_margin, weight
 from planners.scene.moved_object import side_of
 
 Indices = NDArray[np.int64]
@@ -82,7 +82,7 @@ class SuctionSettings:
         if min(lengths) <= 0.0 or min(self.border, self.rim) < 0.0 or min(self.rolls, self.most_samples) < 1:
             raise LiftwrightError("suction poses have positive lengths, samples and rolls")
 
-    def clearance(self, cup: Cup) -> float:
+    def clearance(self, cup: CupStrength) -> float:
         """Return the least distance of the cup's centre from the border of a facet [m]."""
         return max(self.border, cup.radius + self.rim)
 
@@ -103,7 +103,7 @@ class SuctionLoad:
     T_world_goals: Array | None = None
     """(k, 4, 4) alternative poses at the end, of which one must do; None: any."""
 
-    def margins(self, points: Array, normals: Array, cup: Cup) -> Array:
+    def margins(self, points: Array, normals: Array, cup: CupStrength) -> Array:
         """Return the margin at the start, or at the best goal where that is worse: (n,).
 
         Args:
@@ -118,7 +118,7 @@ class SuctionLoad:
         goals = self._margins_at(self.T_world_goals[:, None], T_object_tools, cup)
         return np.minimum(start, goals.max(axis=0))
 
-    def figures(self, point: Array, normal: Array, cup: Cup) -> tuple[float, float, str]:
+    def figures(self, point: Array, normal: Array, cup: CupStrength) -> tuple[float, float, str]:
         """Return what is asked of a cup at one place (3,), what it has and the unit, where `margins` has its margin."""
         (T_object_tool,) = _frames(point[None], normal[None], np.eye(3)[[np.argmin(np.abs(normal))]])
         poses = [self.T_world_start]
@@ -147,7 +147,7 @@ class SuctionLoad:
             upward = np.minimum(upward, (normals @ self.T_world_goals[:, 2, :3].T).max(axis=1))
         return upward < -_ROUNDING
 
-    def _margins_at(self, T_world_objects: Array, T_object_tools: Array, cup: Cup) -> Array:
+    def _margins_at(self, T_world_objects: Array, T_object_tools: Array, cup: CupStrength) -> Array:
         return suction_margin(cup_wrenches(weight(self.mass), T_world_objects, self.com, T_object_tools), cup)
 
 
@@ -191,7 +191,7 @@ class SuctionPoses:
 
 
 def suction_poses(
-    surface_of_object: Surface, load: SuctionLoad, cup: Cup, settings: SuctionSettings = DEFAULT_SUCTION
+    surface_of_object: Surface, load: SuctionLoad, cup: CupStrength, settings: SuctionSettings = DEFAULT_SUCTION
 ) -> SuctionPoses:
     """Find the suction poses of an object.
 
@@ -274,7 +274,7 @@ class _Places:
     def only(self, rows: Indices | NDArray[np.bool_]) -> _Places:
         return _Places(*(getattr(self, column.name)[rows] for column in fields(_Places)))
 
-    def count(self, settings: SuctionSettings, load: SuctionLoad, cup: Cup, rejections: Rejections) -> None:
+    def count(self, settings: SuctionSettings, load: SuctionLoad, cup: CupStrength, rejections: Rejections) -> None:
         """Add the rejected places, each kind with the figures of the best one: that is the one that decides."""
 
         def rejected(fault: SuctionFault, best: int) -> Rejection:
@@ -336,7 +336,7 @@ class _Sampler:
 
     pads: PadSurface
     load: SuctionLoad
-    cup: Cup
+    cup: CupStrength
     settings: SuctionSettings
     spacing: float
     """[m]"""
