@@ -144,10 +144,7 @@ def _goals_within_limits(
     """Indices of the goals within the joint limits, cheapest first, or why there are none."""
     if query.goals.shape[0] == 0:
         return np.empty(0, dtype=np.int64), MotionOutcome.NO_GOAL
-    within = np.all(
-        (query.goals >= query.position_min) & (query.goals <= query.position_max),
-        axis=1,
-    )
+    within = np.all((query.goals >= query.position_min) & (query.goals <= query.position_max), axis=1)
     if not within.any():
         return np.empty(0, dtype=np.int64), MotionOutcome.GOALS_OUT_OF_LIMITS
     return np.argsort(np.where(within, costs, np.inf), kind="stable")[: int(within.sum())], None
@@ -169,11 +166,7 @@ RELATIVE_GAIN_MIN = 1e-3
 
 
 def shorten(
-    path: NDArray[np.float64],
-    checker: EdgeChecker,
-    metric: JointMetric,
-    attempts: int,
-    rng: np.random.Generator,
+    path: NDArray[np.float64], checker: EdgeChecker, metric: JointMetric, attempts: int, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Shorten the free polyline path (m, n): leave out vertices, then replace random stretches by straight lines.
 
@@ -203,10 +196,7 @@ def _leave_out_vertices(path: NDArray[np.float64], checker: EdgeChecker) -> NDAr
 
 
 def _cut_once(
-    path: NDArray[np.float64],
-    checker: EdgeChecker,
-    metric: JointMetric,
-    rng: np.random.Generator,
+    path: NDArray[np.float64], checker: EdgeChecker, metric: JointMetric, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Connect two random points of the path, on different legs, by a straight line if that is free and shorter."""
     arc = np.concatenate([[0.0], np.cumsum(metric.leg_lengths(path))])

@@ -11,11 +11,7 @@ from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.motion.path import JointPath
-from planners.motion.time_law import (
-    fastest_squared_speeds,
-    node_times,
-    smoothed_samples,
-)
+from planners.motion.time_law import fastest_squared_speeds, node_times, smoothed_samples
 from planners.motion.trajectory import Trajectory, concatenate, hold_still, sample_count
 
 
@@ -92,10 +88,7 @@ class TimingSettings:
 
 
 def time_path(
-    path: JointPath,
-    limits: JointLimits,
-    settings: TimingSettings | None = None,
-    rate_limits: Sequence[RateLimit] = (),
+    path: JointPath, limits: JointLimits, settings: TimingSettings | None = None, rate_limits: Sequence[RateLimit] = ()
 ) -> Trajectory:
     """Move along `path` from rest to rest, resting at its stops, within limits at the samples and between them.
 

@@ -281,10 +281,7 @@ class DenseContactStateGraph:
 
     @staticmethod
     def build(
-        shape: Prism,
-        com: Sequence[float] | Array,
-        T_world_plate: Transform,
-        sampling: ContactSampling | None = None,
+        shape: Prism, com: Sequence[float] | Array, T_world_plate: Transform, sampling: ContactSampling | None = None
     ) -> DenseContactStateGraph:
         """Sample the contact states of a plate that lies flat and join the samples.
 
@@ -443,10 +440,7 @@ def _thresholds(shape: Prism, sampling: ContactSampling) -> tuple[float, float]:
 
 
 def _edges(
-    plate: RestingPlate,
-    contacts: ContactStateGraph,
-    poses: tuple[PlatePose, ...],
-    thresholds: tuple[float, float],
+    plate: RestingPlate, contacts: ContactStateGraph, poses: tuple[PlatePose, ...], thresholds: tuple[float, float]
 ) -> NDArray[np.int64]:
     """Join the poses of equal or related contacts that are closer than both thresholds."""
     T = np.array([pose.T_world_plate for pose in poses])

@@ -92,10 +92,7 @@ class NodeExaminer:
         return int(reach[pose, hold.index]) & hold.postures
 
     def _arms_apart(self, pose: int, grip: HandHold, push: HandHold) -> bool:
-        allowed = (
-            self.postures(pose, grip, self.reached.grip),
-            self.postures(pose, push, self.reached.push),
-        )
+        allowed = (self.postures(pose, grip, self.reached.grip), self.postures(pose, push, self.reached.push))
         where = self.graph.poses.poses[pose].T_world_plate[None]
         return self.pair.compatible(where, (grip.index, push.index), allowed) is not None
 
@@ -137,10 +134,7 @@ class NodeExaminer:
         knowledge = self.graph.knowledge
         ruled_out = self.balance.ruled_out[self.graph.node_pose, self._grip_row, self._push_row]
         fallen = ruled_out & (knowledge.status == UNKNOWN)
-        self.rejections.add(
-            Rejection("balance", UnbalanceReason.PROVEN.value),
-            int(fallen.sum()),
-        )
+        self.rejections.add(Rejection("balance", UnbalanceReason.PROVEN.value), int(fallen.sum()))
         knowledge.status[fallen] = DEAD
 
 

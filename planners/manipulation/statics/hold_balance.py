@@ -187,10 +187,7 @@ class HoldBalance:
         )
 
     def _contacts(self, hands: HandPair) -> tuple[GripContacts | None, PushContact | None]:
-        return (
-            None if hands[0] is None else self.grips[hands[0]],
-            None if hands[1] is None else self.pushes[hands[1]],
-        )
+        return (None if hands[0] is None else self.grips[hands[0]], None if hands[1] is None else self.pushes[hands[1]])
 
     def along(self, motion_number: int, hands: HandPair) -> Rejection | None:
         """Say why the plate cannot be held all along a motion of the graph, or None if it can."""

@@ -35,11 +35,7 @@ class StateQueries:
         """
         placements = {TOOL_FRAME: Fixed(state.T_world_tool), **self._objects(state)}
         return self.workcell.query(
-            state.widths,
-            placements,
-            around=[arm] if around else [],
-            share=share,
-            only=self._moving(arm, frozenset()),
+            state.widths, placements, around=[arm] if around else [], share=share, only=self._moving(arm, frozenset())
         )
 
     def carrying(

@@ -318,13 +318,7 @@ class _Places:
                 yield SuctionPose(turned[roll], number, roll, central, margin)
 
 
-_FAULTS = (
-    SuctionFault.BORDER,
-    SuctionFault.CURVED,
-    SuctionFault.DOWN,
-    SuctionFault.WEAK,
-    SuctionFault.COVERED,
-)
+_FAULTS = (SuctionFault.BORDER, SuctionFault.CURVED, SuctionFault.DOWN, SuctionFault.WEAK, SuctionFault.COVERED)
 _FAULT_OF_FIT = np.full(len(PadFit), -1)
 """Place among `_FAULTS` of each `PadFit`; -1 for a pad that seals."""
 _FAULT_OF_FIT[[PadFit.BORDER, PadFit.CURVED]] = 0, 1
