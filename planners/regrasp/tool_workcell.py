@@ -10,13 +10,15 @@ from planners.collision.placement import Placement
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.hands.workcell import Clearance, Workcell
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
 from planners.scene.arm import Arm
 from planners.scene.body import Body
 from planners.scene.cell import Cell
 from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
+
+TOOL_FRAME = "tool"
+"""Name of the frame that the tool is in."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from planners.regrasp.graph.object_progress import Tell
 from planners.regrasp.graph.suction_route import RouteCosts, RouteStart, SuctionRoute
 from planners.regrasp.grasps.grasp_reach import GraspReach, GraspSurroundings
 from planners.regrasp.grasps.handovers import HandoverDatabase
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGraspSettings
+from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
 from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_exchange import HandoverPlace
@@ -26,6 +26,7 @@ from planners.regrasp.statics.static_hold import StaticHold
 from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.tool_workcell import TOOL_FRAME
 from planners.scene.moved_object import MovedObject
 
 _UP = np.array([0.0, 0.0, 1.0])

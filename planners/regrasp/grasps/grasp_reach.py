@@ -28,8 +28,8 @@ from planners.hands.workcell import ArmKernel
 from planners.kinematics.branch import multiply
 from planners.kinematics.inverse import inverse_kinematics
 from planners.kinematics.windings import LIMIT_SLACK, wrap
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGrasps, ToolGraspSettings
-from planners.regrasp.tool_workcell import ToolWorkcell
+from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings
+from planners.regrasp.tool_workcell import TOOL_FRAME, ToolWorkcell
 
 Branches = NDArray[np.uint8]
 

@@ -30,8 +30,8 @@ from planners.progress import Progress, silent
 from planners.regrasp.grasps.arm_sweeps import ArmSweep, first_branches, sweep_arm
 from planners.regrasp.grasps.grasp_reach import Branches, GraspReach, GraspSurroundings
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, FallenGrasp, ToolGrasps, ToolGraspSettings, tool_grasps
-from planners.regrasp.tool_workcell import ToolClearance, ToolWorkcell
+from planners.regrasp.grasps.tool_grasps import FallenGrasp, ToolGrasps, ToolGraspSettings, tool_grasps
+from planners.regrasp.tool_workcell import TOOL_FRAME, ToolClearance, ToolWorkcell
 from planners.scene.cell import Cell
 from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool

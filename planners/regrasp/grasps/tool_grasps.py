@@ -17,10 +17,10 @@ from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
 from planners.graph.rejections import Rejection
 from planners.regrasp.grasps.pad_contacts import PadContacts, PadContactSettings, all_pad_contacts, spread
+from planners.regrasp.tool_workcell import TOOL_FRAME
 from planners.scene.hand import Gripper
 from planners.scene.suction_tool import SuctionTool
 
-TOOL_FRAME = "tool"
 _HAND = "hand"
 _SPACING_GROWTH = 1.15
 _TOUCHING = Rejection("grasp", "the hand would touch the tool while it holds it")

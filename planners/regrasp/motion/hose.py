@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.geometry.pose import Array
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
 from planners.regrasp.tool_segment import ToolSegment
+from planners.regrasp.tool_workcell import TOOL_FRAME
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import numpy as np
 from planners.collision.model import CollisionQuery
 from planners.collision.placement import Fixed, Placement
 from planners.geometry.pose import Array
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
-from planners.regrasp.tool_workcell import ToolWorkcell
+from planners.regrasp.tool_workcell import TOOL_FRAME, ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene
 
 CLEARANCE = 0.02

@@ -8,9 +8,9 @@ from planners.collision.model import CollisionQuery, NamePair, PairMask
 from planners.collision.placement import Attached, Fixed, Placement, Riding
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform, inverse
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME, ToolGrasps
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState
-from planners.regrasp.tool_workcell import ToolWorkcell
+from planners.regrasp.tool_workcell import TOOL_FRAME, ToolWorkcell
 
 
 class StateQueries:

@@ -9,11 +9,11 @@ from planners.collision.placement import Fixed, Placement
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
-from planners.regrasp.grasps.tool_grasps import TOOL_FRAME
 from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_motion import moved_by
 from planners.regrasp.suction.suction_poses import STAGE, SuctionPose
+from planners.regrasp.tool_workcell import TOOL_FRAME
 from planners.scene.moved_object import MovedObject
 
 
