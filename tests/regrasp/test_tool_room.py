@@ -23,7 +23,7 @@ PLATE = 0.0225
 
 def asked(scene: SuctionToolScene, grasps: ToolGrasps, *poses: SuctionPose, most: int = 99) -> tuple[int, Rejections]:
     """Return how many of the poses have room, and why the others have none."""
-    stage = SceneState(
+    state = SceneState(
         q=scene.start_positions,
         widths=scene.start_widths,
         holder=None,
@@ -34,7 +34,7 @@ def asked(scene: SuctionToolScene, grasps: ToolGrasps, *poses: SuctionPose, most
     )
     rejections = Rejections()
     room = ToolRoom(StateQueries(ToolWorkcell.of(scene), grasps), DESCENT)
-    return len(room.poses(stage, scene.objects[0], poses, most, rejections)), rejections
+    return len(room.poses(state, scene.objects[0], poses, most, rejections)), rejections
 
 
 def sideways(height: float) -> SuctionPose:
