@@ -10,7 +10,7 @@ from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, Suction
 from planners.errors import SceneError
 from planners.geometry.pose import to_pose7s
 from planners.manipulation import plan_segments as lift_segments
-from planners.manipulation.dense_contacts import ContactSampling
+from planners.manipulation.contacts.dense_contact_states import ContactSampling
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
@@ -21,7 +21,7 @@ from planners.plan.verdicts import Cause, Explanation, Software, StageTime, Stat
 from planners.progress import Progress
 from planners.regrasp import plan_segments as tool_segments
 from planners.regrasp.considered import considered_by
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan

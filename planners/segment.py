@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from planners.balance.balanced import Balanced
 from planners.geometry.pose import Array, Transform
-from planners.manipulation.contacts import PrincipalContact
+from planners.manipulation.contacts.contact_states import PrincipalContact
 from planners.motion.trajectory import Trajectory
 from planners.plan.segment import SegmentKind
 

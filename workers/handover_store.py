@@ -11,7 +11,7 @@ import structlog
 
 from planners.cell.cell import Cell
 from planners.progress import Progress, silent
-from planners.regrasp.handovers import (
+from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
     HandoverDataError,
     HandoverSettings,

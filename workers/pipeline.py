@@ -24,7 +24,7 @@ from planners.plan.simulation import Simulation
 from planners.plan.verdicts import Check
 from planners.planning import HandoverSource, plan
 from planners.progress import Progress, silent
-from planners.regrasp.handovers import find_handovers
+from planners.regrasp.grasps.handovers import find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads

@@ -23,7 +23,7 @@ from app.viewer.curves import (
 )
 from app.viewer.timeline import ContactSet, Timeline
 from planners.geometry.pose import Array
-from planners.regrasp.suction_hold import suction_margin
+from planners.regrasp.suction.suction_hold import suction_margin
 from planners.scene.suction_tool import TOOL_NAME, CupData
 
 CUP_TITLE = "Suction cup, used of what it bears"

@@ -34,9 +34,7 @@ def passable_path(
         begun = np.array([node for node in starts if knowledge.status[node] != DEAD], dtype=np.int64)
         arc_to = np.full(graph.node_count, -1, np.int64)
         tail_of = np.full(graph.node_count, -1, np.int64)
-        node = _nearest_goal(
-            graph.row_start, graph.head, graph.edge, knowledge.status, knowledge.edge_dead, begun, goal, arc_to, tail_of
-        )
+        node = _nearest_goal(graph, knowledge, begun, goal, arc_to, tail_of)
         if node < 0:
             return None
         nodes, arcs = [int(node)], []
@@ -55,13 +53,13 @@ def passable_path(
 
 
 @njit(cache=True, nogil=True)
-def _nearest_goal(  # noqa: PLR0913 - a graph in compressed rows, what is known of it, and what is written
-    row_start, head, edge, status, edge_dead, starts, goal, arc_to, tail_of
-):
+def _nearest_goal(graph, knowledge, starts, goal, arc_to, tail_of):
     """Return the goal with fewest unknown nodes on the way, or -1; write by which arc and from where nodes are reached.
 
     Nodes are taken level by level: of as many unknown nodes first all that lead over no more of them.
     """
+    head, row_start, edge = graph.head, graph.row_start, graph.edge
+    status, edge_dead = knowledge.status, knowledge.edge_dead
     count = len(head) + len(starts)
     level, beyond = np.empty((count, 3), np.int64), np.empty((count, 3), np.int64)  # node, tail, arc
     settled = np.zeros(status.shape[0], np.bool_)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,8 +23,7 @@ UNKNOWN, ALIVE, DEAD = 0, 1, 2
 _FOUND, _EXHAUSTED = -1, -2
 
 
-@dataclass(frozen=True, eq=False)
-class StateGraph:
+class StateGraph(NamedTuple):
     """A directed graph in compressed rows; an arc costs its own cost plus, if it is loaded, both its ends' loads.
 
     Loads stand for what depends on a node alone (in paper B, the joint torque of eq. (10)).
@@ -53,8 +53,7 @@ class StateGraph:
         return int(self.edge.max()) + 1 if len(self.edge) else 0
 
 
-@dataclass(eq=False)
-class Knowledge:
+class Knowledge(NamedTuple):
     """What is known of a graph so far: it only ever grows, and is shared by all searches of the graph."""
 
     status: NDArray[np.int8]
@@ -132,45 +131,57 @@ def cheapest_path(
     consistent lower bound of the remaining cost. With `bottleneck` the path with the smallest largest load is
     sought instead; among such paths arc costs only steer, and their sum need not be the least.
     """
-    search = _Search(graph, knowledge, start, heuristic)
+    state = _SearchState.begun(graph, start, heuristic)
     while True:
-        node = _advance(
-            graph.row_start, graph.head, graph.cost, graph.loaded, graph.effort, graph.edge,
-            knowledge.status, knowledge.load, knowledge.edge_dead, goal, heuristic, bottleneck,
-            search.keys, search.links, search.counters, search.offered, search.best, search.parent,
-        )  # fmt: skip
+        node = _advance(graph, knowledge, goal, heuristic, bottleneck, state)
         if node == _EXHAUSTED:
             return None
         if node == _FOUND:
-            return search.path()
+            return state.path(graph)
         examine(int(node))
 
 
-class _Search:
+class _SearchState(NamedTuple):
     """The queue and the tree of one search, kept between the calls of the compiled part."""
 
-    def __init__(self, graph: StateGraph, knowledge: Knowledge, start: int, heuristic: NDArray[np.int64]) -> None:
-        self.graph, self.knowledge = graph, knowledge
+    keys: NDArray[np.int64]
+    """(capacity, 4) of the queue: f, effort, g, load counted so far."""
+    links: NDArray[np.int32]
+    """(capacity, 3) likewise: node, parent, arc."""
+    counters: NDArray[np.int64]
+    """(3,) queue length, expanded nodes, goal reached."""
+    offered: NDArray[np.int64]
+    """(N, 3) least cost, effort and parent queued."""
+    best: NDArray[np.int64]
+    """(N, 2) settled cost and effort."""
+    parent: NDArray[np.int32]
+    """(N, 2) settled parent and arc."""
+
+    @classmethod
+    def begun(cls, graph: StateGraph, start: int, heuristic: NDArray[np.int64]) -> _SearchState:
+        """Begin with one node in the queue."""
         # Every arc enters the queue once when its tail is settled and once more when its head turns out to be
         # loaded; every node waits once for its examination.
         capacity = 2 * len(graph.head) + graph.node_count + 2
-        self.keys = np.empty((capacity, 4), np.int64)  # f, effort, g, load counted so far
-        self.links = np.empty((capacity, 3), np.int32)  # node, parent, arc
-        self.counters = np.zeros(3, np.int64)  # queue length, expanded nodes, goal reached
-        self.offered = np.full((graph.node_count, 3), np.iinfo(np.int64).max)  # least cost, effort and parent queued
-        self.best = np.full((graph.node_count, 2), -1, np.int64)  # settled cost and effort
-        self.parent = np.full((graph.node_count, 2), -1, np.int32)  # settled parent and arc
-        self.keys[0] = (heuristic[start], 0, 0, 0)
-        self.links[0] = (start, -1, -1)
-        self.counters[0] = 1
+        state = cls(
+            np.empty((capacity, 4), np.int64),
+            np.empty((capacity, 3), np.int32),
+            np.array([1, 0, 0], np.int64),
+            np.full((graph.node_count, 3), np.iinfo(np.int64).max),
+            np.full((graph.node_count, 2), -1, np.int64),
+            np.full((graph.node_count, 2), -1, np.int32),
+        )
+        state.keys[0] = (heuristic[start], 0, 0, 0)
+        state.links[0] = (start, -1, -1)
+        return state
 
-    def path(self) -> GraphPath:
+    def path(self, graph: StateGraph) -> GraphPath:
         """Walk back from the goal that was reached."""
         node = int(self.counters[2])
         cost = float(self.best[node, 0]) * RESOLUTION
         nodes, edges = [node], []
         while self.parent[node, 0] >= 0:
-            edges.append(int(self.graph.edge[self.parent[node, 1]]))
+            edges.append(int(graph.edge[self.parent[node, 1]]))
             node = int(self.parent[node, 0])
             nodes.append(node)
         return GraphPath(tuple(reversed(nodes)), tuple(reversed(edges)), cost, int(self.counters[1]))
@@ -207,11 +218,11 @@ def _swap(keys, links, i, j):
 
 
 @njit(cache=True, nogil=True)
-def _push(keys, links, counters, f, effort, g, load, node, parent, arc):
+def _push(keys, links, counters, key, link):
     i = counters[0]
     counters[0] += 1
-    keys[i, 0], keys[i, 1], keys[i, 2], keys[i, 3] = f, effort, g, load
-    links[i, 0], links[i, 1], links[i, 2] = node, parent, arc
+    keys[i, 0], keys[i, 1], keys[i, 2], keys[i, 3] = key
+    links[i, 0], links[i, 1], links[i, 2] = link
     while i > 0:
         above = (i - 1) // 2
         if not _before(keys, links, i, above):
@@ -240,11 +251,11 @@ def _pop(keys, links, counters):
 
 
 @njit(cache=True, nogil=True)
-def _advance(
-    row_start, head, cost, loaded, effort, edge, status, load, edge_dead, goal, heuristic, bottleneck,
-    keys, links, counters, offered, best, parent,
-):  # fmt: skip
+def _advance(graph, knowledge, goal, heuristic, bottleneck, state):
     """Search until a node must be examined (its number is returned), a goal is settled, or nothing is left."""
+    row_start, head, cost, loaded, effort, edge = graph
+    status, load, edge_dead = knowledge
+    keys, links, counters, offered, best, parent = state
     while counters[0] > 0:
         node = links[0, 0]
         if best[node, 0] >= 0 or status[node] == 2:
@@ -263,7 +274,8 @@ def _advance(
         else:
             exact = g
         if exact > g:
-            _push(keys, links, counters, exact + heuristic[node], e, exact, load[node], node, from_node, arc)
+            key = exact + heuristic[node], e, exact, load[node]
+            _push(keys, links, counters, key, (node, from_node, arc))
             continue
         best[node, 0], best[node, 1] = g, e
         parent[node, 0], parent[node, 1] = from_node, arc
@@ -288,5 +300,6 @@ def _advance(
                 continue
             if status[other] == 1 or not (bottleneck or loaded[a]):
                 offered[other, 0], offered[other, 1], offered[other, 2] = reached, second, node
-            _push(keys, links, counters, reached + heuristic[other], second, reached, load[other], other, node, a)
+            key = reached + heuristic[other], second, reached, load[other]
+            _push(keys, links, counters, key, (other, node, a))
     return -2

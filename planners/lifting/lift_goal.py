@@ -10,7 +10,7 @@ import numpy as np
 from planners.balance.balanced import Balanced
 from planners.balance.contacts import GripContacts, PushContact
 from planners.geometry.pose import Array
-from planners.manipulation.groundwork import balance_program
+from planners.manipulation.statics.lift_programs import balance_program
 from planners.scene.lift_scene import PlateLiftScene
 
 RESERVES = tuple(percent / 100.0 for percent in range(20, -1, -1))

@@ -63,10 +63,7 @@ class LiftPath:
 
 
 def lift_path(
-    arms: Mapping[str, Arm],
-    start: Array,
-    query: CollisionQuery | None,
-    settings: LiftPathSettings | None = None,
+    arms: Mapping[str, Arm], start: Array, query: CollisionQuery | None, settings: LiftPathSettings | None = None
 ) -> LiftPath:
     """Follow both arms up from a posture until a joint, a branch of the inverse kinematics or a collision ends it.
 

@@ -13,26 +13,26 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from planners.balance.balanced import Balanced
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
-from planners.manipulation.contacts import PrincipalContact
-from planners.manipulation.grips import lack_of_grips
-from planners.manipulation.groundwork import cup_footprint, jaw_of
-from planners.manipulation.hold_balance import HandPair
-from planners.manipulation.reach import HandReach
-
-if TYPE_CHECKING:
-    from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.holds.grips import lack_of_grips
+from planners.manipulation.lift_reach import meeting
+from planners.manipulation.lift_sampling import cup_footprint, jaw_of
+from planners.manipulation.lift_search import LiftSearch
+from planners.manipulation.reach.hand_reach import HandReach
+from planners.manipulation.statics.hold_balance import HandPair
 
 _POSES = 12
 """Lost poses that are looked at."""
 _BALANCES = 60
 """Holds whose balance is asked for at each of them."""
+
+NO_WAY = "No sequence of holds leads from the support into the air."
+"""What is said where nobody asks for the causes."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +43,9 @@ class Impasse:
     causes: tuple[Rejection, ...]
 
 
-def find_impasse(lift: PlateLiftPlanner) -> Impasse:
+def find_impasse(search: LiftSearch) -> Impasse:
     """Say at which stage of a lift nothing is left, and why."""
-    return _Search(lift).find()
-
-
-def contact_name(contact: PrincipalContact) -> str:
-    """Name a contact as reports do: "face", "edge 3", "vertex 0", "no contact"."""
-    if contact.index is None:
-        return "no contact"
-    return "face" if contact.element == "face" else f"{contact.element} {contact.index}"
+    return _Stages(search).find()
 
 
 def _told(summary: str, link: str, causes: tuple[Rejection, ...]) -> Impasse:
@@ -60,25 +53,21 @@ def _told(summary: str, link: str, causes: tuple[Rejection, ...]) -> Impasse:
     return Impasse(f"{summary}{link}{causes[0].reason}." if causes else f"{summary}.", causes)
 
 
-def _touch(names: tuple[str, str]) -> str:
-    """Say that the plate or its cup, whichever is named, would touch what is named beside it."""
-    body, obstacle = sorted(names, key=lambda name: name not in ("plate", "cup"))
-    return f"the {body} would touch {obstacle}"
-
-
-class _Search:
+class _Stages:
     """Goes through the stages of one lift."""
 
-    def __init__(self, lift: PlateLiftPlanner) -> None:
-        self._lift, self._graph, self._poses = lift, lift.graph, lift.poses.poses
-        self._alive = lift.graph.knowledge.status != DEAD
+    def __init__(self, search: LiftSearch) -> None:
+        self._search, self._sampling, self._graph = search, search.sampling, search.graph
+        self._reach, self._reached = search.reach, search.reach.reached
+        self._poses = search.sampling.poses.poses
+        self._alive = search.graph.knowledge.status != DEAD
 
     def find(self) -> Impasse:
-        lift, graph = self._lift, self._graph
-        if not lift.grips:
+        sampling, graph = self._sampling, self._graph
+        if not sampling.grips:
             cause = self._lack_of_grips()
             return Impasse(f"The gripper finds no place to hold the plate: {cause.reason}.", (cause,))
-        if not lift.pushes:
+        if not sampling.pushes:
             return Impasse("The stick finds no place to push the plate.", ())
         if not any(self._alive[n] and n not in graph.lost_starts for n in graph.starts):
             return self._at_rest()
@@ -87,18 +76,19 @@ class _Search:
         return self._on_the_way()
 
     def _lack_of_grips(self) -> Rejection:
-        lift = self._lift
-        if lift.scene.given_grips is not None:
+        sampling, scene = self._sampling, self._sampling.scene
+        if scene.given_grips is not None:
             return Rejection("sampling", "the task gives none")
-        return lack_of_grips(lift.prism, jaw_of(lift.workcell), cup_footprint(lift.scene), lift.settings.grips)
+        cup = cup_footprint(scene)
+        return lack_of_grips(sampling.prism, jaw_of(sampling.workcell), cup, sampling.settings.grips)
 
     def _at_rest(self) -> Impasse:
         """No hand can come to the plate at rest."""
-        flat = self._lift.poses.flat
+        flat = self._sampling.poses.flat
         if self._graph.starts:
             return Impasse(
                 "Hands reach the plate where it rests, but none can come to it.",
-                tuple(cause for cause, _ in self._lift.rejections.most_common(2)),
+                tuple(cause for cause, _ in self._search.record.rejections.most_common(2)),
             )
         causes = self._hindrances([flat], (True, True), "the plate at rest")
         gripper, stick = causes[0].reason, causes[1].reason
@@ -108,9 +98,9 @@ class _Search:
 
     def _at_goal(self) -> Impasse:
         """No two hands can hold the plate at the goal."""
-        goals = np.array(self._lift.poses.goals)
+        goals = np.array(self._sampling.poses.goals)
         summary = "No grip and push together can hold the plate off its support"
-        grips, pushes = self._lift.grip_postures[goals].any(axis=1), self._lift.push_postures[goals].any(axis=1)
+        grips, pushes = self._reached.grip[goals].any(axis=1), self._reached.push[goals].any(axis=1)
         if (grips & pushes).any():
             causes = self._lost(goals[grips & pushes].tolist(), "off the support")
             return _told(summary, ": ", causes)
@@ -122,9 +112,9 @@ class _Search:
         """The plate gets off its rest, perhaps, but not as far as the goal."""
         reached = {int(pose) for pose in self._graph.node_pose[self._graph.reachable()]}
         farthest = max(sorted(reached), key=self._tilt)
-        name = contact_name(self._poses[farthest].contact)
+        name = self._poses[farthest].contact.name
         degrees = math.degrees(self._tilt(farthest))
-        beyond = {int(pose) for known in reached for pose in self._lift.poses.neighbours[known]} - reached
+        beyond = {int(pose) for known in reached for pose in self._sampling.poses.neighbours[known]} - reached
         causes = self._lost(sorted(beyond, key=lambda pose: (self._distance(farthest, pose), pose)), f"beyond {name}")
         summary = (
             "No sequence of holds leads from the support into the air: "
@@ -142,40 +132,39 @@ class _Search:
 
     def _way_to(self, pose: int, where: str) -> Rejection:
         """Say why the plate is not moved to a pose at which it could be held."""
-        motions = np.flatnonzero((self._lift.poses.edges == pose).any(axis=1))
+        motions = np.flatnonzero((self._sampling.poses.edges == pose).any(axis=1))
         for number in motions:
-            names = self._lift.follower.blocked(int(number))
+            names = self._reach.follower.blocked(int(number))
             if names is not None:
-                return Rejection("clearance", f"{_touch(names)} on the way", where)
+                return Rejection("clearance", f"{meeting(*names).reason} on the way", where)
         return Rejection("transfer", "the plate could be held, but not be brought there", where)
 
     def _cause_at(self, pose: int, where: str) -> Rejection:
         """Say why no hold that reaches a pose bears the plate there."""
-        meeting = self._meeting(pose)
-        if meeting is not None:
-            return Rejection("clearance", meeting, where)
+        touch = self._meeting(pose)
+        if touch is not None:
+            return Rejection("clearance", touch, where)
         where_plate = self._poses[pose]
         for hands in itertools.islice(self._unproven(pose), _BALANCES):
-            answer = self._lift.balance.solve(where_plate.T_world_plate, where_plate.contact_points, hands)
+            answer = self._search.balance.solve(where_plate.T_world_plate, where_plate.contact_points, hands)
             if isinstance(answer, Balanced):
                 return self._missing(pose, hands, where)
         return Rejection("balance", "no hold bears the plate, wherever the arms reach", where)
 
     def _unproven(self, pose: int) -> Iterator[HandPair]:
         """Yield holds that are not yet proven not to bear the plate, reach aside: single hands first."""
-        possible = ~self._lift.balance.ruled_out[pose]
+        possible = ~self._search.balance.ruled_out[pose]
         order = np.argwhere(possible)
         for row in order[np.argsort((order > 0).sum(axis=1), kind="stable")]:
             grip, push = (None if number == 0 else int(number) - 1 for number in row)
-            if (grip, push) != (None, None) and not self._lift.balance.ruled_out[pose, row[0], row[1]]:
+            if (grip, push) != (None, None) and not self._search.balance.ruled_out[pose, row[0], row[1]]:
                 yield grip, push
 
     def _missing(self, pose: int, hands: HandPair, where: str) -> Rejection:
         """Say what keeps the hands of a hold that would bear the plate from being there."""
-        lift = self._lift
         for index, hand, postures in (
-            (hands[0], lift.pair.first, lift.grip_postures),
-            (hands[1], lift.pair.second, lift.push_postures),
+            (hands[0], self._reach.pair.first, self._reached.grip),
+            (hands[1], self._reach.pair.second, self._reached.push),
         ):
             if index is not None and not postures[pose, index]:
                 reason = hand.hindrance(self._poses[pose].T_world_plate, index)
@@ -185,8 +174,8 @@ class _Search:
 
     def _meeting(self, pose: int) -> str | None:
         """Name what the plate or its cup meets at a pose, so that no hold is allowed there."""
-        names = next(self._lift.lifted.meetings(self._poses[pose].T_world_plate[None]), None)
-        return None if names is None else _touch(names)
+        names = next(self._reach.lifted.meetings(self._poses[pose].T_world_plate[None]), None)
+        return None if names is None else meeting(*names).reason
 
     def _hindrances(self, poses: list[int], hands: tuple[bool, bool], where: str) -> tuple[Rejection, ...]:
         """Say what keeps hands (gripper, stick) from poses: for each hand the cause of most of its holds, then more.
@@ -195,7 +184,7 @@ class _Search:
         """
         lists = [
             self._ranked(hand, poses[:: max(1, len(poses) // 3)][:3])
-            for asked, hand in zip(hands, (self._lift.pair.first, self._lift.pair.second), strict=True)
+            for asked, hand in zip(hands, (self._reach.pair.first, self._reach.pair.second), strict=True)
             if asked
         ]
         mixed = [reason for rank in itertools.zip_longest(*lists) for reason in rank if reason is not None]

@@ -14,7 +14,7 @@ from planners.graph.rejections import Rejection
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.manipulation.reserves import STEPS
+from planners.manipulation.statics.reserves import STEPS
 from planners.progress import Progress
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -70,7 +70,7 @@ def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: P
         if plan.outcome is LiftOutcome.SOLVED:
             return plan, most + 1.0 / STEPS
     plan = planner.plan_keeping(0.0)
-    if not planner.rises:
+    if not plan.rises:
         return plan, settings.reserve
     return plan, 1.0 / STEPS if most is None else most
 
@@ -126,7 +126,7 @@ def _keeping_most(
     """
     low, high = _kept(plan), below
     enough = settings.largest_reserve if settings.most_reserve else settings.reserve
-    ends_low = not planner.rises
+    ends_low = not plan.rises
     top = min(high - 1.0 / STEPS, enough)
     for number in range(settings.reserve_searches):
         if low >= enough or high - low < settings.reserve_step:

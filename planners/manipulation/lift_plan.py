@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from planners.graph.rejections import Rejection, Rejections
-from planners.manipulation.reserves import LeastReserve, ReservedSegments
+from planners.manipulation.statics.reserves import ReservedSegments
+from planners.plan.verdicts import LeastReserve
 from planners.segment import Segment
 
 
@@ -37,15 +38,17 @@ class LiftPlan:
     """What came out of planning a plate lift, and what it cost."""
 
     outcome: LiftOutcome
-    segments: tuple[Segment, ...]
-    steps: tuple[SequenceStep, ...]
-    causes: tuple[Rejection, ...]
     summary: str
+    causes: tuple[Rejection, ...]
     rejections: Rejections
     graph: Mapping[str, int | Mapping[str, Mapping[str, int]]]
-    search: dict[str, int | float | None]
+    search: dict[str, int | float | None] = field(default_factory=dict)
+    segments: tuple[Segment, ...] = ()
+    steps: tuple[SequenceStep, ...] = ()
     reserves: ReservedSegments | None = None
     """How much of every limit it leaves; None where there is no plan."""
+    rises: bool = False
+    """Whether the plan ends where the lift can go on straight up."""
 
     @property
     def reserve(self) -> LeastReserve | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from planners.manipulation.costs import TransitionCost
-from planners.manipulation.dense_contacts import ContactSampling
-from planners.manipulation.examiner import Objective
-from planners.manipulation.grips import GripSampling
-from planners.manipulation.pushes import PushSampling
+from planners.manipulation.contacts.dense_contact_states import ContactSampling
+from planners.manipulation.graph.manipulation_graph import TransitionCost
+from planners.manipulation.graph.node_examiner import Objective
+from planners.manipulation.holds.grips import GripSampling
+from planners.manipulation.holds.pushes import PushSampling
 
 
 @dataclass(frozen=True)

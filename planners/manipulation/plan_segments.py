@@ -8,8 +8,8 @@ import numpy as np
 
 from planners.contract.arrays import rounded
 from planners.geometry.pose import Array, to_pose7s
-from planners.manipulation.groundwork import hand_force_limit
 from planners.manipulation.lift_plan import LiftPlan
+from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.plan.contacts import Contact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, ContactState, Grip, Hold, Push, Segment, SegmentKind
 from planners.scene.lift_scene import PlateLiftScene

@@ -47,9 +47,7 @@ class BlendedPath:
 
     @staticmethod
     def through(
-        waypoints: NDArray[np.float64],
-        checker: EdgeChecker,
-        settings: BlendSettings | None = None,
+        waypoints: NDArray[np.float64], checker: EdgeChecker, settings: BlendSettings | None = None
     ) -> BlendedPath:
         """Round the corners of a free polyline (m, k) [rad] as far as `checker` allows.
 
@@ -60,16 +58,8 @@ class BlendedPath:
         legs = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
         reaches = np.zeros(waypoints.shape[0])
         for i in range(1, waypoints.shape[0] - 1):
-            room = min(
-                legs[i - 1] - reaches[i - 1],
-                legs[i] if i == legs.size - 1 else 0.5 * legs[i],
-            )
-            reaches[i] = _largest_free_reach(
-                waypoints[i - 1 : i + 2],
-                min(room, settings.reach_max),
-                checker,
-                settings,
-            )
+            room = min(legs[i - 1] - reaches[i - 1], legs[i] if i == legs.size - 1 else 0.5 * legs[i])
+            reaches[i] = _largest_free_reach(waypoints[i - 1 : i + 2], min(room, settings.reach_max), checker, settings)
         return BlendedPath(waypoints, reaches)
 
     @property
@@ -83,7 +73,7 @@ class BlendedPath:
         return self._corners()[1:-1][self.reaches[1:-1] == 0.0]
 
     def grid(self, s_from: float, s_to: float) -> NDArray[np.float64]:
-        """Parameters from s_from to s_to, dense in the blends."""
+        """Parameters (n,) from s_from to s_to, dense in the blends."""
         corners = self._corners()
         knots = np.concatenate([corners - self.reaches, corners + self.reaches, [s_from, s_to]])
         knots = np.unique(knots[(knots >= s_from) & (knots <= s_to)])
@@ -107,12 +97,7 @@ class BlendedPath:
         first, second = directions[leg].copy(), np.zeros_like(positions)
         for i in np.flatnonzero(self.reaches):
             inside = np.abs(s - corners[i]) < self.reaches[i]
-            blend = _blend(
-                directions[i - 1],
-                directions[i],
-                self.reaches[i],
-                s[inside] - corners[i],
-            )
+            blend = _blend(directions[i - 1], directions[i], self.reaches[i], s[inside] - corners[i])
             positions[inside] = self.waypoints[i] + blend.positions
             first[inside], second[inside] = blend.first, blend.second
         return PathPoints(positions, first, second)
@@ -124,10 +109,7 @@ class BlendedPath:
 
 
 def _blend(
-    direction_in: NDArray[np.float64],
-    direction_out: NDArray[np.float64],
-    reach: float,
-    s: NDArray[np.float64],
+    direction_in: NDArray[np.float64], direction_out: NDArray[np.float64], reach: float, s: NDArray[np.float64]
 ) -> PathPoints:
     """Points of a blend relative to its corner, at s (n,) from -reach to reach."""
     u = ((s + reach) / (2.0 * reach))[:, None]
@@ -140,10 +122,7 @@ def _blend(
 
 
 def _largest_free_reach(
-    corner: NDArray[np.float64],
-    reach: float,
-    checker: EdgeChecker,
-    settings: BlendSettings,
+    corner: NDArray[np.float64], reach: float, checker: EdgeChecker, settings: BlendSettings
 ) -> float:
     """Largest of reach, reach/2, … with which the corner (3, k) can be rounded; 0 if none."""
     legs = np.diff(corner, axis=0)

@@ -1,4 +1,4 @@
-"""Free motion to the best of several goals: straight lines first, then OMPL's RRT-Connect."""
+"""Free motion to the best of several goals: straight lines first, then OMPL's RRT-Connect; its corners are cut."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.motion.checker import EdgeChecker
 from planners.motion.joint_metric import JointMetric
 from planners.motion.query import (
     MotionOutcome,
@@ -18,7 +19,6 @@ from planners.motion.query import (
     MotionStatistics,
 )
 from planners.motion.rrt_connect import TreeProblem, grow_trees
-from planners.motion.shortcut import shorten
 
 
 def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Generator) -> MotionResult:
@@ -60,7 +60,7 @@ class _PathSearch:
     """(k,) of going straight to each goal."""
 
     def to_any(self, order: NDArray[np.int64]) -> MotionResult:
-        """Go to one of these goals, straight if that is possible."""
+        """Go to one of these goals (k,), straight if that is possible."""
         attempts = order[: self.settings.straight_attempts]
         for tried, index in enumerate(attempts, start=1):
             if self.query.edge_checker.edge_free(self.query.start, self.query.goals[index]):
@@ -144,10 +144,7 @@ def _goals_within_limits(
     """Indices of the goals within the joint limits, cheapest first, or why there are none."""
     if query.goals.shape[0] == 0:
         return np.empty(0, dtype=np.int64), MotionOutcome.NO_GOAL
-    within = np.all(
-        (query.goals >= query.position_min) & (query.goals <= query.position_max),
-        axis=1,
-    )
+    within = np.all((query.goals >= query.position_min) & (query.goals <= query.position_max), axis=1)
     if not within.any():
         return np.empty(0, dtype=np.int64), MotionOutcome.GOALS_OUT_OF_LIMITS
     return np.argsort(np.where(within, costs, np.inf), kind="stable")[: int(within.sum())], None
@@ -162,3 +159,59 @@ def _free_goals(query: MotionQuery, order: NDArray[np.int64], max_goals: int) ->
         if query.edge_checker.state_free(query.goals[index]):
             free.append(int(index))
     return np.array(free, dtype=np.int64)
+
+
+RELATIVE_GAIN_MIN = 1e-3
+"""A cut that saves less than this part of the path's length is not worth a collision check."""
+
+
+def shorten(
+    path: NDArray[np.float64], checker: EdgeChecker, metric: JointMetric, attempts: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Shorten the free polyline path (m, n): leave out vertices, then replace random stretches by straight lines.
+
+    Ends stay. Every new leg was found free by the checker; the length in the metric never grows. Geraerts and
+    Overmars, "Creating high-quality paths for motion planning", IJRR 2007, section 3.
+    """
+    path = _leave_out_vertices(path, checker)
+    for _ in range(attempts):
+        if path.shape[0] == 2:
+            break
+        path = _cut_once(path, checker, metric, rng)
+    return _leave_out_vertices(path, checker)
+
+
+def _leave_out_vertices(path: NDArray[np.float64], checker: EdgeChecker) -> NDArray[np.float64]:
+    """From each vertex kept, go straight to the last one that can be reached so."""
+    kept = [0]
+    last = path.shape[0] - 1
+    while kept[-1] < last:
+        following = kept[-1] + 1
+        for candidate in range(last, following, -1):
+            if checker.edge_free(path[kept[-1]], path[candidate]):
+                following = candidate
+                break
+        kept.append(following)
+    return path[kept]
+
+
+def _cut_once(
+    path: NDArray[np.float64], checker: EdgeChecker, metric: JointMetric, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Connect two random points of the path, on different legs, by a straight line if that is free and shorter."""
+    arc = np.concatenate([[0.0], np.cumsum(metric.leg_lengths(path))])
+    s_from, s_to = np.sort(rng.random(2)) * arc[-1]
+    leg_from, leg_to = np.clip(np.searchsorted(arc, [s_from, s_to], side="right") - 1, 0, path.shape[0] - 2)
+    if leg_from == leg_to:
+        return path
+    q_from = _point_on_leg(path, arc, int(leg_from), s_from)
+    q_to = _point_on_leg(path, arc, int(leg_to), s_to)
+    saved = (s_to - s_from) - metric.length(np.stack([q_from, q_to]))
+    if saved < RELATIVE_GAIN_MIN * arc[-1] or not checker.edge_free(q_from, q_to):
+        return path
+    return np.vstack([path[: leg_from + 1], q_from, q_to, path[leg_to + 1 :]])
+
+
+def _point_on_leg(path: NDArray[np.float64], arc: NDArray[np.float64], leg: int, s: float) -> NDArray[np.float64]:
+    fraction = (s - arc[leg]) / (arc[leg + 1] - arc[leg])
+    return path[leg] + fraction * (path[leg + 1] - path[leg])

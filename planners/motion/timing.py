@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,14 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
-from planners.motion.limits import JointLimits, RateLimit
 from planners.motion.path import JointPath
-from planners.motion.time_law import (
-    fastest_squared_speeds,
-    node_times,
-    smoothed_samples,
-)
+from planners.motion.time_law import fastest_squared_speeds, node_times, smoothed_samples
 from planners.motion.trajectory import Trajectory, concatenate, hold_still, sample_count
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Greatest speed and acceleration of k joints."""
+
+    velocity: NDArray[np.float64]
+    """(k,) [rad/s], > 0."""
+    acceleration: NDArray[np.float64]
+    """(k,) [rad/s²], > 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class RateLimit:
+    """Limit on a scalar x that moves along with a path, such as the way a plate's centre has travelled.
+
+    `|dx/ds · ds/dt| <= velocity` and `|dx/ds · d²s/dt²| <= acceleration`.
+    """
+
+    rate: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    """s (n,) -> dx/ds (n,), for a point p its |dp/ds|."""
+    velocity: float
+    """Unit of x per second; inf for none."""
+    acceleration: float = np.inf
+    """Unit of x per second squared; inf for none."""
+
 
 ROUNDING = 1e-9
 """Part by which limits are undercut so that rounding cannot exceed them."""
@@ -67,10 +88,7 @@ class TimingSettings:
 
 
 def time_path(
-    path: JointPath,
-    limits: JointLimits,
-    settings: TimingSettings | None = None,
-    rate_limits: Sequence[RateLimit] = (),
+    path: JointPath, limits: JointLimits, settings: TimingSettings | None = None, rate_limits: Sequence[RateLimit] = ()
 ) -> Trajectory:
     """Move along `path` from rest to rest, resting at its stops, within limits at the samples and between them.
 

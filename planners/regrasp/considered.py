@@ -15,8 +15,8 @@ from planners.plan.considered import (
     RegraspStep,
 )
 from planners.plan.scenery import ARMS
-from planners.regrasp.regrasp_figures import EdgeFigures, LayerFigures, RegraspFigures
-from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.graph.regrasp_figures import EdgeFigures, LayerFigures, RegraspFigures
+from planners.regrasp.suction.suction_poses import SuctionCandidate
 from planners.regrasp.tool_plan import ToolPlan
 
 

@@ -12,7 +12,7 @@ from planners.geometry.pose import Array, to_pose7s
 from planners.plan.contacts import Contact, EnvironmentContact, InertiaEntry, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, Grip, Hold, Segment, SegmentKind
 from planners.plan.verdicts import LeastReserve
-from planners.regrasp.hold_statics import EPS, pad_axes
+from planners.regrasp.statics.hold_statics import EPS, pad_axes
 from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene

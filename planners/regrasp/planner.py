@@ -9,25 +9,23 @@ import numpy as np
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.handovers import HandoverDatabase, find_handovers
-from planners.regrasp.hold_statics import HoldStatics
-from planners.regrasp.hose import hose_turns
-from planners.regrasp.object_order import ObjectOrder
-from planners.regrasp.object_planner import ObjectPlanner
-from planners.regrasp.object_report import ObjectReport, Stopover
-from planners.regrasp.park_pose import park_poses, start_clash
-from planners.regrasp.pile_planner import Course, PilePlanner, SuctionFinder
-from planners.regrasp.route_maker import RouteMaker
-from planners.regrasp.stopover import Stopovers
-from planners.regrasp.suction_poses import SuctionCandidate, SuctionFault
+from planners.regrasp.graph.route_maker import RouteMaker
+from planners.regrasp.graph.tool_pickup import not_taken
+from planners.regrasp.grasps.handovers import HandoverDatabase, find_handovers
+from planners.regrasp.motion.hose import hose_turns
+from planners.regrasp.motion.park_pose import park_poses, start_clash
+from planners.regrasp.motion.scene_state import SceneState
+from planners.regrasp.motion.state_queries import StateQueries
+from planners.regrasp.motion.tool_choreography import ToolChoreographer
+from planners.regrasp.pile.object_order import ObjectOrder
+from planners.regrasp.pile.object_planner import ObjectPlanner, ObjectReport, Stopover
+from planners.regrasp.pile.pile_planner import PilePlanner, PileState, SuctionFinder
+from planners.regrasp.pile.stopover import Stopovers
+from planners.regrasp.statics.hold_statics import HoldStatics
+from planners.regrasp.suction.suction_poses import SuctionCandidate, SuctionFault
 from planners.regrasp.tool_capacity import impossibilities
-from planners.regrasp.tool_choreography import ToolChoreographer
-from planners.regrasp.tool_pickup import not_taken
-from planners.regrasp.tool_plan import Considered, ToolOutcome, ToolPlan
+from planners.regrasp.tool_plan import Considered, RegraspOutcome, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.regrasp.tool_stage import ToolStage
-from planners.regrasp.tool_traffic import ToolTraffic
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.moved_object import MovedObject
 from planners.scene.standing import Standing
@@ -59,22 +57,7 @@ def infeasible_plan(scene: SuctionToolScene) -> ToolPlan | None:
     rejections = Rejections()
     for proof in proofs:
         rejections.add(proof)
-    return ToolPlan(
-        outcome=ToolOutcome.INFEASIBLE,
-        segments=(),
-        summary=f"There is no plan. {proofs[0].reason}",
-        causes=proofs,
-        rejections=rejections,
-        graph={},
-        search={},
-        order=(),
-        steps=(),
-        considered=Considered(places={}, suctions=()),
-        grasps=ToolGrasps.none(),
-        regrasp=(),
-        hose_turns=0.0,
-        most_hose_turns=0.0,
-    )
+    return ToolPlan(RegraspOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs, rejections)
 
 
 class SuctionToolPlanner:
@@ -102,10 +85,10 @@ class SuctionToolPlanner:
         self.handovers = handovers
         self.workcell = ToolWorkcell.of(scene, settings.handovers.clearance)
         park = park_poses(scene, self.workcell)
-        traffic = ToolTraffic(self.workcell, handovers.grasps)
+        queries = StateQueries(self.workcell, handovers.grasps)
         rng = np.random.default_rng(scene.seed)
-        self.choreographer = ToolChoreographer(traffic, HoldStatics(scene), park, settings, rng)
-        self._routes = RouteMaker(traffic, handovers, self.choreographer.motion.bearing, park, settings)
+        self.choreographer = ToolChoreographer(queries, HoldStatics(scene), park, settings, rng)
+        self._routes = RouteMaker(queries, handovers, self.choreographer.motion.static_hold, park, settings)
         self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
         still = StillBodies.of(scene.cell, scene.obstacles)
         self.pile = PilePlanner(
@@ -126,12 +109,12 @@ class SuctionToolPlanner:
         if obstacle is not None:
             return self._unsolved(*obstacle)
         there = frozenset(self._targets) - {target.name for target in to_move}
-        course = self.pile.plan(Course(start, self._targets, there))
-        return self._not_found(there) if course is None else self._solved(course)
+        pile = self.pile.plan(PileState(start, self._targets, there))
+        return self._not_found(there) if pile is None else self._solved(pile)
 
-    def _start(self) -> ToolStage:
+    def _start(self) -> SceneState:
         scene = self.scene
-        return ToolStage(
+        return SceneState(
             q=scene.start_positions.copy(),
             widths=dict(scene.start_widths),
             holder=None,
@@ -141,7 +124,7 @@ class SuctionToolPlanner:
             segments=(),
         )
 
-    def _obstacle(self, start: ToolStage, to_move: list[MovedObject]) -> tuple[str, tuple[Rejection, ...]] | None:
+    def _obstacle(self, start: SceneState, to_move: list[MovedObject]) -> tuple[str, tuple[Rejection, ...]] | None:
         """Say what stands against any plan before a motion is tried, in a sentence and with its causes."""
         clash = start_clash(self.scene, self.workcell)
         if clash is not None:
@@ -163,20 +146,20 @@ class SuctionToolPlanner:
 
     # What came out.
 
-    def _solved(self, course: Course) -> ToolPlan:
-        reports = course.reports
+    def _solved(self, pile: PileState) -> ToolPlan:
+        reports = pile.reports
         order = tuple(report.name for report in reports)
         if not order:
-            still = self.choreographer.motion.writer.still(course.stage, SegmentKind.TRANSIT, _STILL, {})
-            course = replace(course, stage=still)
-            return self._plan(ToolOutcome.SOLVED, "Every object is at its goal already: nothing moves.", (), course)
+            still = self.choreographer.motion.writer.still(pile.state, SegmentKind.TRANSIT, _STILL, {})
+            pile = replace(pile, state=still)
+            return self._plan(RegraspOutcome.SOLVED, "Every object is at its goal already: nothing moves.", (), pile)
         handovers = sum(report.counts["handovers"] for report in reports)
         summary = f"{self._order_told(order)}, with {_counted(handovers, 'handover') if handovers else 'no handover'}"
         for why in Stopover:
             names = [report.name for report in reports if report.stopover is why]
             if names:
                 summary += f"; {' and '.join(names)} {why.value}"
-        return self._plan(ToolOutcome.SOLVED, f"{summary}.", (), course)
+        return self._plan(RegraspOutcome.SOLVED, f"{summary}.", (), pile)
 
     def _order_told(self, order: tuple[str, ...]) -> str:
         """Say which objects were moved, and in what order where there is more than one."""
@@ -216,24 +199,24 @@ class SuctionToolPlanner:
         elif not counts["suction poses"]:
             tried = "the cup has no place that it can hold, with room for the tool, both at the start and at the goal"
         return self._plan(
-            ToolOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
+            RegraspOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
         )
 
     def _unsolved(self, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
         for cause in causes:
             self.rejections.add(cause)
-        return self._plan(ToolOutcome.NOT_FOUND, summary, causes, None)
+        return self._plan(RegraspOutcome.NOT_FOUND, summary, causes, None)
 
     def _plan(
-        self, outcome: ToolOutcome, summary: str, causes: tuple[Rejection, ...], course: Course | None
+        self, outcome: RegraspOutcome, summary: str, causes: tuple[Rejection, ...], pile: PileState | None
     ) -> ToolPlan:
-        reports = () if course is None else course.reports
+        reports = () if pile is None else pile.reports
         everyone = (*self.pile.failed, *reports)
         for report in everyone:
             self.rejections.include(report.rejections)
         for found in self.suctions.found.values():
             self.rejections.include(found.rejections)
-        segments = () if course is None else course.stage.segments
+        segments = () if pile is None else pile.state.segments
         turns = hose_turns(segments)
         most_places = max(1, _MOST_PLACES // max(1, len(self.suctions.found)))
         return ToolPlan(
@@ -274,7 +257,7 @@ class SuctionToolPlanner:
             "suction_poses": counts["suction poses"],
             "sequences": counts["tries"],
             "edges_deleted": counts["edges deleted"],
-            "motion_queries": self.choreographer.motion.queries,
+            "motion_queries": self.choreographer.motion.free.searches,
             "handovers": sum(report.counts["handovers"] for report in reports),
         }
 

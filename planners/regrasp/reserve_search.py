@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from planners.progress import Progress
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.hold_statics import HoldStatics
+from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
+from planners.regrasp.statics.hold_statics import HoldStatics
+from planners.regrasp.tool_plan import RegraspOutcome, ToolPlan
 from planners.regrasp.tool_segment import HeldReserve
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.tool_scene import SuctionToolScene
@@ -29,7 +29,7 @@ class ReservedPlan:
     @property
     def solved(self) -> bool:
         """Whether it is a plan."""
-        return self.plan.outcome is ToolOutcome.SOLVED
+        return self.plan.outcome is RegraspOutcome.SOLVED
 
     @property
     def reserve(self) -> float:

@@ -13,8 +13,8 @@ from planners.cell.hand import Gripper
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
-from planners.regrasp.hold_statics import OVERLOADED
-from planners.regrasp.suction_hold import Cup
+from planners.regrasp.statics.hold_statics import OVERLOADED
+from planners.regrasp.suction.suction_hold import CupStrength
 from planners.scene.body import Body
 from planners.scene.moved_object import MovedObject
 from planners.scene.tool_scene import SuctionToolScene
@@ -80,7 +80,7 @@ def _radius(body: Body) -> float:
     return float(np.linalg.norm(body.solid.surface()[0], axis=1).max())
 
 
-def largest_lift(cup: Cup) -> float:
+def largest_lift(cup: CupStrength) -> float:
     """Return the greatest weight that a cup bears at any tilt [N].
 
     Tilted by t, a pull p and a shear s along the pad bear p cos t + s sin t, at most hypot(p, s); x and y each have

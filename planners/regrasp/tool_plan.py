@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.regrasp_figures import RegraspFigures
-from planners.regrasp.suction_poses import SuctionCandidate
+from planners.regrasp.graph.regrasp_figures import RegraspFigures
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.suction.suction_poses import SuctionCandidate
 from planners.regrasp.tool_segment import ToolSegment
 
 
-class ToolOutcome(Enum):
+class RegraspOutcome(Enum):
     """How planning ended. The value is its name in the plan document."""
 
     SOLVED = "solved"
@@ -37,9 +37,9 @@ class ConsideredSuction:
 class Considered:
     """Where the cup was looked at, for drawing. Which grasps were, is in `ToolPlan.regrasp`."""
 
-    places: dict[str, tuple[SuctionCandidate, ...]]
+    places: dict[str, tuple[SuctionCandidate, ...]] = field(default_factory=dict)
     """By object, an even choice of the sampled places of the cup."""
-    suctions: tuple[ConsideredSuction, ...]
+    suctions: tuple[ConsideredSuction, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -59,23 +59,23 @@ class RegraspStep:
 class ToolPlan:
     """What came out of planning a suction-tool task, and what it cost."""
 
-    outcome: ToolOutcome
-    segments: tuple[ToolSegment, ...]
+    outcome: RegraspOutcome
     summary: str
     causes: tuple[Rejection, ...]
     rejections: Rejections
-    graph: dict[str, int]
-    search: dict[str, int | float | str | None]
-    order: tuple[str, ...]
+    segments: tuple[ToolSegment, ...] = ()
+    graph: dict[str, int] = field(default_factory=dict)
+    search: dict[str, int | float | str | None] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
     """Objects as they are moved; one that makes a stopover comes twice."""
-    steps: tuple[RegraspStep, ...]
+    steps: tuple[RegraspStep, ...] = ()
     """The grasps of the tool, one after the other."""
-    considered: Considered
-    grasps: ToolGrasps
+    considered: Considered = field(default_factory=Considered)
+    grasps: ToolGrasps = field(default_factory=ToolGrasps.none)
     """All grasps of the tool that are free of collision."""
-    regrasp: tuple[RegraspFigures, ...]
+    regrasp: tuple[RegraspFigures, ...] = ()
     """The regrasp graph of every move that was planned, those first that were not found."""
-    hose_turns: float
+    hose_turns: float = 0.0
     """Turns of the tool about its own axis from start to end, signed [1]: so often its vacuum hose winds about it."""
-    most_hose_turns: float
+    most_hose_turns: float = 0.0
     """The most of it at any time, unsigned [1]."""

@@ -8,12 +8,10 @@ from dataclasses import dataclass, field, replace
 from planners.geometry.pose import Transform
 from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
-from planners.regrasp.carried import CarriedPace
-from planners.regrasp.grasps import Fingertips
-from planners.regrasp.handovers import HandoverSettings
-from planners.regrasp.joint_torque import TorqueSettings
-from planners.regrasp.stopover import StopoverSettings
-from planners.regrasp.suction_poses import SuctionSettings
+from planners.regrasp.grasps.handovers import HandoverSettings
+from planners.regrasp.grasps.tool_grasps import Fingertips
+from planners.regrasp.statics.laden_arm import TorqueSettings
+from planners.regrasp.suction.suction_poses import SuctionSettings
 
 LYING = math.radians(45.0)
 """A tool whose axis is farther from the vertical lies [rad]."""
@@ -42,8 +40,6 @@ class CarrySettings:
     [rad]; as for handovers."""
     reliefs: tuple[float, ...] = (math.radians(68.0), math.radians(80.0))
     """Tilts from which such turns begin, or at which they end; the next where one is not possible [rad]."""
-    executed_share: float = 0.5
-    """Part of the margin that timed straight motion keeps at its samples: it is planned at fewer."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +60,42 @@ class ToolPace:
     """The vacuum builds up, or the object comes off the cup [s]."""
     handover_time: float = 0.2
     """Both hands hold the tool before the giver lets go [s]."""
+
+
+@dataclass(frozen=True)
+class CarriedPace:
+    """How fast bodies in a hand move through free space; their contact forces are shown at samples of a plan only."""
+
+    speed: float = 0.9
+    """Of any centre of mass [m/s]: 10 mm between two samples, less a reserve."""
+    turn: float = 3.2
+    """Of any body [rad/s]: 2 degrees between two samples, less a reserve."""
+    sample_step: float = 0.01
+    """Longest time between samples [s]: half of what the plan document asks for, so that hands need not be slow."""
+
+
+@dataclass(frozen=True)
+class StopoverSettings:
+    """Which places are looked at, and in which poses. All of it is our choice."""
+
+    spacing: float = 0.05
+    """Of the places on a level face [m]."""
+    turns: int = 2
+    """Turns about the vertical of an object that stays as upright as it stands, evenly around half a turn."""
+    clearances: tuple[float, ...] = (0.06, 0.02)
+    """Room on all sides to everything that stands or is to stand there [m]; the next where there are no places with
+    the one before."""
+    most: int = 8
+    """Places offered as goals, the nearest."""
+    turns_on_others: int = 4
+    """Turns about the vertical of an object that rests on another face, evenly around: the tool is level then, and
+    where it points decides whether a hand reaches it."""
+    most_on_others: int = 32
+    """Poses offered as goals where it rests on another face."""
+    faces: int = 6
+    """Faces on which an object is put down at all, the steadiest; the one on which it rests comes first."""
+    steady: float = math.radians(10.0)
+    """Least tilt at which an object topples over an edge of the face it is put down on [rad]."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +151,7 @@ class ToolPlannerSettings:
     """Cost of ending with a grasp in which the next object cannot be moved without a handover [s]: what one takes."""
     partner_weight: float = 0.5
     """Cost of such a grasp that has no handover partner against one that has the most [s]."""
-    prospect_goals: int = 3
+    onward_goals: int = 3
     """Goals of the next object that are looked at for each suction pose."""
 
     def with_fingertips(self) -> ToolPlannerSettings:

@@ -11,32 +11,32 @@ from planners.cell.hand import Gripper
 from planners.collision.model import CollisionModel, CollisionQuery, NamePair, PairChoice, PairMask, Placement
 from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
-from planners.regrasp.grasps import TOOL_FRAME
+from planners.hands.workcell import Clearance, Workcell
 from planners.scene.body import Body
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
 
+TOOL_FRAME = "tool"
+"""Name of the frame that the tool is in."""
+
 
 @dataclass(frozen=True)
-class ToolClearance:
-    """How far bodies keep apart while planning; the certificate asks for no penetration."""
+class ToolClearance(Clearance):
+    """What there is beside, where things touch by intention."""
 
-    margin: float = 0.003
-    """Between bodies that have nothing to do with one another [m]: at 1 mm plans were seen to touch."""
-    finger_margin: float = 0.0
-    """Between the tool and the parts of the fingers next to the pads that hold it, or are about to [m]."""
     touch_depth: float = 0.0005
     """How deep bodies that touch by intention may seem to overlap [m]: rounding, and a soft lip."""
     width_step: float = 0.001
     """Openings of a hand that differ by less share a collision model [m]: fingers are off by a quarter of it."""
 
     def __post_init__(self) -> None:
-        if min(self.margin, self.finger_margin, self.touch_depth) < 0.0 or self.width_step <= 0.0:
-            raise LiftwrightError("clearances are not negative, and the step between openings is positive")
+        super().__post_init__()
+        if self.touch_depth < 0.0 or self.width_step <= 0.0:
+            raise LiftwrightError("the depth of a touch is not negative, and the step between openings is positive")
 
 
 @dataclass(frozen=True, eq=False)
-class ToolWorkcell:
+class ToolWorkcell(Workcell):
     """Two grippers, the tool, the objects and what stands about. One collision model for each pair of openings.
 
     Movable frames: "tool", and each object's own name. Models are built when first asked for.
@@ -56,24 +56,16 @@ class ToolWorkcell:
         bodies = tuple(moved.body for moved in scene.objects)
         return ToolWorkcell(scene.cell, scene.tool, bodies, scene.obstacles, settings or ToolClearance())
 
-    def arm(self, name: str) -> Arm:
-        """Return an arm by name."""
-        return self.cell.arms[name]
+    @property
+    def arms(self) -> Mapping[str, Arm]:
+        """Both arms by name."""
+        return self.cell.arms
 
     def gripper(self, arm: str) -> Gripper:
         """Return the hand of an arm."""
         hand = self.arm(arm).hand
         assert isinstance(hand, Gripper)
         return hand
-
-    def joints(self, arm: str) -> slice:
-        """Return the places of an arm's joints among all twelve."""
-        first = 6 * list(self.cell.arms).index(arm)
-        return slice(first, first + 6)
-
-    def other(self, arm: str) -> str:
-        """Return the other arm."""
-        return next(name for name in self.cell.arms if name != arm)
 
     def model(self, widths: Mapping[str, float]) -> CollisionModel:
         """Return the collision model at these openings by arm [m], to `ToolClearance.width_step`."""
@@ -145,14 +137,6 @@ class ToolWorkcell:
     def is_hand(self, body: CollisionBody, arm: str) -> bool:
         """Tell whether a body is part of the hand of an arm: on its flange, but not the last link."""
         return body.frame == f"{arm}/6" and body.name != f"{arm}_wrist_3"
-
-    def with_arm(self, arm: str) -> PairChoice:
-        """Choose all pairs that have a body of an arm."""
-        return lambda a, b: arm in (a.group, b.group)
-
-    def between_arms(self, a: CollisionBody, b: CollisionBody) -> bool:
-        """Choose the pairs of one arm with the other."""
-        return a.group != b.group and a.group in self.cell.arms and b.group in self.cell.arms
 
     def _build(self, widths: Mapping[str, float]) -> CollisionModel:
         cell = self.cell

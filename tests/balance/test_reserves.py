@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from planners.balance.balanced import Balanced
-from planners.manipulation.reserves import STEPS, ReserveScale
+from planners.manipulation.statics.reserves import STEPS, ReserveScale
 from tests.support.random_holds import Lift, random_lift
 
 SEEDS = [(seed, model, points) for seed in range(8) for model, points in (("paper", 0), ("dexnet", 2), ("cable", 0))]

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from planners.graph.search import ALIVE, UNKNOWN, GraphPath, cheapest_path
-from planners.manipulation.dense_contacts import DenseContactStateGraph
-from planners.manipulation.examiner import hands_of
-from planners.manipulation.graph import build_graph
-from planners.manipulation.hold_balance import HandPair
+from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
+from planners.manipulation.graph.manipulation_graph import build_graph
+from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.statics.hold_balance import HandPair
 from tests.benchmarks.lift_variants import OURS, VARIANTS, Variant
 from tests.benchmarks.tasks import SOLVABLE, Note, timed
 
@@ -115,7 +115,7 @@ def measure(
             for minimise in ("cost", "force") if variant is OURS else ("cost",):
                 note(f"whole graph of {name}, least {minimise}, {variant.name}")
                 planner = variant.planner(name, minimise=minimise)
-                planner.build()
+                planner.begin()
                 examined = _examine(planner)
                 if minimise == "cost":
                     graphs.append(_graph_figures(name, variant, planner, examined))
@@ -134,7 +134,7 @@ class _Examined:
 
 def _examine(planner: PlateLiftPlanner) -> _Examined:
     """Have the planner's own examiner examine all nodes."""
-    graph, examiner = planner.graph, planner.examiner
+    graph, examiner = planner.search.graph, planner.search.examiner
     pair, rise = Timed(examiner.pair), Timed(examiner.rising)
     examiner.pair = pair
     if examiner.rising is not None:
@@ -150,26 +150,26 @@ def _examine(planner: PlateLiftPlanner) -> _Examined:
 
 
 def _graph_figures(name: str, variant: Variant, planner: PlateLiftPlanner, seconds: _Examined) -> GraphFigures:
-    graph, scene, settings = planner.graph, planner.scene, planner.settings
-    plates = np.array([pose.T_world_plate for pose in planner.poses.poses])
+    graph, scene, settings, sampling = planner.search.graph, planner.scene, planner.settings, planner.sampling
+    plates = sampling.T_world_plates
     _, dcsg_seconds = timed(
-        lambda: DenseContactStateGraph.build(planner.prism, scene.plate.com, scene.T_world_plate, settings.sampling)
+        lambda: DenseContactStateGraph.build(
+            planner.sampling.prism, scene.plate.com, scene.T_world_plate, settings.sampling
+        )
     )
     reach = sum(timed(lambda hand=hand: hand.postures(plates))[1] for hand in _hands(planner))
     _, merge_seconds = timed(
-        lambda: build_graph(
-            planner.poses, graph.grips, graph.pushes, planner.grip_postures, planner.push_postures, settings.costs
-        )
+        lambda: build_graph(sampling.poses, graph.grips, graph.pushes, *planner.reach.reached.sets, settings.costs)
     )
     alive = graph.knowledge.status == ALIVE
-    grips, pushes = len(planner.grips), len(planner.pushes)
+    grips, pushes = len(planner.sampling.grips), len(planner.sampling.pushes)
     return GraphFigures(
         name=name,
         variant=variant.name,
         grips=grips,
         pushes=pushes,
-        dcsg_nodes=len(planner.poses.poses),
-        dcsg_edges=len(planner.poses.edges),
+        dcsg_nodes=len(planner.sampling.poses.poses),
+        dcsg_edges=len(planner.sampling.poses.edges),
         dcsg_seconds=dcsg_seconds,
         reach_seconds=reach + seconds.pairs,
         rise_seconds=seconds.rise,
@@ -177,19 +177,19 @@ def _graph_figures(name: str, variant: Variant, planner: PlateLiftPlanner, secon
         balance_seconds=tuple(seconds.by_hold.values()),
         merge_seconds=merge_seconds,
         candidates=graph.graph.node_count,
-        examined=planner.examiner.examined,
+        examined=planner.search.examiner.examined,
         nodes=int(alive.sum()),
         edges=int(alive[graph.edge_nodes].all(axis=1).sum()),
     )
 
 
 def _search_figures(name: str, variant: Variant, planner: PlateLiftPlanner) -> SearchFigures:
-    graph = planner.graph
+    graph = planner.search.graph
     alive = graph.knowledge.status == ALIVE
     starts = [start for start in graph.starts if alive[start]]
     paths, search_seconds = timed(lambda: [_cheapest(planner, start) for start in starts])
     first = _selected(planner, [path for path in paths if path is not None])
-    plan, checked_seconds = timed(planner.search)
+    plan, checked_seconds = timed(lambda: planner.planned(planner.search))
     return SearchFigures(
         name=name,
         variant=variant.name,
@@ -209,10 +209,10 @@ def _search_figures(name: str, variant: Variant, planner: PlateLiftPlanner) -> S
 
 
 def _cheapest(planner: PlateLiftPlanner, start: int) -> GraphPath | None:
-    graph, by_force = planner.graph, planner.settings.minimise == "force"
+    graph, by_force = planner.search.graph, planner.settings.minimise == "force"
     heuristic = np.zeros_like(graph.heuristic) if by_force else graph.heuristic
     return cheapest_path(
-        graph.graph, graph.knowledge, start, graph.goal, heuristic, planner.examiner, bottleneck=by_force
+        graph.graph, graph.knowledge, start, graph.goal, heuristic, planner.search.examiner, bottleneck=by_force
     )
 
 
@@ -221,9 +221,10 @@ def _selected(planner: PlateLiftPlanner, paths: list[GraphPath]) -> PathFigures 
     if not paths:
         return None
     force, path = min(
-        ((max(map(planner.examiner.largest_force, path.nodes)), path) for path in paths), key=lambda pair: pair[0]
+        ((max(map(planner.search.examiner.largest_force, path.nodes)), path) for path in paths),
+        key=lambda pair: pair[0],
     )
-    contacts = (planner.poses.poses[int(planner.graph.node_pose[node])].contact for node in path.nodes)
+    contacts = (planner.sampling.poses.poses[int(planner.search.graph.node_pose[node])].contact for node in path.nodes)
     return PathFigures(len(path.nodes), _changes(contacts), force)
 
 
@@ -232,4 +233,4 @@ def _changes(contacts: Iterable[object]) -> int:
 
 
 def _hands(planner: PlateLiftPlanner) -> tuple:
-    return planner.pair.first, planner.pair.second
+    return planner.reach.pair.first, planner.reach.pair.second

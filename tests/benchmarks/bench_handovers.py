@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from planners.collision.model import Placement, Riding
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Transform, inverse
-from planners.regrasp.grasp_reach import GraspReach, Surroundings
-from planners.regrasp.handovers import HandoverDatabase, find_handovers
-from planners.regrasp.suction_poses import SuctionLoad, suction_poses
+from planners.regrasp.grasps.grasp_reach import GraspReach, GraspSurroundings
+from planners.regrasp.grasps.handovers import HandoverDatabase, find_handovers
+from planners.regrasp.suction.suction_poses import SuctionLoad, suction_poses
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
@@ -96,7 +96,7 @@ def _laden(scene: SuctionToolScene, database: HandoverDatabase) -> NDArray[np.bo
             workcell,
             arm,
             database.grasps,
-            Surroundings(objects, None, scene.start_widths[workcell.other(arm)]),
+            GraspSurroundings(objects, None, scene.start_widths[workcell.other(arm)]),
             _SETTINGS.handovers.grasps,
         )
         for arm in ("left", "right")

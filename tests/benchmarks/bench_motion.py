@@ -15,13 +15,12 @@ from planners.geometry.pose import Array, rotation_y, transform
 from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import inverse_kinematics
 from planners.kinematics.windings import all_windings
-from planners.motion.arm_checker import ArmEdgeChecker
 from planners.motion.blended_path import BlendedPath
+from planners.motion.checker import ArmEdgeChecker
 from planners.motion.joint_metric import JointMetric
-from planners.motion.limits import JointLimits
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
-from planners.motion.timing import time_path
+from planners.motion.timing import JointLimits, time_path
 from planners.motion.trajectory import Trajectory
 from tests.benchmarks.path_shortening import lengths_shortened
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from planners.collision.kernel import first_collision, make_scratch, set_frame
-from planners.manipulation.examiner import hands_of
-from planners.manipulation.hold_balance import HandPair
+from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.planner import PlateLiftPlanner
-from planners.manipulation.reach import HandReach, PlateQuery
+from planners.manipulation.reach.hand_reach import HandReach, PlateQuery
+from planners.manipulation.statics.hold_balance import HandPair
 from tests.benchmarks.iterative_ik import iterate
 from tests.benchmarks.tasks import SOLVABLE, Note, cpu_seconds, planner_of
 from tests.kinematics.arm_oracle import PinocchioArm
@@ -63,16 +63,17 @@ def measure(
 def _task(name: str, note: Note, sample: int, programs: int) -> PaperMethodFigures:
     note(f"the paper's method on {sample} nodes of {name}")
     planner = planner_of(name)
-    planner.build()
+    planner.begin()
     examination, rng = NodeExamination(planner), np.random.default_rng(0)
-    holds = all_holds(len(planner.grips), len(planner.pushes))
-    nodes = [(int(rng.integers(len(planner.poses.poses))), holds[rng.integers(len(holds))]) for _ in range(sample)]
+    holds = all_holds(len(planner.sampling.grips), len(planner.sampling.pushes))
+    poses = len(planner.sampling.poses.poses)
+    nodes = [(int(rng.integers(poses)), holds[rng.integers(len(holds))]) for _ in range(sample)]
     reach = np.array([cpu_seconds(lambda node=node: examination.reachable(*node)) for node in nodes])
-    candidates = planner.graph.graph.node_count
+    candidates = planner.search.graph.graph.node_count
     drawn = [_node(planner, int(number)) for number in rng.choice(candidates, programs, replace=False)]
     apart = [node for node in drawn if _arms_apart(planner, *node)]
     cones = np.array([cpu_seconds(lambda node=node: examination.balanced(*node)) for node in apart])
-    total, reached = len(planner.poses.poses) * len(holds), round(candidates * len(apart) / len(drawn))
+    total, reached = poses * len(holds), round(candidates * len(apart) / len(drawn))
     return PaperMethodFigures(
         name=name,
         nodes=total,
@@ -88,7 +89,7 @@ def _task(name: str, note: Note, sample: int, programs: int) -> PaperMethodFigur
 
 def _node(planner: PlateLiftPlanner, number: int) -> tuple[int, HandPair]:
     """Return pose and hold of a node that each hand reaches by itself."""
-    graph = planner.graph
+    graph = planner.search.graph
     return int(graph.node_pose[number]), hands_of(*graph.hold_of(number))
 
 
@@ -96,9 +97,9 @@ def _arms_apart(planner: PlateLiftPlanner, pose: int, hold: HandPair) -> bool:
     grip, push = hold
     if grip is None or push is None:
         return True
-    where = planner.poses.poses[pose].T_world_plate[None]
-    postures = int(planner.grip_postures[pose, grip]), int(planner.push_postures[pose, push])
-    return planner.pair.compatible(where, (grip, push), postures) is not None
+    where = planner.sampling.poses.poses[pose].T_world_plate[None]
+    postures = int(planner.reach.reached.grip[pose, grip]), int(planner.reach.reached.push[pose, push])
+    return planner.reach.pair.compatible(where, (grip, push), postures) is not None
 
 
 def all_holds(grips: int, pushes: int) -> list[HandPair]:
@@ -111,19 +112,19 @@ class NodeExamination:
     """Examines one node at a time and remembers nothing."""
 
     def __init__(self, planner: PlateLiftPlanner) -> None:
-        scene, pair = planner.scene, planner.pair
+        scene, pair = planner.scene, planner.reach.pair
         self.planner, self.hands = planner, (pair.first, pair.second)
         self.arms = [PinocchioArm(hand.arm.dh) for hand in self.hands]
         self.alone = [FreeCheck(hand.alone) for hand in self.hands]
         self.between = FreeCheck(pair.between)
-        program = planner.stated
+        program = planner.sampling.stated
         self.plate = Plate(
             scene.plate.mass, scene.plate.com, program.cup, program.friction, program.limits, scene.lifter_model
         )
 
     def reachable(self, pose: int, hold: HandPair) -> bool:
         """RV1: whether both hands can be there, free of collision; the first hand that cannot ends it."""
-        T_world_plate = self.planner.poses.poses[pose].T_world_plate
+        T_world_plate = self.planner.sampling.poses.poses[pose].T_world_plate
         grip, push = hold
         if grip is None or push is None:
             k, index = (1, push) if grip is None else (0, grip)
@@ -134,7 +135,7 @@ class NodeExamination:
 
     def balanced(self, pose: int, hold: HandPair) -> bool:
         """RV2: whether the plate can be held, the program being stated anew."""
-        where, balance = self.planner.poses.poses[pose], self.planner.balance
+        where, balance = self.planner.sampling.poses.poses[pose], self.planner.balance
         grip = None if hold[0] is None else balance.grips[hold[0]]
         push = None if hold[1] is None else balance.pushes[hold[1]]
         statement = state_balance(self.plate, where.T_world_plate[:3, :3], where.contact_points, grip, push)
@@ -169,7 +170,7 @@ class FreeCheck:
     """Asks the compiled kernel for one configuration with the plate at one pose."""
 
     def __init__(self, query: PlateQuery) -> None:
-        self.kernel, self.frame = query.kernel(), query.plate_frame
+        self.kernel, self.frame = query.kernel()
         self.scratch: Any = make_scratch(self.kernel)
 
     def free(self, q: np.ndarray, T_world_plate: np.ndarray) -> bool:

@@ -12,14 +12,13 @@ import numpy as np
 from planners.cell.arm import Arm
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array
+from planners.hands import arm_motion
 from planners.motion.blended_path import BlendedPath
 from planners.motion.joint_metric import JointMetric
-from planners.motion.limits import JointLimits
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
-from planners.motion.timing import time_path
+from planners.motion.timing import JointLimits, time_path
 from planners.progress import silent
-from planners.regrasp import tool_motion
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_segment import ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -85,7 +84,7 @@ def _measure(name: str, store: HandoverStore, note: Note) -> TaskMotion:
     scene = build_tool_scene(task)
     database = store.get(scene.cell, scene.tool, _SETTINGS.handovers)
     recorder = MotionRecorder()
-    with patch.object(tool_motion, "plan_motion", recorder):
+    with patch.object(arm_motion, "plan_motion", recorder):
         plan = SuctionToolPlanner(scene, _SETTINGS, database, silent).plan()
     joints = {arm: slice(6 * i, 6 * i + 6) for i, arm in enumerate(scene.cell.arms)}
     found = [

@@ -10,7 +10,7 @@ from typing import Any
 from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.polyhedron import Prism
-from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
+from planners.manipulation.contacts.dense_contact_states import ContactSampling, DenseContactStateGraph
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.planning import lift_settings

@@ -12,9 +12,9 @@ from ompl import util as ou
 from planners.geometry.pose import Array
 from planners.motion.checker import EdgeChecker
 from planners.motion.joint_metric import JointMetric
+from planners.motion.path_search import shorten
 from planners.motion.query import MotionQuery, MotionSettings
 from planners.motion.rrt_connect import TreeProblem, grow_trees
-from planners.motion.shortcut import shorten
 
 MAX_ITERATIONS = 10_000
 

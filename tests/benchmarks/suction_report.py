@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planners.regrasp.object_progress import ObjectStage
+from planners.regrasp.graph.object_progress import ObjectStage
 from tests.benchmarks.bench_handovers import HandoverFigures
 from tests.benchmarks.bench_piles import PileFigures
 from tests.benchmarks.bench_tool_motion import EMPTY, LADEN, TOOL, FreeMotion, TaskMotion

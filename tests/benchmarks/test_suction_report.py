@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from planners.regrasp.object_progress import ObjectStage
+from planners.regrasp.graph.object_progress import ObjectStage
 from tests.benchmarks.bench_handovers import HandoverFigures
 from tests.benchmarks.bench_piles import PileFigures, attempt_file
 from tests.benchmarks.bench_tool_motion import EMPTY, LADEN, FreeMotion, TaskMotion

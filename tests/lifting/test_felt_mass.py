@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.lifting.felt_mass import box_inertia, felt_mass
+from planners.lifting.lift_loop import box_inertia, felt_mass
 
 UP = np.array([0.0, 0.0, 1.0])
 SIDES = np.array([0.4, 0.5, 0.04])

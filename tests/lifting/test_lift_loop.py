@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from planners.geometry.pose import Array
-from planners.lifting.felt_mass import box_inertia, felt_mass
 from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_loop import (
     GAIN_MARGIN,
@@ -17,7 +16,9 @@ from planners.lifting.lift_loop import (
     STIFFNESS_DOUBTS,
     HungPlate,
     LiftLoop,
+    box_inertia,
     design_gains,
+    felt_mass,
     moved_stiffness,
 )
 from workers.simulation.settings import WinchSettings

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from planners.graph.search import cheapest_path
-from planners.manipulation.assignment import PostureAssigner
-from planners.manipulation.engagements import Itinerary
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.motion.assignment import PostureAssigner
+from planners.manipulation.motion.manipulation_sequence import ManipulationSequence
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
 
@@ -34,24 +34,29 @@ def solved(lift) -> LiftPlan:
 @pytest.fixture(scope="session")
 def holding_cell(planner) -> FclCell:
     """The cell with the gripper closed on the plate."""
-    return FclCell(planner.workcell, holding=True)
+    return FclCell(planner.sampling.workcell, holding=True)
 
 
 @pytest.fixture(scope="session")
 def open_cell(planner) -> FclCell:
     """The cell with the gripper open around the plate."""
-    return FclCell(planner.workcell, holding=False)
+    return FclCell(planner.sampling.workcell, holding=False)
 
 
 @pytest.fixture(scope="session")
 def assigner(planner, solved) -> PostureAssigner:
     """Of the sequence that was found: the cheapest path of its start, in the graph as it was left."""
-    graph = planner.graph
+    graph = planner.search.graph
     first = solved.steps[0].hands
     start = next(
         n for n in graph.starts for g, p in [graph.hold_of(n)] if (g and g.index, p and p.index) == first
     )  # fmt: skip
-    path = cheapest_path(graph.graph, graph.knowledge, start, graph.goal, graph.heuristic, planner.examiner)
+    path = cheapest_path(graph.graph, graph.knowledge, start, graph.goal, graph.heuristic, planner.search.examiner)
     assert path is not None
     assert [int(graph.node_pose[n]) for n in path.nodes] == [step.pose for step in solved.steps]
-    return PostureAssigner(planner.follower, Itinerary.of(graph, path), planner.scene.start_positions)
+    return PostureAssigner(
+        planner.reach.follower,
+        ManipulationSequence.of(graph, path),
+        planner.scene.start_positions,
+        planner.search.rising,
+    )

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from planners.manipulation.assignment import _conflict, _parts
-from planners.manipulation.reach import CONTINUITY, bits
+from planners.manipulation.motion.assignment import _conflict, _parts
+from planners.manipulation.reach.hand_reach import CONTINUITY, bits
 
 
 @pytest.fixture(scope="module")
@@ -17,48 +17,48 @@ def assignments(assigner):
 
 
 def table(planner, hand):
-    return planner.grip_postures if hand == "grip" else planner.push_postures
+    return planner.reach.reached.grip if hand == "grip" else planner.reach.reached.push
 
 
-def test_engagements_are_the_stretches_over_which_a_hand_keeps_its_hold(assigner, solved):
-    itinerary = assigner.itinerary
+def test_hold_phases_are_the_stretches_over_which_a_hand_keeps_its_hold(assigner, solved):
+    sequence = assigner.sequence
     for hand, side in (("grip", 0), ("push", 1)):
         for place, step in enumerate(solved.steps):
-            active = itinerary.active(hand, place)
+            active = sequence.active(hand, place)
             assert (active and active.hold.index) == step.hands[side]
-        for engagement in (e for e in itinerary.engagements if e.hand == hand):
-            assert engagement.goes == (engagement.last < len(solved.steps) - 1)
+        for phase in (e for e in sequence.phases if e.hand == hand):
+            assert phase.goes == (phase.last < len(solved.steps) - 1)
 
 
-def test_a_posture_reaches_all_poses_of_its_engagement(planner, assigner, assignments):
+def test_a_posture_reaches_all_poses_of_its_hold_phase(planner, assigner, assignments):
     assert assignments
     for assignment in assignments:
-        assert set(assignment) == set(assigner.itinerary.engagements)
-        for engagement, posture in assignment.items():
-            for place in range(engagement.first, engagement.last + 1):
-                pose = assigner.itinerary.poses[place]
-                assert int(table(planner, engagement.hand)[pose, engagement.hold.index]) >> posture & 1
+        assert set(assignment) == set(assigner.sequence.phases)
+        for phase, posture in assignment.items():
+            for place in range(phase.first, phase.last + 1):
+                pose = assigner.sequence.poses[place]
+                assert int(table(planner, phase.hand)[pose, phase.hold.index]) >> posture & 1
 
 
-def test_a_posture_follows_all_motions_of_its_engagement_without_a_jump(planner, assigner, assignments):
-    for engagement, posture in assignments[0].items():
-        reach = planner.follower.hand(engagement.hand)
-        for place in range(engagement.first, engagement.last):
-            step = assigner.itinerary.motions[place]
+def test_a_posture_follows_all_motions_of_its_hold_phase_without_a_jump(planner, assigner, assignments):
+    for phase, posture in assignments[0].items():
+        reach = planner.reach.follower.hand(phase.hand)
+        for place in range(phase.first, phase.last):
+            step = assigner.sequence.motions[place]
             if step is not None:
-                q = reach.follow(planner.follower.samples(step[0]), engagement.hold.index, posture)
+                q = reach.follow(planner.reach.follower.samples(step[0]), phase.hold.index, posture)
                 assert np.abs(np.diff(q, axis=0)).max() <= CONTINUITY
 
 
 def test_hands_that_are_on_the_plate_together_keep_the_arms_apart(planner, assigner, assignments):
     for assignment in assignments[:2]:
-        for place in range(len(assigner.itinerary.poses)):
-            grip, push = (assigner.itinerary.active(hand, place) for hand in ("grip", "push"))
+        for place in range(len(assigner.sequence.poses)):
+            grip, push = (assigner.sequence.active(hand, place) for hand in ("grip", "push"))
             if grip is None or push is None:
                 continue
-            T = planner.poses.poses[assigner.itinerary.poses[place]].T_world_plate[None]
+            T = planner.sampling.poses.poses[assigner.sequence.poses[place]].T_world_plate[None]
             masks = 1 << assignment[grip], 1 << assignment[push]
-            assert planner.pair.compatible(T, (grip.hold.index, push.hold.index), masks) is not None
+            assert planner.reach.pair.compatible(T, (grip.hold.index, push.hold.index), masks) is not None
 
 
 @pytest.mark.parametrize("seed", range(30))

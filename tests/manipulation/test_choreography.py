@@ -24,7 +24,7 @@ def flange(planner):
     """T_world_flange of an arm at twelve joint positions."""
     arms = planner.scene.cell.arms
     chains = {name: PinocchioArm(arm.dh) for name, arm in arms.items()}
-    return lambda arm, q: arms[arm].T_world_base @ chains[arm].flange_pose(q[planner.workcell.joints(arm)])
+    return lambda arm, q: arms[arm].T_world_base @ chains[arm].flange_pose(q[planner.sampling.workcell.joints(arm)])
 
 
 def test_it_begins_with_the_plate_and_the_arms_where_the_task_says(planner, segments):
@@ -66,7 +66,7 @@ def test_time_rises_in_steps_of_at_most_20_ms_and_rates_keep_within_the_arms_lim
 def test_only_the_named_arms_move(planner, segments):
     for segment in segments:
         for arm in ("left", "right"):
-            q = segment.trajectory.positions[:, planner.workcell.joints(arm)]
+            q = segment.trajectory.positions[:, planner.sampling.workcell.joints(arm)]
             assert (np.ptp(q, axis=0).max() > 1e-9) == (arm in segment.movers)
 
 
@@ -74,7 +74,7 @@ def test_a_gripped_plate_stays_where_it_is_in_the_hand(planner, segments, flange
     for segment in segments:
         if segment.grip is None or segment.kind in (SegmentKind.GRIP, SegmentKind.RELEASE):
             continue
-        hand = planner.workcell.arm(segment.grip.arm).hand
+        hand = planner.sampling.workcell.arm(segment.grip.arm).hand
         for sample in np.linspace(0, len(segment.trajectory.time) - 1, 12).astype(int):
             T_world_flange = flange(segment.grip.arm, segment.trajectory.positions[sample])
             T_flange_body = np.linalg.inv(T_world_flange) @ segment.T_world_body[sample]
@@ -87,7 +87,7 @@ def test_a_pushing_tip_stays_on_its_point_of_the_plate(planner, segments, flange
     for segment in segments:
         if segment.push is None:
             continue
-        hand = planner.workcell.arm(segment.push.arm).hand
+        hand = planner.sampling.workcell.arm(segment.push.arm).hand
         for sample in np.linspace(0, len(segment.trajectory.time) - 1, 12).astype(int):
             T_world_body = segment.T_world_body[sample]
             tip = (flange(segment.push.arm, segment.trajectory.positions[sample]) @ hand.T_flange_tcp)[:3, 3]
@@ -102,7 +102,7 @@ def test_the_plate_rests_unless_it_is_transferred_and_then_it_stands_on_what_tou
         corners = np.einsum("nij,vj->nvi", segment.T_world_body[:, :3, :3], segment.contact_points)
         heights = corners[:, :, 2] + segment.T_world_body[:, None, 2, 3]
         assert np.abs(heights - planner.scene.support_top).max(initial=0.0) <= 5e-4
-        lowest = np.einsum("nj,vj->nv", segment.T_world_body[:, 2, :3], planner.prism.polyhedron.vertices)
+        lowest = np.einsum("nj,vj->nv", segment.T_world_body[:, 2, :3], planner.sampling.prism.polyhedron.vertices)
         assert (lowest.min(axis=1) + segment.T_world_body[:, 2, 3]).min() >= planner.scene.support_top - 5e-4
 
 
@@ -142,7 +142,7 @@ def test_every_contact_set_is_in_balance_with_the_weight_and_has_the_hands_that_
 
 def test_nothing_penetrates_at_random_samples(planner, segments, holding_cell, open_cell):
     """Oracle: fcl, at full depth; what holds the plate may touch it."""
-    cell, rng = planner.workcell, np.random.default_rng(11)
+    cell, rng = planner.sampling.workcell, np.random.default_rng(11)
     arms = {"left", "right"}
 
     def matters(a, b) -> bool:
@@ -165,14 +165,14 @@ def test_it_ends_gripped_pushed_off_the_support_and_as_high_as_asked(planner, se
     assert last.grip is not None
     assert last.push is not None
     assert last.contact.element == "none"
-    corners = planner.prism.polyhedron.vertices @ last.T_world_body[-1, 2, :3] + last.T_world_body[-1, 2, 3]
+    corners = planner.sampling.prism.polyhedron.vertices @ last.T_world_body[-1, 2, :3] + last.T_world_body[-1, 2, 3]
     assert corners.min() >= planner.scene.support_top + planner.settings.sampling.goal_height - 1e-9
 
 
 def test_the_gripper_closes_and_opens_only_where_it_grips_and_releases(planner, segments):
-    closed, opened = planner.workcell.grip_width, planner.workcell.open_width
+    closed, opened = planner.sampling.workcell.grip_width, planner.sampling.workcell.open_width
     for segment in segments:
-        width = segment.widths[planner.workcell.gripper]
+        width = segment.widths[planner.sampling.workcell.gripper]
         if segment.kind is SegmentKind.GRIP:
             assert (width[0], width[-1]) == (opened, closed)
         elif segment.kind is SegmentKind.RELEASE:

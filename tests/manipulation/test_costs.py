@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from planners.manipulation.contacts import restraint
-from planners.manipulation.costs import TransitionCost
+from planners.manipulation.contacts.contact_states import restraint
+from planners.manipulation.graph.manipulation_graph import TransitionCost
 
 UP = np.array([0.0, 0.0, 1.0])
 CORNERS = np.array([[0.15, 0.15, -0.02], [-0.15, 0.15, -0.02], [-0.15, -0.15, -0.02], [0.15, -0.15, -0.02]])

@@ -8,8 +8,8 @@ import pytest
 
 from planners.graph.rejections import Rejections
 from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
-from planners.manipulation.examiner import NodeExaminer, hands_of
-from planners.manipulation.graph import HandHold, build_graph
+from planners.manipulation.graph.manipulation_graph import HandHold, build_graph
+from planners.manipulation.graph.node_examiner import NodeExaminer, hands_of
 from planners.manipulation.lift_plan import LiftOutcome
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import planner_of, task_body
@@ -29,8 +29,8 @@ def gentle():
 
 
 def test_a_full_search_examines_every_node_and_a_lazy_one_leaves_some(full, planner):
-    assert not (full[0].graph.knowledge.status == UNKNOWN).any()
-    assert (planner.graph.knowledge.status == UNKNOWN).any()
+    assert not (full[0].search.graph.knowledge.status == UNKNOWN).any()
+    assert (planner.search.graph.knowledge.status == UNKNOWN).any()
 
 
 def test_lazy_and_full_give_the_same_sequence_and_the_same_motion(full, solved):
@@ -50,28 +50,31 @@ def test_a_lazy_search_knows_of_every_node_what_a_full_one_knows(full, planner):
     That not every plate within the tolerances is held is asked of sequences only, and its proofs are tested against
     nodes that are not examined yet: who examines later knows of more of these nodes.
     """
-    lazy, whole = planner.graph.knowledge, full[0].graph.knowledge
-    assert (planner.graph.grips, planner.graph.pushes) == (full[0].graph.grips, full[0].graph.pushes)
+    lazy, whole = planner.search.graph.knowledge, full[0].search.graph.knowledge
+    assert (planner.search.graph.grips, planner.search.graph.pushes) == (
+        full[0].search.graph.grips,
+        full[0].search.graph.pushes,
+    )
     known = lazy.status != UNKNOWN
     assert known.sum() > 1000
     differing = np.flatnonzero(known & (lazy.status != whole.status))
     assert len(differing) < 0.1 * known.sum()
     for node in differing:
-        hands = hands_of(*planner.graph.hold_of(int(node)))
-        assert planner.balance.refusal_at(int(planner.graph.node_pose[node]), hands) is not None
+        hands = hands_of(*planner.search.graph.hold_of(int(node)))
+        assert planner.balance.refusal_at(int(planner.search.graph.node_pose[node]), hands) is not None
     alive = (lazy.status == ALIVE) & (whole.status == ALIVE)
     assert np.abs(lazy.load[alive] - whole.load[alive]).max() * RESOLUTION <= 2e-6
 
 
 def reference(planner: PlateLiftPlanner) -> nx.DiGraph:
     """What is left of a fully examined graph, every arc with its full cost."""
-    graph, knowledge = planner.graph.graph, planner.graph.knowledge
+    graph, knowledge = planner.search.graph.graph, planner.search.graph.knowledge
     tails = np.repeat(np.arange(graph.node_count), np.diff(graph.row_start))
     cost = graph.cost + np.where(graph.loaded, knowledge.load[tails] + knowledge.load[graph.head], 0)
     alive = (knowledge.status[tails] == ALIVE) & (knowledge.status[graph.head] == ALIVE)
     alive &= ~knowledge.edge_dead[graph.edge]
     result = nx.DiGraph()
-    result.add_nodes_from(n for n in planner.graph.starts if knowledge.status[n] == ALIVE)
+    result.add_nodes_from(n for n in planner.search.graph.starts if knowledge.status[n] == ALIVE)
     result.add_weighted_edges_from(
         zip(tails[alive].tolist(), graph.head[alive].tolist(), cost[alive].tolist(), strict=True)
     )
@@ -79,25 +82,25 @@ def reference(planner: PlateLiftPlanner) -> nx.DiGraph:
 
 
 def open_starts(planner: PlateLiftPlanner) -> list[int]:
-    status = planner.graph.knowledge.status
-    return [n for n in planner.graph.starts if n not in planner.graph.lost_starts and status[n] == ALIVE]
+    status = planner.search.graph.knowledge.status
+    return [n for n in planner.search.graph.starts if n not in planner.search.graph.lost_starts and status[n] == ALIVE]
 
 
 def test_the_sequence_is_the_least_forceful_of_the_starts_cheapest_ones():
     """Oracle: Dijkstra of networkx from every start, before anything is tried out."""
     planner = planner_of(task_body("ab1", search="full"))
-    planner.build()
-    chosen = planner._best_path()
+    planner.begin()
+    chosen = planner.search.best_path()
     assert chosen is not None
     arcs = reference(planner)
     for start in open_starts(planner):
         distances = nx.single_source_dijkstra_path_length(arcs, start)
-        cheapest = min((d for n, d in distances.items() if planner.graph.goal[n]), default=None)
-        found = planner.paths[start]
+        cheapest = min((d for n, d in distances.items() if planner.search.graph.goal[n]), default=None)
+        found = planner.search.paths[start]
         assert (found and found.cost) == (cheapest and pytest.approx(cheapest * RESOLUTION))
-    paths = [path for path in planner.paths.values() if path is not None]
+    paths = [path for path in planner.search.paths.values() if path is not None]
     assert len(paths) > 1
-    forces = [max(planner.examiner.largest_force(n) for n in path.nodes) for path in paths]
+    forces = [max(planner.search.examiner.largest_force(n) for n in path.nodes) for path in paths]
     assert chosen is paths[int(np.argmin(forces))]
 
 
@@ -109,9 +112,9 @@ def test_minimised_force_is_no_larger_than_that_of_the_cheapest_sequence(gentle,
 def test_minimised_force_is_the_smallest_that_any_sequence_left_over_needs(gentle):
     """Oracle: the smallest threshold at which networkx still connects a start with a goal."""
     planner, plan = gentle
-    planner.examiner.examine_all(lambda *_: None)
-    arcs, goal = reference(planner), planner.graph.goal
-    forces = {n: planner.examiner.largest_force(n) for n in arcs}
+    planner.search.examiner.examine_all(lambda *_: None)
+    arcs, goal = reference(planner), planner.search.graph.goal
+    forces = {n: planner.search.examiner.largest_force(n) for n in arcs}
     starts = open_starts(planner)
     for limit in sorted(set(forces.values())):
         part = arcs.subgraph([n for n in arcs if forces[n] <= limit])
@@ -123,16 +126,16 @@ def test_minimised_force_is_the_smallest_that_any_sequence_left_over_needs(gentl
 
 def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
     """Oracle: both hands' wrenches from the balance, put through every posture one by one."""
-    graph = planner.graph
+    graph = planner.search.graph
     rng = np.random.default_rng(10)
     for node in rng.permutation(np.flatnonzero(graph.knowledge.status == ALIVE))[:30]:
         pose, (grip, push) = int(graph.node_pose[node]), graph.hold_of(int(node))
         hands = (grip and grip.index, push and push.index)
-        answer, T = planner.balance.at(pose, hands), planner.poses.poses[pose].T_world_plate
+        answer, T = planner.balance.at(pose, hands), planner.sampling.poses.poses[pose].T_world_plate
         total = 0.0
         for hold, reach, table, names in (
-            (grip, planner.pair.first, planner.grip_postures, ("grip_0", "grip_1")),
-            (push, planner.pair.second, planner.push_postures, ("push",)),
+            (grip, planner.reach.pair.first, planner.reach.reached.grip, ("grip_0", "grip_1")),
+            (push, planner.reach.pair.second, planner.reach.reached.push, ("push",)),
         ):
             if hold is None:
                 continue
@@ -161,13 +164,13 @@ class WillingBalance:
 
 def test_a_node_is_dead_when_the_arms_touch_in_every_pair_of_its_postures(planner, solved):
     """Holds of one posture each, of which the arms are known to touch, or not to."""
-    tables = planner.grip_postures, planner.push_postures
+    reached = planner.reach.reached
     answer = next(a for step in solved.steps if "grip_0" in (a := planner.balance.at(step.pose, step.hands)).contacts)
     assert "push" in answer.contacts
     for pose, numbers, postures, apart in pairs_of_postures(planner, 9):
         grip, push = (HandHold(number, 1 << posture) for number, posture in zip(numbers, postures, strict=True))
-        graph = build_graph(planner.poses, (grip,), (push,), *tables, planner.settings.costs)
-        examine = NodeExaminer(graph, WillingBalance(planner, answer), planner.pair, *tables, Rejections(), "cost")
+        graph = build_graph(planner.sampling.poses, (grip,), (push,), *reached.sets, planner.settings.costs)
+        examine = NodeExaminer(graph, WillingBalance(planner, answer), reached, Rejections(), "cost")
         (node,) = np.flatnonzero((graph.node_pose == pose) & (graph.node_grip > 0) & (graph.node_push > 0))
         examine(int(node))
         assert (graph.knowledge.status[node] == ALIVE) == (apart is not None)

@@ -10,9 +10,9 @@ import pytest
 from planners.balance.balanced import Unbalanced, UnbalanceReason
 from planners.collision.model import Attached
 from planners.errors import SceneError
-from planners.manipulation import choreography
-from planners.manipulation.choreography import PERSISTENCE, Choreographer, Stuck, _at_rest, _Run
-from planners.manipulation.track import EngagementTrack
+from planners.hands import arm_motion
+from planners.manipulation.motion.choreography import PERSISTENCE, Choreographer, StuckStep, _at_rest, _Run
+from planners.manipulation.motion.phase_track import PhaseTrack
 from planners.motion.query import MotionOutcome, MotionResult
 from planners.segment import SegmentKind
 from tests.cell.cell_probe import fcl_distance, fcl_object
@@ -28,15 +28,15 @@ def workcell_with_block(position):
         "shape": {"type": "box", "size": [BLOCK] * 3},
         "pose": [*map(float, position), 1, 0, 0, 0],
     }
-    return planner_of({**task_body("ab3"), "obstacles": [block]}).workcell
+    return planner_of({**task_body("ab3"), "obstacles": [block]}).sampling.workcell
 
 
 def attempt(planner, assigner, workcell=None):
     """Choreograph the sequence that was found, with its first choice of postures."""
     choreographer = Choreographer(
-        workcell or planner.workcell, planner.follower, planner.balance, np.random.default_rng(0)
+        workcell or planner.sampling.workcell, planner.reach.follower, planner.balance, np.random.default_rng(0)
     )
-    return choreographer.realise(assigner.itinerary, next(assigner.assignments()))
+    return choreographer.realise(assigner.sequence, next(assigner.assignments()))
 
 
 def transfers(segments):
@@ -86,12 +86,12 @@ def test_what_only_the_timed_motion_meets_is_named_and_stops_the_attempt(planner
     middle = len(last.trajectory.time) // 2
     elbow = holding_cell.frames(last.trajectory.positions[middle], last.T_world_body[middle])["right/2"][:3, 3]
     result = attempt(planner, assigner, workcell_with_block(elbow))
-    assert isinstance(result, Stuck)
+    assert isinstance(result, StuckStep)
     assert "block" in result.rejection.reason
 
 
 def test_a_path_that_jumps_or_ends_is_no_failure_of_the_planner(planner, assigner, monkeypatch):
-    exact = EngagementTrack.exact
+    exact = PhaseTrack.exact
 
     def broken(self, T_world_carriers, reference):
         q = exact(self, T_world_carriers, reference)
@@ -99,11 +99,11 @@ def test_a_path_that_jumps_or_ends_is_no_failure_of_the_planner(planner, assigne
         q[away > 0.02] += self.jump
         return q
 
-    monkeypatch.setattr(EngagementTrack, "exact", broken)
+    monkeypatch.setattr(PhaseTrack, "exact", broken)
     for jump in (np.nan, 0.5):
-        monkeypatch.setattr(EngagementTrack, "jump", jump, raising=False)
+        monkeypatch.setattr(PhaseTrack, "jump", jump, raising=False)
         result = attempt(planner, assigner)
-        assert isinstance(result, Stuck)
+        assert isinstance(result, StuckStep)
         assert result.step == "arrival"
         assert "the path" in result.rejection.reason
 
@@ -115,26 +115,26 @@ def test_a_search_that_was_exhausted_is_made_once_more_with_more_patience(planne
         asked.append(settings.max_iterations)
         return MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED)
 
-    monkeypatch.setattr(choreography, "plan_motion", exhausted)
+    monkeypatch.setattr(arm_motion, "plan_motion", exhausted)
     result = attempt(planner, assigner)
-    assert isinstance(result, Stuck)
+    assert isinstance(result, StuckStep)
     assert (result.step, result.place) == ("arrival", 0)
     assert asked == [asked[0], PERSISTENCE * asked[0]]
 
 
 def test_a_rest_that_is_not_balanced_is_told_with_the_edge_it_is_on(planner, assigner, monkeypatch):
-    itinerary = assigner.itinerary
-    changes = [place for place, step in enumerate(itinerary.motions) if step is None]
+    sequence = assigner.sequence
+    changes = [place for place, step in enumerate(sequence.motions) if step is None]
     assert changes
     known = _Run.balance_at
 
     def unbalanced_late(self, pose, hands):
-        late = self.stage.edge == changes[-1]
+        late = self.state.edge == changes[-1]
         return Unbalanced(UnbalanceReason.PROVEN, None, 0.0) if late else known(self, pose, hands)
 
     monkeypatch.setattr(_Run, "balance_at", unbalanced_late)
     result = attempt(planner, assigner)
-    assert isinstance(result, Stuck)
+    assert isinstance(result, StuckStep)
     assert (result.step, result.hand, result.place) == ("rest", None, changes[-1])
 
 
@@ -150,7 +150,7 @@ def test_contact_sets_at_rest_are_few_and_no_farther_apart_than_a_pause(seed):
 
 
 def test_the_plan_starts_at_the_opening_that_the_scene_was_checked_with(planner, solved):
-    gripper = planner.workcell.gripper
+    gripper = planner.sampling.workcell.gripper
     assert solved.segments[0].widths[gripper][0] == planner.scene.start_widths[gripper]
 
 
@@ -162,7 +162,7 @@ def test_bodies_may_be_as_close_as_the_task_puts_them_but_no_closer(planner):
     position = (plate.T_world_body[:3, 3] + beside).tolist()
     pose = [*position, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
     block = {"name": "block", "shape": {"type": "box", "size": [BLOCK] * 3}, "pose": pose}
-    workcell = planner_of({**task_body("ab3"), "obstacles": [block]}).workcell
+    workcell = planner_of({**task_body("ab3"), "obstacles": [block]}).sampling.workcell
     cell, start = FclCell(workcell, holding=False), workcell.scene.start_positions
     T_world_plate = workcell.scene.T_world_plate
     near = {frozenset(pair): margin for pair, margin in workcell.start_margins.items()}

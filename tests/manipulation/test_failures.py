@@ -7,8 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from planners.manipulation.costs import TransitionCost
-from planners.manipulation.failures import (
+from planners.manipulation.graph.failures import (
     BlockedMotion,
     EdgeFailure,
     Failures,
@@ -17,7 +16,7 @@ from planners.manipulation.failures import (
     PairFailure,
     TransitFailure,
 )
-from planners.manipulation.graph import HandHold, build_graph
+from planners.manipulation.graph.manipulation_graph import HandHold, TransitionCost, build_graph
 from tests.manipulation.test_graph import POSES, meaning
 
 GRIPS, PUSHES = (HandHold(0, 7), HandHold(1, 7)), (HandHold(0, 7), HandHold(1, 7))

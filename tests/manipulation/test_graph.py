@@ -12,10 +12,9 @@ import pytest
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import transform
 from planners.graph.search import ALIVE, DEAD, RESOLUTION, UNKNOWN
-from planners.manipulation.contacts import NO_CONTACT
-from planners.manipulation.costs import TransitionCost
-from planners.manipulation.dense_contacts import ContactSampling, DenseContactStateGraph
-from planners.manipulation.graph import EdgeKind, HandHold, build_graph
+from planners.manipulation.contacts.contact_states import NO_CONTACT
+from planners.manipulation.contacts.dense_contact_states import ContactSampling, DenseContactStateGraph
+from planners.manipulation.graph.manipulation_graph import EdgeKind, HandHold, TransitionCost, build_graph
 
 SAMPLING = ContactSampling(
     edge_tilts=(math.radians(6), math.radians(18), 2),

@@ -42,7 +42,7 @@ def borne(planner):
 
 def tried_motions(planner, *, borne: bool, count: int):
     """Motions with hands, sampled from the graph's own edges between poses that can be held."""
-    graph = planner.graph
+    graph = planner.search.graph
     rng = np.random.default_rng(7)
     for edge in rng.permutation(np.flatnonzero(graph.edge_motion >= 0)):
         nodes = graph.edge_nodes[edge]
@@ -51,7 +51,7 @@ def tried_motions(planner, *, borne: bool, count: int):
         grip, push = graph.hold_of(int(nodes[0]))
         hands = (grip and grip.index, push and push.index)
         if (planner.balance.along(int(graph.edge_motion[edge]), hands) is None) == borne:
-            yield planner.follower.motion(int(graph.edge_motion[edge])), hands
+            yield planner.reach.follower.motion(int(graph.edge_motion[edge])), hands
             count -= 1
         if not count:
             return
@@ -82,8 +82,8 @@ def test_a_hold_bears_the_plate_along_a_motion_exactly_when_it_does_at_every_sam
     """Whatever was remembered or proven on the way: each sample solved anew decides."""
     rng, verdicts = np.random.default_rng(13), []
     programs = planner.balance
-    for number in rng.permutation(len(planner.poses.edges))[:60]:
-        motion = planner.follower.motion(int(number))
+    for number in rng.permutation(len(planner.sampling.poses.edges))[:60]:
+        motion = planner.reach.follower.motion(int(number))
         for hands in ((int(rng.integers(30)), int(rng.integers(64))), (None, int(rng.integers(64)))):
             poses = motion.poses(programs.sampling.parameters(motion))
             borne = all(held(programs, T, motion.contact_points, hands) for T in poses)
@@ -96,11 +96,11 @@ def test_a_hold_bears_the_plate_along_a_motion_exactly_when_it_does_at_every_sam
 
 def test_samples_lie_strictly_inside_a_motion_and_closer_than_the_settings_say(planner):
     sampling = planner.balance.sampling
-    for number in range(0, len(planner.poses.edges), 97):
-        motion = planner.follower.motion(number)
+    for number in range(0, len(planner.sampling.poses.edges), 97):
+        motion = planner.reach.follower.motion(number)
         s = sampling.parameters(motion)
         assert 0.0 < s[0] < s[-1] < 1.0
-        com = planner.poses.plate.com_world(motion.poses(s))
+        com = planner.sampling.poses.plate.com_world(motion.poses(s))
         # The way of the centre of mass is not even in s; an upper bound of its unevenness is 2 here.
         assert np.linalg.norm(np.diff(com, axis=0), axis=1).max() <= 2.0 * sampling.com_step
 
@@ -112,20 +112,20 @@ def test_what_proofs_rule_out_really_cannot_be_held(planner):
     assert len(ruled_out) > 1000
     for pose, grip, push in ruled_out[:150]:
         hands = (None if grip == 0 else int(grip) - 1, None if push == 0 else int(push) - 1)
-        where = planner.poses.poses[pose]
+        where = planner.sampling.poses.poses[pose]
         assert not held(balance, where.T_world_plate, where.contact_points, hands)
 
 
 def test_poses_with_one_tilt_at_two_heights_share_their_answer(planner):
-    lifted = planner.poses.lifted
+    lifted = planner.sampling.poses.lifted
     low, high = lifted[0], lifted[len(lifted) // 2]
-    assert planner.poses.poses[low].tilt == pytest.approx(planner.poses.poses[high].tilt)
+    assert planner.sampling.poses.poses[low].tilt == pytest.approx(planner.sampling.poses.poses[high].tilt)
     assert planner.balance.at(low, (0, 0)) is planner.balance.at(high, (0, 0))
 
 
 def test_every_node_of_the_sequence_is_borne_by_its_hands(planner, solved, borne):
     for step in solved.steps[:: max(1, len(solved.steps) // 6)]:
-        pose = planner.poses.poses[step.pose]
+        pose = planner.sampling.poses.poses[step.pose]
         assert borne(pose.T_world_plate, pose.contact_points, step.hands) >= 1.0 - 1e-6
         answer = planner.balance.at(step.pose, step.hands)
         assert isinstance(answer, Balanced)

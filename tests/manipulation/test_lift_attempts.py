@@ -87,9 +87,8 @@ def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPla
     assert ab1.reserve is not None
     kept = ab1.reserve.value
     planner = planner_of(task_body("ab1"), cells)
-    planner.build()
+    planner.begin()
     for reserve in (kept + 0.01, kept, kept + 0.005):
         searched = planner_of(task_body("ab1", reserve=reserve), cells)
-        searched.build()
-        found = searched.search(low=False, explained=False).outcome is LiftOutcome.SOLVED
+        found = searched.planned(searched.begin(), low=False, explained=False).outcome is LiftOutcome.SOLVED
         assert planner.may_keep(reserve, low=False) == found

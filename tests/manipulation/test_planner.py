@@ -10,6 +10,7 @@ from support.documents import cell_of
 
 from planners.errors import PlanningFaultError
 from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_search import LiftSearch
 from planners.manipulation.planner import PlateLiftPlanner
 from tests.manipulation.lift_probe import planner_of, task_body
 
@@ -29,8 +30,8 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
     """The fault of before: with 100 N allowed, 40 N on the gripping hand and 36 N on the pushing one."""
     planner, generous = planned(normal=100.0, net=100.0)
     most = payloads(planner)
-    assert most[planner.workcell.gripper] == pytest.approx(17.6, abs=0.1)
-    assert most[planner.workcell.pusher] == pytest.approx(25.5, abs=0.1)
+    assert most[planner.sampling.workcell.gripper] == pytest.approx(17.6, abs=0.1)
+    assert most[planner.sampling.workcell.pusher] == pytest.approx(25.5, abs=0.1)
     largest = max(most.values())
     _, true = planned(normal=largest, net=largest)
     assert generous.outcome is true.outcome is LiftOutcome.SOLVED
@@ -42,8 +43,8 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
             assert one.sample == other.sample
             assert one.balance.objective == pytest.approx(other.balance.objective, abs=1e-4)
             forces = np.linalg.norm(one.balance.hand_wrenches[:, :3], axis=1)
-            assert forces[0] <= most[planner.workcell.gripper]
-            assert forces[1] <= most[planner.workcell.pusher]
+            assert forces[0] <= most[planner.sampling.workcell.gripper]
+            assert forces[1] <= most[planner.sampling.workcell.pusher]
 
 
 def test_a_task_may_allow_less() -> None:
@@ -56,7 +57,7 @@ def test_a_task_may_allow_less() -> None:
 
 def test_a_failure_that_forbids_nothing_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     planner, tries = planner_of(task_body("pb1", hold_density=0.5)), list[Any]()
-    monkeypatch.setattr(planner, "_realise", tries.append)
+    monkeypatch.setattr(LiftSearch, "_realise", lambda _, sequence: tries.append(sequence))
     with pytest.raises(PlanningFaultError, match="nothing was forbidden"):
         planner.plan()
     assert len(tries) == 1

@@ -154,7 +154,7 @@ def test_a_mirrored_cell_lifts_the_mirrored_plate(tmp_path, cells):
     body["plate_pose"][6] *= -1
     body["cup"]["position"][1] *= -1
     planner = planner_of({**body, "cell": "own"}, mirrored)
-    assert (planner.workcell.gripper, planner.workcell.pusher) == ("left", "right")
+    assert (planner.sampling.workcell.gripper, planner.sampling.workcell.pusher) == ("left", "right")
     lifted = planner.plan()
     assert lifted.outcome is LiftOutcome.SOLVED
     original = planner_of(task_body("ab3"), cells).plan()
@@ -169,11 +169,11 @@ def holds_as_given(planner) -> dict[str, Any]:
     return {
         "grips": [
             {"position": grip.T_plate_tcp[0, :3, 3].tolist(), "approach": grip.approach.tolist()}
-            for grip in planner.grips
+            for grip in planner.sampling.grips
         ],
         "pushes": [
             {"position": push.point.tolist(), "normal": push.normal.tolist(), "direction": push.axis.tolist()}
-            for push in planner.pushes
+            for push in planner.sampling.pushes
         ],
     }
 
@@ -209,7 +209,7 @@ def test_lower_goals_are_reached_on_the_way_to_higher_ones(cells):
     for goal in (0.01, 0.06):
         planner = planner_of(task_body("ab3", goal_height=goal), cells)
         last = planner.plan().segments[-1].T_world_body[-1]
-        corners = planner.prism.polyhedron.vertices @ last[2, :3] + last[2, 3]
+        corners = planner.sampling.prism.polyhedron.vertices @ last[2, :3] + last[2, 3]
         heights.append(corners.min() - planner.scene.support_top)
     assert heights[0] >= 0.01 - 1e-9
     assert heights[1] >= 0.06 - 1e-9

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from planners.collision.model import Fixed
-from planners.manipulation.reach import CONTINUITY, bits
+from planners.manipulation.reach.hand_reach import CONTINUITY, bits
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.manipulation.lift_probe import TURN
 
@@ -20,9 +20,9 @@ def hand(request, planner):
     """One hand: its reach, and what it reached at all poses."""
     first = request.param == "grip"
     return (
-        (planner.pair.first, planner.grip_postures, planner.workcell.gripper)
+        (planner.reach.pair.first, planner.reach.reached.grip, planner.sampling.workcell.gripper)
         if first
-        else (planner.pair.second, planner.push_postures, planner.workcell.pusher)
+        else (planner.reach.pair.second, planner.reach.reached.push, planner.sampling.workcell.pusher)
     )
 
 
@@ -36,7 +36,7 @@ def within_limits(reach, q: np.ndarray) -> bool:
 
 
 def pose_of(planner, number: int) -> np.ndarray:
-    return planner.poses.poses[number].T_world_plate
+    return planner.sampling.poses.poses[number].T_world_plate
 
 
 def with_arm(planner, reach, q: np.ndarray) -> np.ndarray:
@@ -48,7 +48,7 @@ def with_arm(planner, reach, q: np.ndarray) -> np.ndarray:
 def test_a_posture_reaches_a_pose_exactly_when_fcl_finds_its_configuration_free(planner, holding_cell, hand):
     reach, reached, arm = hand
     rng = np.random.default_rng(1)
-    only, verdicts = planner.workcell.without_other(arm), []
+    only, verdicts = planner.sampling.workcell.without_other(arm), []
     # Half of the samples are known to reach; of all others most do not.
     known = rng.permutation(np.argwhere(reached))[:12]
     for pose, hold in (*known, *rng.integers(0, reached.shape, (12, 2))):
@@ -90,12 +90,12 @@ def test_a_hold_is_hindered_at_a_pose_exactly_when_none_of_its_postures_reaches_
 def motions_with_postures(planner, hand, count: int, seed: int):
     _, reached, _ = hand
     rng = np.random.default_rng(seed)
-    for number in rng.permutation(len(planner.poses.edges)):
-        i, j = planner.poses.edges[number]
+    for number in rng.permutation(len(planner.sampling.poses.edges)):
+        i, j = planner.sampling.poses.edges[number]
         holds = np.flatnonzero(reached[i] & reached[j])
         if len(holds):
             hold = int(rng.choice(holds))
-            yield planner.follower.samples(int(number)), hold, int(reached[i, hold] & reached[j, hold])
+            yield planner.reach.follower.samples(int(number)), hold, int(reached[i, hold] & reached[j, hold])
             count -= 1
         if not count:
             return
@@ -104,7 +104,7 @@ def motions_with_postures(planner, hand, count: int, seed: int):
 def test_postures_that_pass_a_motion_are_free_and_continuous_at_every_sample_and_the_others_are_not(planner, hand):
     """Oracle: a query made anew at every sample, and the joints' differences."""
     reach, _, arm = hand
-    cell, verdicts = planner.workcell, []
+    cell, verdicts = planner.sampling.workcell, []
     rng = np.random.default_rng(9)
     for samples, hold, postures in motions_with_postures(planner, hand, 12, 3):
         # Postures that reach both ends, and others, which do not.
@@ -215,22 +215,23 @@ def test_a_posture_that_does_not_reach_a_pose_holds_no_torque_there(planner, han
 
 def arm_slack(planner, cell, pose, holds, postures) -> float:
     """By how much the arms are farther apart than they have to be [m]."""
-    q, pair = np.zeros(12), planner.pair
+    q, pair = np.zeros(12), planner.reach.pair
     for reach, hold, posture in zip((pair.first, pair.second), holds, postures, strict=True):
         q[reach.first_joint : reach.first_joint + 6] = reach.follow(pose_of(planner, pose)[None], hold, posture)[0]
-    return cell.least_slack(q, pose_of(planner, pose), planner.workcell.between_arms, ["left", "right"], 0.003)
+    return cell.least_slack(q, pose_of(planner, pose), planner.sampling.workcell.between_arms, ["left", "right"], 0.003)
 
 
 def pairs_of_postures(planner, count: int):
     """Yield poses, holds and postures of both hands; a third of as many clash, which few do."""
     rng, wanted = np.random.default_rng(6), {True: count, False: count // 3}
-    both = np.argwhere((planner.grip_postures != 0).any(axis=1) & (planner.push_postures != 0).any(axis=1))[:, 0]
+    reached = planner.reach.reached
+    both = np.argwhere((reached.grip != 0).any(axis=1) & (reached.push != 0).any(axis=1))[:, 0]
     for _ in range(20_000):
         pose = int(rng.choice(both))
-        tables = planner.grip_postures[pose], planner.push_postures[pose]
+        tables = planner.reach.reached.grip[pose], planner.reach.reached.push[pose]
         holds = tuple(int(rng.choice(np.flatnonzero(table))) for table in tables)
         postures = tuple(int(rng.choice(bits(int(t[h])))) for t, h in zip(tables, holds, strict=True))
-        apart = planner.pair.compatible(pose_of(planner, pose)[None], holds, (1 << postures[0], 1 << postures[1]))
+        apart = planner.reach.pair.compatible(pose_of(planner, pose)[None], holds, (1 << postures[0], 1 << postures[1]))
         if wanted[apart is not None]:
             wanted[apart is not None] -= 1
             yield pose, holds, postures, apart
@@ -248,7 +249,7 @@ def test_two_postures_go_together_exactly_when_fcl_keeps_the_arms_apart(planner,
 def test_of_sets_of_postures_the_first_pair_that_goes_together_is_found(planner):
     for pose, holds, _, _ in pairs_of_postures(planner, 8):
         where = pose_of(planner, pose)[None]
-        sets = int(planner.grip_postures[pose, holds[0]]), int(planner.push_postures[pose, holds[1]])
+        sets = int(planner.reach.reached.grip[pose, holds[0]]), int(planner.reach.reached.push[pose, holds[1]])
         pairs = ((a, b) for a in bits(sets[0]) for b in bits(sets[1]))
-        first = next((p for p in pairs if planner.pair.compatible(where, holds, (1 << p[0], 1 << p[1]))), None)
-        assert planner.pair.compatible(where, holds, sets) == first
+        first = next((p for p in pairs if planner.reach.pair.compatible(where, holds, (1 << p[0], 1 << p[1]))), None)
+        assert planner.reach.pair.compatible(where, holds, sets) == first

@@ -10,7 +10,7 @@ import pytest
 from planners.geometry.polygon import rectangle
 from planners.geometry.polyhedron import Element, ElementKind, Polyhedron, Prism
 from planners.geometry.pose import rotation_from_vector
-from planners.manipulation.contacts import (
+from planners.manipulation.contacts.contact_states import (
     ENVIRONMENT_FACE,
     NO_CONTACT,
     PrincipalContact,

@@ -13,8 +13,8 @@ from planners.errors import LiftwrightError
 from planners.geometry.polygon import area, centroid, rectangle
 from planners.geometry.polyhedron import Prism
 from planners.geometry.pose import inverse, rotation_angle, rotation_z, transform
-from planners.manipulation.contacts import NO_CONTACT
-from planners.manipulation.dense_contacts import (
+from planners.manipulation.contacts.contact_states import NO_CONTACT
+from planners.manipulation.contacts.dense_contact_states import (
     ContactSampling,
     DenseContactStateGraph,
     RestingPlate,

@@ -12,7 +12,14 @@ from scipy.spatial import ConvexHull
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import depth_inside, rectangle
 from planners.geometry.polyhedron import Prism
-from planners.manipulation.grips import CupFootprint, GripSampling, Jaw, generate_grips, given_grips, least_opening
+from planners.manipulation.holds.grips import (
+    CupFootprint,
+    GripSampling,
+    Jaw,
+    generate_grips,
+    given_grips,
+    least_opening,
+)
 from planners.scene.lift_placements import GivenGrip
 
 JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import rectangle
 from planners.geometry.polyhedron import Prism
-from planners.manipulation.pushes import Push, PushSampling, generate_pushes, given_pushes
+from planners.manipulation.holds.pushes import Push, PushSampling, generate_pushes, given_pushes
 from planners.scene.lift_placements import GivenPush
 from tests.support.polyhedra import face_normal
 

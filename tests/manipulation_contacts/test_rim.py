@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners.geometry.polygon import depth_inside
-from planners.manipulation.rim import REFERENCE_RIM, RimPatch, rim_stations, station_count
+from planners.manipulation.holds.rim import REFERENCE_RIM, RimPatch, rim_stations, station_count
 
 PATCH = RimPatch(half_width=0.011, depth_from=0.002, depth_to=0.035)
 ROUND = 0.15 * np.column_stack([np.cos(2 * np.pi / 64 * np.arange(64)), np.sin(2 * np.pi / 64 * np.arange(64))])

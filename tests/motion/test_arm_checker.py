@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planners.collision.model import CollisionModel, CollisionQuery
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.kinematics.forward import flange_pose
-from planners.motion.arm_checker import ArmEdgeChecker
+from planners.motion.checker import ArmEdgeChecker
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionSettings
 

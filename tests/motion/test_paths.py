@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from planners.motion.blended_path import BlendedPath, BlendSettings
-from planners.motion.curve_path import CurvePath
+from planners.motion.path import CurvePath
 
 Array = NDArray[np.float64]
 

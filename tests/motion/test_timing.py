@@ -9,10 +9,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import linprog
 
 from planners.motion.blended_path import BlendedPath, BlendSettings
-from planners.motion.curve_path import CurvePath
-from planners.motion.limits import JointLimits, RateLimit
+from planners.motion.path import CurvePath
 from planners.motion.time_law import fastest_squared_speeds, node_times, smoothed_samples
-from planners.motion.timing import TimingError, TimingSettings, time_path
+from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, TrajectoryError, concatenate, hold_still
 
 Array = NDArray[np.float64]

@@ -6,8 +6,8 @@ import pytest
 
 from planners.cell.cell import Cell, load_cell
 from planners.cell.hand import Gripper
-from planners.regrasp.grasps import ToolGrasps, ToolGraspSettings, tool_grasps
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, build_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, build_handovers
+from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.suction_tool import SuctionTool, load_tool
 

@@ -7,7 +7,7 @@ import pytest
 
 from planners.geometry.pose import inverse, transform
 from planners.kinematics.inverse import follow_branch
-from planners.regrasp.arm_sweeps import first_branches, sweep_arm
+from planners.regrasp.grasps.arm_sweeps import first_branches, sweep_arm
 from tests.kinematics.arm_oracle import random_pose
 from tests.regrasp.hand_oracle import NEAR, ToolCell
 

@@ -6,7 +6,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from planners.regrasp.finger_forces import least_squeeze, squeezed
+from planners.regrasp.statics.finger_forces import least_squeeze, squeezed
 
 WIDTH, MU, EPS = 0.018, 0.5, 0.0075
 

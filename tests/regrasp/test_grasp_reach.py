@@ -13,8 +13,9 @@ from planners.contract.shapes import Box
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import inverse, rotation_x, rotation_z, transform
 from planners.kinematics.inverse import follow_branch
-from planners.regrasp.grasp_reach import GraspReach, Surroundings
-from planners.regrasp.grasps import ToolGrasps, ToolGraspSettings
+from planners.regrasp.grasps.grasp_reach import GraspReach, GraspSurroundings
+from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings
+from planners.regrasp.motion.travel_time import solutions
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.body import Body
 from planners.scene.solid import solid_of
@@ -33,7 +34,7 @@ def standing(x: float, y: float, above: float = 0.05, yaw: float = 0.0) -> np.nd
 
 def reach_of(workcell: ToolWorkcell, arm: str, grasps: ToolGrasps, objects=None) -> GraspReach:
     other = workcell.arm(workcell.other(arm))
-    return GraspReach(workcell, arm, grasps, Surroundings(objects or {}, other.home, 0.085))
+    return GraspReach(workcell, arm, grasps, GraspSurroundings(objects or {}, other.home, 0.085))
 
 
 @pytest.fixture(scope="module", params=["left", "right"])
@@ -142,7 +143,8 @@ def test_a_solution_puts_the_pads_where_the_grasp_says(reach):
     arm = reach.workcell.arm(reach.arm)
     for grasp in np.flatnonzero(reached)[::9]:
         for branch in (b for b in range(8) if reached[grasp] >> b & 1):
-            q = reach.joint_solution(T_world_tool, grasp, branch)
+            only = np.array([1 << branch], np.uint8)
+            q = solutions(arm, T_world_tool, reach.T_tool_flange[grasp : grasp + 1], only)[0, branch]
             T_world_flange = arm.T_world_base @ PinocchioArm(arm.dh).flange_pose(q)
             height = np.interp(reach.grasps.widths[grasp], *reach.workcell.gripper(reach.arm).tcp_table.T)
             T_world_tcp = T_world_flange @ transform(None, [0, 0, height])

@@ -11,7 +11,7 @@ import trimesh
 
 from planners.contract.shapes import Box, Cylinder
 from planners.geometry.pose import inverse, rotation_y, transform
-from planners.regrasp.grasps import ToolGraspSettings, tool_grasps
+from planners.regrasp.grasps.tool_grasps import ToolGraspSettings, tool_grasps
 from planners.scene.solid import solid_of
 from tests.regrasp.hand_oracle import NEAR, hand_slack, tool_of
 

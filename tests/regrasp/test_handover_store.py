@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from planners.regrasp.grasps import ToolGraspSettings
-from planners.regrasp.handover_place import HandoverPlaceSettings
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from workers.handover_store import HandoverStore
 
 SMALL = HandoverSettings(

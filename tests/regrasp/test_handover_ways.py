@@ -10,12 +10,12 @@ import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import inverse, transform
-from planners.regrasp.bearing import Bearing
-from planners.regrasp.carried import CarriedPace
-from planners.regrasp.handover_ways import HandoverWays
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.node_travel import NodeTravel
+from planners.regrasp.graph.handover_ways import HandoverWays
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.motion.travel_time import NodeTravelTimes
+from planners.regrasp.statics.static_hold import StaticHold
 from planners.regrasp.tool_segment import SuckedObject
+from planners.regrasp.tool_settings import CarriedPace
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 from tests.kinematics.arm_oracle import PinocchioArm
@@ -32,17 +32,17 @@ def scene() -> SuctionToolScene:
 
 
 @pytest.fixture(scope="module")
-def bearing(scene: SuctionToolScene) -> Bearing:
-    return Bearing(scene, 0.1)
+def static_hold(scene: SuctionToolScene) -> StaticHold:
+    return StaticHold(scene, 0.1)
 
 
 @pytest.fixture(scope="module")
-def ways(scene: SuctionToolScene, short_handovers: HandoverDatabase, bearing: Bearing) -> HandoverWays:
+def ways(scene: SuctionToolScene, short_handovers: HandoverDatabase, static_hold: StaticHold) -> HandoverWays:
     workcell = ToolWorkcell.of(scene)
     flanges = [short_handovers.grasps.T_tool_flange(workcell.gripper(arm)) for arm in scene.cell.arms]
-    travel = NodeTravel(list(scene.cell.arms.values()), flanges, CarriedPace())
+    travel_times = NodeTravelTimes(list(scene.cell.arms.values()), flanges, CarriedPace())
     park = {name: arm.home for name, arm in scene.cell.arms.items()}
-    return HandoverWays(short_handovers, workcell, bearing, park, travel, MOST_TILT)
+    return HandoverWays(short_handovers, workcell, static_hold, park, travel_times, MOST_TILT)
 
 
 @pytest.fixture(scope="module")
@@ -67,16 +67,16 @@ def test_positions_are_those_of_every_branch_that_reaches_the_grasp(
 
 @pytest.mark.parametrize("laden", [False, True])
 def test_pairs_that_remain_are_borne_by_both_hands_and_the_cup_in_one_orientation(
-    ways: HandoverWays, short_handovers: HandoverDatabase, bearing: Bearing, sucked: SuckedObject, laden: bool
+    ways: HandoverWays, short_handovers: HandoverDatabase, static_hold: StaticHold, sucked: SuckedObject, laden: bool
 ) -> None:
     load = sucked if laden else None
     to_right, to_left = ways.masks(load)
     base, n = short_handovers, len(short_handovers.grasps)
-    borne = bearing.borne(bearing.load(load), base.grasps, base.T_world_tool)
+    borne = static_hold.borne(static_hold.load(load), base.grasps, base.T_world_tool)
     hanging = np.ones(len(base.T_world_tool), dtype=bool)
     if laden:
         tilts = np.arccos(np.clip(base.T_world_tool[:, 2, 2], -1.0, 1.0))
-        hanging = bearing.hanging(bearing.load(load), base.T_world_tool) & (tilts <= MOST_TILT)
+        hanging = static_hold.hanging(static_hold.load(load), base.T_world_tool) & (tilts <= MOST_TILT)
     for left, right in np.random.default_rng(2).integers(0, n, (300, 2)):
         expected = [
             o
@@ -104,8 +104,8 @@ def test_the_place_with_the_shortest_ways_comes_first(ways: HandoverWays, scene:
         seconds = []
         for o in numbers:
             give, take = ways.positions[o, giver], ways.positions[o, receiver]
-            total = ways.travel.of(giver, q["left"][None], give)
-            total += ways.travel.of(receiver, q["right"][None], take, carries=False)
-            seconds.append(total + (ways.travel.of(receiver, take, there) if len(there) else 0.0))
+            total = ways.travel_times.of(giver, q["left"][None], give)
+            total += ways.travel_times.of(receiver, q["right"][None], take, carries=False)
+            seconds.append(total + (ways.travel_times.of(receiver, take, there) if len(there) else 0.0))
         assert sorted(numbers) == ways.meetings(giver, receiver, None).tolist()
         assert seconds == sorted(seconds)

@@ -11,9 +11,8 @@ from planners.cell.cell import load_cell
 from planners.errors import LiftwrightError, PlanningCancelled
 from planners.geometry.pose import inverse, transform
 from planners.kinematics.inverse import follow_branch
-from planners.regrasp.grasps import ToolGraspSettings
-from planners.regrasp.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
-from planners.regrasp.handovers import (
+from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
+from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
     HandoverDataError,
     HandoverSettings,
@@ -21,6 +20,7 @@ from planners.regrasp.handovers import (
     find_handovers,
     handover_key,
 )
+from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.suction_tool import load_tool
 from tests.kinematics.arm_oracle import PinocchioArm

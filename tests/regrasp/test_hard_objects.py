@@ -22,7 +22,7 @@ from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7,
 from planners.geometry.solid_mesh import take_mesh
 from planners.planning import plan
 from planners.progress import silent
-from planners.regrasp.handovers import HandoverDatabase
+from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.scene.scene import build_scene
 
 TABLE = 1.094

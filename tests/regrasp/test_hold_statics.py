@@ -14,7 +14,7 @@ from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array, inverse, rotation_from_vector, transform
 from planners.motion.trajectory import Trajectory
-from planners.regrasp.hold_statics import EPS, PRESSED, HoldStatics, UnheldError
+from planners.regrasp.statics.hold_statics import EPS, PRESSED, HoldStatics, UnheldError
 from planners.regrasp.tool_segment import ContactForce, SuckedObject, ToolHold, ToolSegment
 from planners.scene.tool_scene import build_tool_scene
 from planners.segment import SegmentKind

@@ -15,11 +15,11 @@ import pytest
 
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.progress import silent
-from planners.regrasp.grasp_reach import GraspReach, Surroundings
-from planners.regrasp.grasps import Fingertips, ToolGrasps, ToolGraspSettings, tool_grasps
-from planners.regrasp.pile_planner import SuctionFinder
+from planners.regrasp.grasps.grasp_reach import GraspReach, GraspSurroundings
+from planners.regrasp.grasps.tool_grasps import Fingertips, ToolGrasps, ToolGraspSettings, tool_grasps
+from planners.regrasp.pile.pile_planner import SuctionFinder
+from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.stopover import Stopovers
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
@@ -78,7 +78,7 @@ def test_the_other_arm_reaches_the_mirror_images_of_what_one_arm_reaches(cell, t
     workcell, rng = ToolWorkcell(cell, tool), np.random.default_rng(4)
     numbers, lift = image_numbers(grasps), np.array([0.0, 0.0, 0.05])
     reach = {
-        arm: GraspReach(workcell, arm, grasps, Surroundings({}, None, 0.085), ToolGraspSettings()) for arm in OTHER
+        arm: GraspReach(workcell, arm, grasps, GraspSurroundings({}, None, 0.085), ToolGraspSettings()) for arm in OTHER
     }
     reached = differing = 0
     for _ in range(8):

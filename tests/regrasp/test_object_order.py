@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from planners.contract.task_spec import SuctionToolTask, read_task
-from planners.regrasp.object_order import ObjectOrder
+from planners.regrasp.pile.object_order import ObjectOrder
 from planners.scene.tool_scene import build_tool_scene
 
 SIZE = [0.1, 0.06, 0.04]

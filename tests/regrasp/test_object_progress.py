@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
-from planners.regrasp.handovers import HandoverSettings, find_handovers
-from planners.regrasp.object_progress import ObjectProgress, ObjectStage
+from planners.regrasp.graph.object_progress import ObjectProgress, ObjectStage
+from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.tool_scene import build_tool_scene

@@ -10,7 +10,7 @@ import trimesh
 from trimesh.ray.ray_triangle import ray_triangle_id
 
 from planners.geometry.pose import rotation_from_vector
-from planners.regrasp.pad_contacts import PadContacts, PadContactSettings, pad_contacts
+from planners.regrasp.grasps.pad_contacts import PadContacts, PadContactSettings, pad_contacts
 
 SETTINGS = PadContactSettings()
 STROKE = 0.085

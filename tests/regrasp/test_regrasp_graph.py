@@ -6,7 +6,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planners.regrasp.regrasp_graph import (
+from planners.regrasp.graph.regrasp_graph import (
     Handover,
     Pick,
     RegraspGraph,

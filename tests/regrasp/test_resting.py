@@ -7,7 +7,7 @@ import pytest
 
 from planners.contract.shapes import Box
 from planners.geometry.pose import rotation_x, rotation_z, transform
-from planners.regrasp.resting import RestingPoints, resting_points
+from planners.regrasp.statics.resting import RestingPoints, resting_points
 from planners.scene.solid import FlatFace, solid_of
 
 WEIGHT = 3.0

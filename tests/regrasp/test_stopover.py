@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from planners.regrasp.resting import resting_points
-from planners.regrasp.stopover import Stopovers, steadiness_on
+from planners.regrasp.pile.stopover import Stopovers, steadiness_on
+from planners.regrasp.statics.resting import resting_points
 from planners.scene.moved_object import MovedObject
 from planners.scene.solid import FlatFace
 from planners.scene.tool_placements import StillBodies

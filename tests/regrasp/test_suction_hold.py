@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cvxpy as cp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from planners.geometry.pose import inverse, rotation_from_vector, rotation_z, transform
 from planners.geometry.wrench import grasp_map
-from planners.regrasp.suction_hold import (
+from planners.regrasp.suction.suction_hold import (
     SuctionLimit,
-    acceleration_share,
     cup_uses,
     cup_wrenches,
     least_margin,
@@ -198,49 +196,3 @@ def test_what_pulls_off_is_not_said_to_slip():
     weakest = least_margin(np.array([[1e-9, 0, 1.5 * LIP.max_force, 0, 0, 1e-9]]), LIP)
     assert weakest.limit is SuctionLimit.PULL
     assert weakest.figures == pytest.approx((1.5 * LIP.max_force, LIP.max_force, "N"))
-
-
-def share_by_cone_program(at_rest: np.ndarray, inertial: np.ndarray, lip: Lip) -> float:
-    s = cp.Variable()
-    limits = [s >= 0.0, s <= 1.0]
-    for a, b in zip(at_rest, inertial, strict=True):
-        w = a + s * b
-        friction = lip.mu * (lip.max_force - w[2])
-        limits += [
-            w[2] >= 0.0,
-            math.sqrt(3.0) * cp.norm(w[:2]) <= friction,
-            math.sqrt(3.0) * cp.abs(w[5]) <= lip.radius * friction,
-            math.sqrt(2.0) * cp.norm(w[3:5]) <= math.pi * lip.radius * lip.kappa,
-        ]
-    cp.Problem(cp.Maximize(s), limits).solve(solver=cp.CLARABEL)
-    return float(s.value)
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_the_share_of_acceleration_is_that_of_a_cone_program(seed):
-    rng = np.random.default_rng(seed)
-    at_rest = np.tile([0.0, 0.0, 4.0, 0.0, 0.0, 0.0], (6, 1)) + 0.02 * rng.normal(size=(6, 6))
-    inertial = rng.normal(size=(6, 6)) * [3, 3, 3, 0.1, 0.1, 0.05] * rng.uniform(0.2, 3)
-    share = acceleration_share(at_rest, inertial, LIP)
-    assert share == pytest.approx(share_by_cone_program(at_rest, inertial, LIP), abs=1e-5)
-    assert suction_margin(at_rest + share * inertial, LIP).min() >= 0.0
-
-
-@given(seed=st.integers(0, 10_000), reserve=st.floats(0.0, 0.6))
-@settings(max_examples=50)
-def test_a_reserve_is_left(seed, reserve):
-    rng = np.random.default_rng(seed)
-    at_rest, inertial = np.tile([0, 0, 4.0, 0, 0, 0], (3, 1)), rng.normal(size=(3, 6)) * [9, 9, 9, 0.3, 0.3, 0.1]
-    share = acceleration_share(at_rest, inertial, LIP, reserve)
-    assert share is not None
-    assert suction_margin(at_rest + share * inertial, LIP).min() >= reserve
-    if share < 1.0:
-        assert suction_margin(at_rest + (share + 1e-6) * inertial, LIP).min() < reserve + 1e-4
-
-
-def test_what_falls_at_rest_is_not_saved_by_going_slowly():
-    assert acceleration_share(np.array([[0, 0, 25.0, 0, 0, 0]]), np.zeros((1, 6)), LIP) is None
-
-
-def test_a_motion_that_holds_is_not_slowed_down():
-    assert acceleration_share(np.array([[0, 0, 3.0, 0, 0, 0]]), np.ones((1, 6)) * 1e-3, LIP) == 1.0

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from trimesh.ray.ray_triangle import ray_triangle_id
 
 from planners.geometry.pose import inverse, rotation_from_vector, rotation_x, rotation_z, transform
-from planners.regrasp.suction_hold import cup_wrenches, suction_margin, weight
-from planners.regrasp.suction_poses import (
+from planners.regrasp.suction.suction_hold import cup_wrenches, suction_margin, weight
+from planners.regrasp.suction.suction_poses import (
     SuctionFault,
     SuctionLoad,
     SuctionPoses,

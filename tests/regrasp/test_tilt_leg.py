@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from planners.geometry.pose import inverse, rotation_y, rotation_z, transform
-from planners.regrasp.tilt_leg import TiltLeg, raising, tilt_of, turned_about
+from planners.regrasp.motion.cartesian_path import TiltLeg, raising, tilt_of, turned_about
 
 LEVEL = transform(rotation_z(0.7) @ rotation_y(0.5 * math.pi) @ rotation_z(1.1), [0.4, 0.1, 1.3])
 T_TOOL_FLANGE = transform(rotation_y(0.9), [0.02, -0.1, 0.2])

@@ -7,11 +7,11 @@ import pytest
 
 from planners.geometry.pose import inverse, rotation_y, transform
 from planners.graph.rejections import Rejections
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.suction_poses import SuctionPose
-from planners.regrasp.tool_room import ToolRoom
-from planners.regrasp.tool_stage import ToolStage
-from planners.regrasp.tool_traffic import ToolTraffic
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.motion.scene_state import SceneState
+from planners.regrasp.motion.state_queries import StateQueries
+from planners.regrasp.motion.tool_room import ToolRoom
+from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene
 from tests.regrasp.tool_tasks import TABLE, box, pose, scene_of
@@ -23,7 +23,7 @@ PLATE = 0.0225
 
 def asked(scene: SuctionToolScene, grasps: ToolGrasps, *poses: SuctionPose, most: int = 99) -> tuple[int, Rejections]:
     """Return how many of the poses have room, and why the others have none."""
-    stage = ToolStage(
+    state = SceneState(
         q=scene.start_positions,
         widths=scene.start_widths,
         holder=None,
@@ -33,8 +33,8 @@ def asked(scene: SuctionToolScene, grasps: ToolGrasps, *poses: SuctionPose, most
         segments=(),
     )
     rejections = Rejections()
-    room = ToolRoom(ToolTraffic(ToolWorkcell.of(scene), grasps), DESCENT)
-    return len(room.poses(stage, scene.objects[0], poses, most, rejections)), rejections
+    room = ToolRoom(StateQueries(ToolWorkcell.of(scene), grasps), DESCENT)
+    return len(room.poses(state, scene.objects[0], poses, most, rejections)), rejections
 
 
 def sideways(height: float) -> SuctionPose:

@@ -29,11 +29,10 @@ from planners.kinematics.inverse import inverse_kinematics
 from planners.motion.trajectory import Trajectory
 from planners.planning import plan
 from planners.progress import silent
-from planners.regrasp.bearing import Bearing, CarriedLoad, CarryingHand
-from planners.regrasp.grasps import ToolGrasps
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.joint_torque import LadenArm, bearing_branches
-from planners.regrasp.laden_checker import LadenChecker
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker, bearing_branches
+from planners.regrasp.statics.static_hold import CarriedLoad, CarryingHand, StaticHold
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene
@@ -57,7 +56,7 @@ def scene() -> SuctionToolScene:
 
 @pytest.fixture(scope="module")
 def load(scene: SuctionToolScene) -> CarriedLoad:
-    return Bearing(scene, 0.0).load(SuckedObject(scene.objects[0].name, T_TOOL_OBJECT))
+    return StaticHold(scene, 0.0).load(SuckedObject(scene.objects[0].name, T_TOOL_OBJECT))
 
 
 @pytest.fixture(scope="module")

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from planners.progress import silent
-from planners.regrasp.handovers import HandoverDatabase
-from planners.regrasp.hold_statics import HoldStatics
-from planners.regrasp.pile_planner import SuctionFinder
+from planners.regrasp.graph.regrasp_figures import EdgeKind, EdgeState, LayerName
+from planners.regrasp.grasps.handovers import HandoverDatabase
+from planners.regrasp.pile.pile_planner import SuctionFinder
+from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.regrasp_figures import EdgeKind, EdgeState, LayerName
-from planners.regrasp.stopover import Stopovers, StopoverSettings
-from planners.regrasp.tool_plan import ToolOutcome, ToolPlan
-from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.regrasp.statics.hold_statics import HoldStatics
+from planners.regrasp.tool_plan import RegraspOutcome, ToolPlan
+from planners.regrasp.tool_settings import StopoverSettings, ToolPlannerSettings
 from planners.scene.clashes import gap, placed_body
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
@@ -55,7 +55,7 @@ TASKS = {
 def test_objects_nobody_listed_end_at_one_of_their_goals(objects: list, handovers: HandoverDatabase) -> None:
     scene = scene_of(*objects)
     plan = planned(scene, handovers)
-    assert plan.outcome is ToolOutcome.SOLVED, plan.causes
+    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
     places = {name: poses[-1] for segment in plan.segments for name, poses in segment.body_poses.items()}
     for each in scene.objects:
         assert np.abs(each.goals - places[each.name]).max(axis=(1, 2)).min() < 1e-8
@@ -64,7 +64,7 @@ def test_objects_nobody_listed_end_at_one_of_their_goals(objects: list, handover
 def test_objects_that_stand_on_each_others_goals_change_places_by_way_of_a_third(handovers: HandoverDatabase) -> None:
     scene = scene_of(box("one", [0.35, 0.2], [0.35, -0.2]), box("other", [0.35, -0.2], [0.35, 0.2]))
     plan = planned(scene, handovers)
-    assert plan.outcome is ToolOutcome.SOLVED, plan.causes
+    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
     assert sorted(Counter(plan.order).values()) == [1, 2]
     assert "put aside" in plan.summary
 
@@ -74,7 +74,7 @@ def test_what_only_one_arm_may_carry_is_carried_by_that_arm(handovers: HandoverD
     scene = scene_of(box("heavy", [0.35, 0.15], [0.35, 0.05], mass=0.5))
     weak = replace(scene, carry_force_limits={"left": 5.0, "right": 17.6})
     plan = planned(weak, handovers)
-    assert plan.outcome is ToolOutcome.SOLVED, plan.causes
+    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
     laden = [segment for segment in plan.segments if segment.sucked is not None]
     assert laden
     assert {hold.arm for segment in laden for hold in segment.holds} == {"right"}
@@ -109,7 +109,7 @@ def test_the_suction_poses_are_asked_once_for_every_object() -> None:
 
 def test_an_object_that_is_out_of_reach_is_not_found_with_the_reason(handovers: HandoverDatabase) -> None:
     plan = planned(scene_of(box("far", [0.8, 0.8], [0.35, 0.2])), handovers)
-    assert plan.outcome is ToolOutcome.NOT_FOUND
+    assert plan.outcome is RegraspOutcome.NOT_FOUND
     assert any("does not reach" in cause.reason for cause in plan.causes)
 
 

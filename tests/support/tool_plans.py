@@ -12,9 +12,9 @@ from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
 from planners.planning import HandoverSource, plan
 from planners.progress import Progress, silent
-from planners.regrasp.grasps import ToolGraspSettings
-from planners.regrasp.handover_place import HandoverPlaceSettings
-from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import SuctionTool, tool_descriptions
 

@@ -13,12 +13,11 @@ from planners.collision.model import Attached
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import flange_pose
-from planners.lifting.felt_mass import box_inertia, felt_mass
 from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_goal import LiftGoal, lift_goal
-from planners.lifting.lift_loop import HungPlate, design_gains, moved_stiffness
+from planners.lifting.lift_loop import HungPlate, box_inertia, design_gains, felt_mass, moved_stiffness
 from planners.lifting.lift_path import LiftPath, lift_path
-from planners.manipulation.workcell import PLATE_FRAME, LiftWorkcell
+from planners.manipulation.reach.lift_workcell import PLATE_FRAME, LiftWorkcell
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand
 from workers.simulation.settings import SimulationSettings

@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse, skew, to_pose7, transform
 from planners.geometry.surface import hull_with_faces
-from planners.regrasp.inertia import MassProperties
+from planners.regrasp.statics.mass_properties import MassProperties
 from planners.scene.body import Body
 from workers.simulation.arm_urdf import write_hull
 from workers.simulation.bullet_shapes import convex_shape, hull_shape

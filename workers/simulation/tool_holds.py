@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, inverse, rotation_angle
-from planners.regrasp.finger_forces import least_squeeze
-from planners.regrasp.hold_statics import EPS
-from planners.regrasp.suction_hold import SuctionLimit, suction_margins
+from planners.regrasp.statics.finger_forces import least_squeeze
+from planners.regrasp.statics.hold_statics import EPS
+from planners.regrasp.suction.suction_hold import SuctionLimit, suction_margins
 from planners.scene.suction_tool import CupData
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.bond import Bond

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planners.geometry.pose import Array, Transform, to_pose7
-from planners.lifting.felt_mass import box_inertia
+from planners.lifting.lift_loop import box_inertia
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.bullet_shapes import convex_shape
 from workers.simulation.cell_world import CellWorld

@@ -1,0 +1,80 @@
+"""Two arms among other bodies, as collision queries ask for them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from planners.cell.arm import Arm
+from planners.collision.model import PairChoice
+from planners.errors import LiftwrightError
+from planners.geometry.convex import CollisionBody
+from planners.geometry.pose import Array, Transform, inverse
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """How far bodies keep apart while planning; the certificate asks for no penetration."""
+
+    margin: float = 0.003
+    """Between bodies that have nothing to do with one another [m]: at 1 mm plans were seen to touch."""
+    finger_margin: float = 0.0
+    """Between what is held and the parts of the fingers next to the pads that hold it, or are about to [m]."""
+    executed_share: float = 0.5
+    """Part of all margins that timed motion must keep at its samples: motion is planned at fewer."""
+
+    def __post_init__(self) -> None:
+        if min(self.margin, self.finger_margin, self.executed_share) < 0.0:
+            raise LiftwrightError("clearances are not negative")
+
+
+class ArmKernel(NamedTuple):
+    """One arm for compiled code."""
+
+    dh: Array
+    """(6, 4), see `planners.kinematics.forward`."""
+    T_base_world: Transform
+    """The world in the frame of the arm's base."""
+    position_min: Array
+    """(6,) [rad]."""
+    position_max: Array
+    """(6,) [rad]."""
+    first_joint: int
+    """Of the arm among all twelve."""
+
+    @classmethod
+    def of(cls, arm: Arm, first_joint: int) -> ArmKernel:
+        """Return what compiled code needs of an arm."""
+        return cls(arm.dh, inverse(arm.T_world_base), arm.position_min, arm.position_max, first_joint)
+
+
+class Workcell(ABC):
+    """Two arms; what they hold and what stands about is each planner's own."""
+
+    @property
+    @abstractmethod
+    def arms(self) -> Mapping[str, Arm]:
+        """Both arms by name, in the order of their joints."""
+
+    def arm(self, name: str) -> Arm:
+        """Return an arm by name."""
+        return self.arms[name]
+
+    def joints(self, name: str) -> slice:
+        """Return the places of an arm's joints among all twelve."""
+        first = 6 * list(self.arms).index(name)
+        return slice(first, first + 6)
+
+    def other(self, name: str) -> str:
+        """Return the other arm."""
+        return next(each for each in self.arms if each != name)
+
+    def with_arm(self, arm: str) -> PairChoice:
+        """Choose all pairs that have a body of an arm."""
+        return lambda a, b: arm in (a.group, b.group)
+
+    def between_arms(self, a: CollisionBody, b: CollisionBody) -> bool:
+        """Choose the pairs of one arm with the other."""
+        return a.group != b.group and a.group in self.arms and b.group in self.arms

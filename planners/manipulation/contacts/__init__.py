@@ -1,0 +1,1 @@
+"""Contact states of the plate with its support (paper B, IV-A)."""

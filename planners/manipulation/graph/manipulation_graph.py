@@ -1,0 +1,235 @@
+"""The Manipulation State Graph: every plate pose with every hold that reaches it, merged and weighted.
+
+Paper B, section V. A node is a plate pose of the DCSG with one hold (its contact state is the pose's, its suction
+the task's). Two kinds of edges: TRANSFER within the graph of one hold (the DCSG-RV), and TRANSIT between the graphs
+of two holds, at one plate pose, where one hold is a subset of the other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from planners.graph.search import DEAD, Knowledge, StateGraph, graph_from_edges, whole
+from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
+
+
+@dataclass(frozen=True)
+class TransitionCost:
+    """The weights of the edge costs. The paper publishes none; 1 for both is our choice."""
+
+    k: float = 1.0
+    """Cost of a transfer within one contact state, eq. (6)."""
+    omega: float = 1.0
+    """Weight of a change of contact state, eq. (9)."""
+
+    def same_contact(self) -> float:
+        """Cost of moving the plate within one contact state with one hold, eq. (6)."""
+        return self.k
+
+    def contact_change(self, restraint_before: int, restraint_after: int) -> float:
+        """Cost of a change of contact state with one hold, eq. (9): less restraint is cheaper to reach."""
+        return self.omega * math.exp(-(restraint_before - restraint_after))
+
+
+class EdgeKind(Enum):
+    """What happens on an edge."""
+
+    TRANSIT = "A hand moves while the plate rests in its pose."
+    TRANSFER = "The plate moves while the hold is kept."
+
+
+@dataclass(frozen=True)
+class HandHold:
+    """One grip or one push in the list of holds, and which of its postures may be used.
+
+    A posture is one rigid pose of the hand on the plate together with one branch of the arm's inverse kinematics
+    (bits of `postures`). All are allowed at first; a hold is split into its postures where a plan needs to know.
+    """
+
+    index: int
+    """Of the grip or push it is."""
+    postures: int
+    """Bit set."""
+
+
+@dataclass(frozen=True, eq=False)
+class ManipulationStateGraph:
+    """The merged graph. Holds are numbered from 1; 0 means that the hand is absent."""
+
+    poses: DenseContactStateGraph
+    grips: tuple[HandHold, ...]
+    pushes: tuple[HandHold, ...]
+    node_pose: NDArray[np.int32]
+    node_grip: NDArray[np.int32]
+    node_push: NDArray[np.int32]
+    graph: StateGraph
+    edge_kind: NDArray[np.bool_]
+    """(E,) True for TRANSIT."""
+    edge_nodes: NDArray[np.int32]
+    """(E, 2)"""
+    edge_motion: NDArray[np.int32]
+    """(E,) the DCSG edge of a TRANSFER, -1 for a TRANSIT."""
+    starts: tuple[int, ...]
+    goal: NDArray[np.bool_]
+    heuristic: NDArray[np.int64]
+    knowledge: Knowledge = field(repr=False)
+    lost_starts: set[int] = field(default_factory=set)
+    """Start nodes that no hand can come to."""
+
+    def kind(self, edge: int) -> EdgeKind:
+        """Return what happens on an edge."""
+        return EdgeKind.TRANSIT if self.edge_kind[edge] else EdgeKind.TRANSFER
+
+    def unexamined(self) -> ManipulationStateGraph:
+        """Return a copy to be examined; call it while nothing is known of this one."""
+        return replace(self, goal=self.goal.copy(), knowledge=Knowledge.none(self.graph), lost_starts=set())
+
+    def reachable(self) -> NDArray[np.int64]:
+        """Return the nodes (k,) that are left and can be come to from a start, over edges that are left."""
+        knowledge, count = self.knowledge, self.graph.node_count
+        there = knowledge.status != DEAD
+        open_edges = ~knowledge.edge_dead & there[self.edge_nodes].all(axis=1)
+        ends = self.edge_nodes[open_edges]
+        links = coo_array((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), shape=(count, count))
+        _, part = connected_components(links, directed=False)
+        starts = [node for node in self.starts if there[node] and node not in self.lost_starts]
+        return np.flatnonzero(np.isin(part, part[starts]) & there)
+
+    def hold_of(self, node: int) -> tuple[HandHold | None, HandHold | None]:
+        """Return grip and push of a node."""
+        grip, push = int(self.node_grip[node]), int(self.node_push[node])
+        return (self.grips[grip - 1] if grip else None, self.pushes[push - 1] if push else None)
+
+
+def edge_count(
+    poses: DenseContactStateGraph,
+    holds: tuple[tuple[HandHold, ...], tuple[HandHold, ...]],
+    postures: tuple[NDArray[np.uint64], NDArray[np.uint64]],
+) -> int:
+    """Count the edges that `build_graph` would make, without making them."""
+    candidate = _candidates(*holds, *postures)
+    transfers = sum(int(np.count_nonzero(candidate[i] & candidate[j])) for i, j in poses.edges)
+    return transfers + 2 * int(np.count_nonzero(candidate[:, 1:, 1:]))
+
+
+def build_graph(
+    poses: DenseContactStateGraph,
+    grips: tuple[HandHold, ...],
+    pushes: tuple[HandHold, ...],
+    grip_postures: NDArray[np.uint64],
+    push_postures: NDArray[np.uint64],
+    costs: TransitionCost,
+) -> ManipulationStateGraph:
+    """Merge the graphs of all holds into one.
+
+    Args:
+        poses: the dense contact state graph.
+        grips: the list of grips, possibly split into postures.
+        pushes: the list of pushes, likewise.
+        grip_postures: (poses, all grips) bit sets of the postures that reach each pose without collision.
+        push_postures: (poses, all pushes) likewise.
+        costs: weights of the edge costs.
+    """
+    candidate = _candidates(grips, pushes, grip_postures, push_postures)
+    node_pose, node_grip, node_push = (axis.astype(np.int32) for axis in np.nonzero(candidate))
+    number = np.full(candidate.shape, -1, np.int32)
+    number[candidate] = np.arange(len(node_pose), dtype=np.int32)
+
+    transfer = _transfer_edges(poses, number)
+    transit = _transit_edges(number)
+    nodes = np.concatenate([transfer[0], transit])
+    motion = np.concatenate([transfer[1], np.full(len(transit), -1, np.int32)])
+    is_transit = motion < 0
+
+    rank = np.array([pose.restraint for pose in poses.poses])
+    cost = np.zeros((len(nodes), 2))
+    cost[~is_transit] = _motion_costs(poses, rank, costs)[motion[~is_transit]]
+    effort = np.zeros(len(nodes))
+    effort[~is_transit] = np.array([poses.travel(k) for k in range(len(poses.edges))])[motion[~is_transit]]
+
+    graph = graph_from_edges(len(node_pose), nodes[:, 0], nodes[:, 1], cost, is_transit, effort)
+    high = np.zeros(len(poses.poses), bool)
+    high[list(poses.goals)] = True
+    single = (node_grip == 0) != (node_push == 0)
+    return ManipulationStateGraph(
+        poses=poses,
+        grips=grips,
+        pushes=pushes,
+        node_pose=node_pose,
+        node_grip=node_grip,
+        node_push=node_push,
+        graph=graph,
+        edge_kind=is_transit,
+        edge_nodes=nodes,
+        edge_motion=motion,
+        starts=tuple(int(n) for n in np.nonzero((node_pose == poses.flat) & single)[0]),
+        goal=high[node_pose] & (node_grip > 0) & (node_push > 0),
+        heuristic=whole(np.array([_cheapest_lift(costs, r) for r in rank]))[node_pose],
+        knowledge=Knowledge.none(graph),
+    )
+
+
+def _candidates(
+    grips: tuple[HandHold, ...],
+    pushes: tuple[HandHold, ...],
+    grip_postures: NDArray[np.uint64],
+    push_postures: NDArray[np.uint64],
+) -> NDArray[np.bool_]:
+    """(poses, 1 + grips, 1 + pushes): which hands reach which poses, each hand alone; no hand at all is left out."""
+    count = len(grip_postures)
+    grip, push = np.ones((count, 1 + len(grips)), bool), np.ones((count, 1 + len(pushes)), bool)
+    for column, hold in enumerate(grips, start=1):
+        grip[:, column] = (grip_postures[:, hold.index] & np.uint64(hold.postures)) != 0
+    for column, hold in enumerate(pushes, start=1):
+        push[:, column] = (push_postures[:, hold.index] & np.uint64(hold.postures)) != 0
+    candidate = grip[:, :, None] & push[:, None, :]
+    candidate[:, 0, 0] = False
+    return candidate
+
+
+def _transfer_edges(
+    poses: DenseContactStateGraph, number: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Edges inside the graph of each hold: (E, 2) nodes, and the DCSG edge of each."""
+    nodes, motions = [np.empty((0, 2), np.int32)], [np.empty(0, np.int32)]
+    for k, (i, j) in enumerate(poses.edges):
+        both = (number[i] >= 0) & (number[j] >= 0)
+        nodes.append(np.column_stack([number[i][both], number[j][both]]))
+        motions.append(np.full(len(nodes[-1]), k, np.int32))
+    return np.concatenate(nodes), np.concatenate(motions)
+
+
+def _transit_edges(number: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Edges between holds of which one is a subset of the other, at one pose: a pair and each of its hands."""
+    pairs = number[:, 1:, 1:]
+    grip_alone = np.broadcast_to(number[:, 1:, :1], pairs.shape)
+    push_alone = np.broadcast_to(number[:, :1, 1:], pairs.shape)
+    there = pairs >= 0  # then both its hands reach the pose alone, too
+    return np.concatenate(
+        [np.column_stack([grip_alone[there], pairs[there]]), np.column_stack([push_alone[there], pairs[there]])]
+    )
+
+
+def _motion_costs(poses: DenseContactStateGraph, rank: NDArray[np.int64], costs: TransitionCost) -> NDArray[np.float64]:
+    """(DCSG edges, 2): cost of each motion forth and back, eqs. (6) and (9)."""
+    rows = []
+    for i, j in poses.edges:
+        if poses.poses[i].contact == poses.poses[j].contact:
+            rows.append((costs.same_contact(), costs.same_contact()))
+        else:
+            rows.append(
+                (costs.contact_change(int(rank[i]), int(rank[j])), costs.contact_change(int(rank[j]), int(rank[i])))
+            )
+    return np.array(rows, float).reshape(-1, 2)
+
+
+def _cheapest_lift(costs: TransitionCost, rank: int) -> float:
+    """Lower bound of what is left to pay from a contact of this restraint: lifting off at once, eq. (9)."""
+    return costs.contact_change(rank, 0) if rank > 0 else 0.0

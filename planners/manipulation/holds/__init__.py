@@ -1,0 +1,1 @@
+"""Holds: grips and pushes along the rim of a plate (paper B, IV-B)."""

@@ -1,0 +1,156 @@
+"""Pushes: where the tip of a stick can press against a plate, and from which directions (paper B, Fig. 5b)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from planners.errors import LiftwrightError
+from planners.geometry.polyhedron import Prism
+from planners.geometry.pose import Array, frame_from_z, rotation_z, transform
+from planners.manipulation.holds.rim import RimPatch, RimStation, rim_stations
+from planners.scene.lift_placements import PUSH_CONE, GivenPush
+
+_UP = np.array([0.0, 0.0, 1.0])
+LARGEST_ROLLS = 8
+"""Rolls times branches of the inverse kinematics must fit into a set of 64 bits (`reach.hand_reach`)."""
+
+
+@dataclass(frozen=True)
+class PushSampling:
+    """Which pushes are generated: at every station of the rim some on the side face and some under the plate.
+
+    Flat on its support, a plate can be pushed at its sides only, by a stick that comes from above; a push from below
+    comes from outside the rim, inclined. On the top face a push helps nothing.
+    """
+
+    count: int = 16
+    """Stations on a rim of 1.2 m; times four pushes the 64 of paper B, Table III; other rims: `rim.station_count`."""
+    corner_margin: float = 0.015
+    """Least distance of a contact from the neighbouring sides [m]: a tip and a half; our choice."""
+    tip_clearance: float = 0.005
+    """Least distance of the tip at a side from what the plate lies on [m]: thin plates are pushed above the middle."""
+    top_margin: float = 0.003
+    """Least distance of a side contact from the top face [m]; our choice."""
+    bottom_depth: float = 0.02
+    """From the side face to the contacts under the plate [m]; our choice."""
+    side_elevations: tuple[float, ...] = (math.radians(20.0), math.radians(50.0))
+    """Of the stick above the plate's plane, at side contacts [rad]; found by trying."""
+    bottom_elevation: float = math.radians(20.0)
+    """Of the stick below the plate's plane, at bottom contacts [rad]; found by trying."""
+    bottom_azimuths: tuple[float, ...] = (-math.radians(30.0), math.radians(30.0))
+    """Of the stick from square to the rim, at bottom contacts [rad]; our choice."""
+    axis_angle_max: float = PUSH_CONE
+    """Largest angle between the stick and the contact normal [rad]."""
+    rolls: int = 8
+    """Turns of the hand about the stick, evenly around; the stick does not care, the arm does."""
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or self.rolls < 1 or min(self.corner_margin, self.bottom_depth) < 0.0:
+            raise LiftwrightError("a push sampling has a positive count, positive rolls and no negative length")
+        if self.rolls > LARGEST_ROLLS:
+            raise LiftwrightError(f"a push has at most {LARGEST_ROLLS} rolls, not {self.rolls}")
+        if not 0.0 < self.axis_angle_max < math.pi / 2:
+            raise LiftwrightError("the push cone opens by more than 0 and less than 90 degrees")
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """One point contact, and the poses of the hand that reach it. Everything in the plate's frame."""
+
+    index: int
+    """Its place in the list of pushes."""
+    point: Array
+    """(3,) contact point [m]."""
+    normal: Array
+    """(3,) unit contact normal into the plate."""
+    axis: Array
+    """(3,) unit vector along the stick, towards its tip."""
+    T_plate_tcp: Array
+    """(rolls, 4, 4): origin at the centre of the tip's hemisphere, z along the stick, away from the flange."""
+
+    @property
+    def retreat(self) -> Array:
+        """(3,) unit direction in which the tip leaves: off the surface and back along the stick."""
+        back = -(self.normal + self.axis)
+        return back / np.linalg.norm(back)
+
+
+def generate_pushes(plate: Prism, tip_radius: float, sampling: PushSampling | None = None) -> tuple[Push, ...]:
+    """Spread pushes evenly along the rim: on the side faces, and under the plate near the rim.
+
+    Contacts on the sides are at mid-thickness, or higher where the tip would be too close to the support.
+
+    Directions outside the push cone are left out.
+
+    Args:
+        plate: what is pushed.
+        tip_radius: of the stick's hemispherical tip [m].
+        sampling: how many, where and from which directions.
+    """
+    sampling = sampling or PushSampling()
+    # The patch starts a little inside, so that the nearly straight corners of a round outline do not count.
+    patch = RimPatch(sampling.corner_margin, 0.1 * sampling.corner_margin, sampling.bottom_depth)
+    height = max(
+        0.0, min(tip_radius + sampling.tip_clearance - 0.5 * plate.height, 0.5 * plate.height - sampling.top_margin)
+    )
+    contacts = [
+        contact
+        for station in rim_stations(plate.outline, sampling.count, patch)
+        for contact in (*_side_contacts(station, height, sampling), *_bottom_contacts(station, plate, sampling))
+        if _angle(contact[2], contact[1]) <= sampling.axis_angle_max + 1e-9
+    ]
+    return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
+
+
+def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[Push, ...]:
+    """Make pushes of those that a task gives, at `rolls` turns of the hand about the stick."""
+    contacts = ((push.point, push.normal, push.axis) for push in given)
+    return tuple(_push(index, contact, tip_radius, rolls) for index, contact in enumerate(contacts))
+
+
+_Contact = tuple[Array, Array, Array]
+"""Point, normal into the plate, and stick axis, (3,) each."""
+
+
+def _side_contacts(station: RimStation, height: float, sampling: PushSampling) -> list[_Contact]:
+    """On the side face at a height from mid-thickness, the stick coming from outside and above."""
+    inward = np.array([*station.inward, 0.0])
+    point = np.array([*station.point, height])
+    return [
+        (point, inward, math.cos(elevation) * inward - math.sin(elevation) * _UP)
+        for elevation in sampling.side_elevations
+    ]
+
+
+def _bottom_contacts(station: RimStation, plate: Prism, sampling: PushSampling) -> list[_Contact]:
+    """Under the plate, the stick coming from outside the rim and below."""
+    inward, along = np.array([*station.inward, 0.0]), np.array([*station.along, 0.0])
+    point = np.array([*(station.point + sampling.bottom_depth * station.inward), -0.5 * plate.height])
+    level, rise = math.cos(sampling.bottom_elevation), math.sin(sampling.bottom_elevation)
+    return [
+        (point, _UP, level * (math.cos(azimuth) * inward + math.sin(azimuth) * along) + rise * _UP)
+        for azimuth in sampling.bottom_azimuths
+    ]
+
+
+def _push(index: int, contact: _Contact, tip_radius: float, rolls: int) -> Push:
+    point, normal, axis = contact
+    frame = frame_from_z(axis, _square_hint(axis))
+    centre = point - tip_radius * normal
+    turns = 2.0 * math.pi * np.arange(rolls) / rolls
+    T_plate_tcp = np.array([transform(frame @ rotation_z(float(turn)), centre) for turn in turns])
+    return Push(index, point, normal, axis, T_plate_tcp)
+
+
+def _square_hint(axis: Array) -> Array:
+    """Return the plate's z, or its x for a stick along z."""
+    return _UP if abs(axis[2]) < 0.99 else np.array([1.0, 0.0, 0.0])
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Return the angle between two unit vectors [rad]."""
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

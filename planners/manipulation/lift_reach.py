@@ -1,0 +1,125 @@
+"""Which hand reaches which pose of the plate in which postures, and what follows from it whatever is kept back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from planners.geometry.pose import inverse
+from planners.graph.rejections import Rejection, Rejections
+from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph, build_graph, edge_count
+from planners.manipulation.graph.rising_reach import RisingReach
+from planners.manipulation.lift_sampling import LiftSampling
+from planners.manipulation.motion.posture_follower import PostureFollower, PostureQueries
+from planners.manipulation.reach.hand_reach import Hand, HandReach, PairReach, PlateQuery, ReachedPostures
+from planners.manipulation.reach.lift_workcell import LiftWorkcell
+from planners.manipulation.statics.hold_balance import HoldBalance
+from planners.manipulation.statics.lift_programs import keeping_back
+from planners.progress import Progress
+
+
+class LiftReach:
+    """The reach of both hands in one sampling, and the graph that is merged from it."""
+
+    def __init__(self, sampling: LiftSampling, rejections: Rejections, progress: Progress) -> None:
+        """Find the postures, and take all holds from the poses at which plate or cup meet what stands in the cell.
+
+        Args:
+            sampling: poses and holds.
+            rejections: what plate or cup meet is added.
+            progress: told of the poses; may raise to stop.
+        """
+        workcell, plates = sampling.workcell, sampling.T_world_plates
+        self.sampling, self.pair = sampling, _pair_reach(sampling)
+        grips, pushes = self.pair.postures(plates, lambda done: progress("reach", done, len(plates)))
+        self.lifted = workcell.plate_query(workcell.holding, workcell.lifted, hands=[])
+        for names in self.lifted.meetings(plates):
+            rejections.add(meeting(*names))
+        blocked = self.lifted.first_collisions(plates) >= 0
+        grips[blocked] = 0
+        pushes[blocked] = 0
+        self.reached = ReachedPostures(self.pair, grips, pushes)
+        self.follower = PostureFollower(
+            sampling.poses, self.reached, _posture_queries(workcell, self.lifted), (sampling.grips, sampling.pushes)
+        )
+        self._whole: ManipulationStateGraph | None = None
+        self._risings: dict[tuple[float, ...], RisingReach] = {}
+
+    @property
+    def edge_count(self) -> int:
+        """How many edges the graph of all holds has."""
+        return edge_count(self.sampling.poses, self.sampling.holds, self.reached.sets)
+
+    def graph(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> ManipulationStateGraph:
+        """Merge the graph of these holds, nothing in it examined; that of all holds is asked for again and again."""
+        known = self._whole
+        if known is None or (known.grips, known.pushes) != (grips, pushes):
+            # Two of the largest would not fit into memory.
+            self._whole = None
+            costs = self.sampling.settings.costs
+            known = build_graph(self.sampling.poses, grips, pushes, *self.reached.sets, costs)
+            if (grips, pushes) == self.sampling.holds:
+                self._whole = known
+        return known.unexamined()
+
+    def rising(self, heights: Sequence[float], balance: HoldBalance) -> RisingReach | None:
+        """Return what goals have to do so that the lift can go on straight up; None where no height is asked for.
+
+        Args:
+            heights: rising, at which that is looked at [m].
+            balance: with the share of all limits that is kept back; of the cup's force more is.
+        """
+        if not heights:
+            return None
+        stated, key = self.sampling.stated, tuple(heights)
+        kept = keeping_back(stated, self.sampling.settings.cup_reserve, balance.reserve)
+        if key not in self._risings:
+            self._risings[key] = RisingReach(balance, self.pair, self.lifted, heights, kept)
+        return self._risings[key].keeping(balance, kept)
+
+
+def meeting(one: str, other: str) -> Rejection:
+    """Return the rejection of a place at which the plate or its cup, whichever is named, meets the other."""
+    body, obstacle = (one, other) if one in ("plate", "cup") else (other, one)
+    return Rejection("clearance", f"the {body} would touch {obstacle}")
+
+
+def _pair_reach(sampling: LiftSampling) -> PairReach:
+    """Return what the two hands can be asked; a grip has two flips, a push several turns about the stick."""
+    workcell, rolls = sampling.workcell, sampling.settings.pushes.rolls
+    T_tcp_flange = inverse(workcell.gripping_hand.T_flange_tcp(workcell.grip_width))
+    T_tip_flange = inverse(workcell.pushing_hand.T_flange_tcp)
+    T_plate_tcp = np.array([grip.T_plate_tcp for grip in sampling.grips]).reshape(-1, 2, 4, 4)
+    T_plate_tip = np.array([push.T_plate_tcp for push in sampling.pushes]).reshape(-1, rolls, 4, 4)
+    between = workcell.plate_query(workcell.holding, workcell.between_arms, hands=[workcell.gripper, workcell.pusher])
+    return PairReach(
+        _hand_reach(workcell, workcell.gripper, T_plate_tcp @ T_tcp_flange),
+        _hand_reach(workcell, workcell.pusher, T_plate_tip @ T_tip_flange),
+        between,
+    )
+
+
+def _posture_queries(workcell: LiftWorkcell, lifted: PlateQuery) -> PostureQueries:
+    """Return what counts as a collision when postures are followed along the plate's motions and approaches."""
+    gripper, pusher = workcell.gripper, workcell.pusher
+    with_idle: dict[Hand, PlateQuery] = {
+        "grip": workcell.plate_query(workcell.holding, workcell.with_idle(gripper), hands=[gripper]),
+        "push": workcell.plate_query(workcell.open, workcell.with_idle(pusher), hands=[pusher]),
+    }
+    opened: dict[Hand, PlateQuery] = {
+        "grip": workcell.plate_query(workcell.open, workcell.without_other(gripper), hands=[gripper]),
+        "push": workcell.plate_query(workcell.open, workcell.without_other(pusher), hands=[pusher]),
+    }
+    return PostureQueries(with_idle, opened, lifted)
+
+
+def _hand_reach(workcell: LiftWorkcell, arm: str, T_plate_flange: np.ndarray) -> HandReach:
+    return HandReach(
+        arm=workcell.arm(arm),
+        first_joint=workcell.joints(arm).start,
+        T_plate_flange=np.ascontiguousarray(T_plate_flange),
+        alone=workcell.plate_query(workcell.holding, workcell.without_other(arm), hands=[arm]),
+        hand_only=workcell.plate_query(workcell.holding, workcell.hand_without_other(arm), hands=[arm]),
+        start_positions=workcell.scene.start_positions,
+    )

@@ -1,0 +1,113 @@
+"""What a plate lift is planned among: poses of the plate in its scene, and holds on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planners.balance.contacts import GripContacts, PushContact
+from planners.balance.solver import Balance
+from planners.geometry.polyhedron import Prism
+from planners.geometry.pose import Array
+from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
+from planners.manipulation.graph.manipulation_graph import HandHold
+from planners.manipulation.holds.grips import CupFootprint, Grip, Jaw, generate_grips, given_grips
+from planners.manipulation.holds.pushes import Push, generate_pushes, given_pushes
+from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.reach.lift_workcell import LiftWorkcell
+from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance
+from planners.manipulation.statics.lift_programs import balance_program, keeping_back, tolerant_program
+from planners.scene.lift_scene import PlateLiftScene
+
+ALL_POSTURES = (1 << 64) - 1
+
+
+@dataclass(frozen=True, eq=False)
+class LiftSampling:
+    """Poses of the plate in one scene, and grips and pushes on it, as densely as the settings say."""
+
+    workcell: LiftWorkcell
+    settings: LiftSettings
+    prism: Prism
+    poses: DenseContactStateGraph
+    grips: tuple[Grip, ...]
+    pushes: tuple[Push, ...]
+    stated: Balance
+    """Program (5) for the plate as stated, with nothing kept back."""
+
+    @classmethod
+    def of(cls, scene: PlateLiftScene, settings: LiftSettings) -> LiftSampling:
+        """Sample poses and holds; a task's own grips and pushes come before generated ones."""
+        workcell = LiftWorkcell(scene, scene.cell.gripper_arms[0], scene.cell.pusher_arms[0])
+        prism = Prism.from_outline(scene.plate.outline, scene.plate.height)
+        poses = DenseContactStateGraph.build(prism, scene.plate.com, scene.T_world_plate, settings.sampling)
+        if scene.given_grips is None:
+            cup = cup_footprint(scene)
+            grips = generate_grips(prism, jaw_of(workcell), cup=cup, sampling=settings.grips)
+        else:
+            grips = given_grips(scene.given_grips, prism)
+        radius = workcell.pushing_hand.tip_radius
+        if scene.given_pushes is None:
+            pushes = generate_pushes(prism, radius, settings.pushes)
+        else:
+            pushes = given_pushes(scene.given_pushes, radius, settings.pushes.rolls)
+        return cls(workcell, settings, prism, poses, grips, pushes, balance_program(scene))
+
+    @property
+    def scene(self) -> PlateLiftScene:
+        """The scene."""
+        return self.workcell.scene
+
+    @cached_property
+    def T_world_plates(self) -> Array:
+        """(poses, 4, 4)."""
+        return np.array([pose.T_world_plate for pose in self.poses.poses])
+
+    @cached_property
+    def holds(self) -> tuple[tuple[HandHold, ...], tuple[HandHold, ...]]:
+        """All grips and all pushes, in any posture."""
+        return (
+            tuple(HandHold(grip.index, ALL_POSTURES) for grip in self.grips),
+            tuple(HandHold(push.index, ALL_POSTURES) for push in self.pushes),
+        )
+
+    def balance(self, reserve: float, *, tolerances: bool = True) -> HoldBalance:
+        """Return who is asked whether holds bear the plate.
+
+        Args:
+            reserve: share of every limit that is kept back [1].
+            tolerances: whether every plate within the tolerances has to be held, or the stated one alone.
+        """
+        tolerant = tolerant_program(self.scene, self.stated) if tolerances else self.stated
+        return HoldBalance(
+            BalancePrograms(self.keeping(reserve), tolerant, reserve),
+            self.poses,
+            [GripContacts(grip.points[0], grip.normals[0]) for grip in self.grips],
+            [PushContact(push.point, push.normal) for push in self.pushes],
+        )
+
+    def keeping(self, reserve: float) -> Balance:
+        """Return program (5) for the plate as stated, with a share of every limit kept back [1]."""
+        return keeping_back(self.stated, reserve=reserve)
+
+    def figures(self) -> dict[str, int]:
+        """Return how many of everything there are, for the plan."""
+        return {
+            "poses": len(self.poses.poses),
+            "pose_edges": len(self.poses.edges),
+            "grips": len(self.grips),
+            "pushes": len(self.pushes),
+        }
+
+
+def jaw_of(workcell: LiftWorkcell) -> Jaw:
+    """Return what matters of the gripper to where it can grip."""
+    hand = workcell.gripping_hand
+    return Jaw(hand.width_max, (float(hand.pad_size[0]), float(hand.pad_size[2])))
+
+
+def cup_footprint(scene: PlateLiftScene) -> CupFootprint:
+    """Return where the cup is in the way of grips."""
+    return CupFootprint((float(scene.cup.position[0]), float(scene.cup.position[1])), scene.cup.radius)

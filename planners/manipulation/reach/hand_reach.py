@@ -1,0 +1,472 @@
+"""Which postures of an arm hold the plate at which poses, alone and along a motion.
+
+A *posture* is one rigid pose of the hand on the plate (a flip of the gripper, a roll of the stick) together with one
+branch of the arm's inverse kinematics: bit `8 v + branch` of a set for hand pose v. Along a motion of the plate a
+posture is kept, so joints move continuously if and only if the branch does.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planners.cell.arm import Arm
+from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
+from planners.collision.model import CollisionQuery
+from planners.geometry.pose import Array, Transform
+from planners.hands.workcell import ArmKernel
+from planners.kinematics.forward import jacobian, link_frames
+from planners.kinematics.inverse import BRANCHES, follow_branch, inverse_kinematics, multiply, within_limits
+from planners.kinematics.joint_torque import torques_at_rest
+from planners.kinematics.windings import wrap
+
+CONTINUITY = 0.25
+"""Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""
+_BLOCK = 8
+"""Poses that a thread looks at in one go."""
+Hand = Literal["grip", "push"]
+"""Which of the two hands."""
+
+
+class PlateKernel(NamedTuple):
+    """A `PlateQuery` for compiled code, which moves the plate in it."""
+
+    collisions: CollisionKernel
+    plate_frame: int
+
+
+class HoldKernel(NamedTuple):
+    """One hold of one hand for compiled code."""
+
+    arm: ArmKernel
+    T_plate_flange: Array
+    """(hand poses, 4, 4)"""
+    postures: np.uint64
+    """Those that are asked for, as a bit set."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlateQuery:
+    """A collision query in which the plate is put at many poses: its compiled form, and the number of the plate."""
+
+    query: CollisionQuery
+    plate_frame: int
+
+    def kernel(self) -> PlateKernel:
+        """Return a copy of the compiled query that one thread may move the plate in."""
+        return PlateKernel(self.query.kernel_copy(), self.plate_frame)
+
+    def first_collisions(self, T_world_plates: Array, q: Array | None = None) -> NDArray[np.int64]:
+        """Return for each plate pose (n, 4, 4) the first pair within its margin, or -1: (n,).
+
+        The arms are at q (12,); at zero where the query does not look at arms.
+        """
+        positions = np.zeros(12) if q is None else q
+        return _collisions_at(self.kernel(), np.ascontiguousarray(T_world_plates), positions)
+
+    def meetings(self, T_world_plates: Array) -> Iterator[tuple[str, str]]:
+        """Yield the names of bodies that meet, one pair for each plate pose (n, 4, 4) that is not free."""
+        return (self.query.pair_names(int(pair)) for pair in self.first_collisions(T_world_plates) if pair >= 0)
+
+
+@dataclass(frozen=True, eq=False)
+class HandReach:
+    """One hand and all its holds on the plate."""
+
+    arm: Arm
+    first_joint: int
+    """Of the arm among all twelve."""
+    T_plate_flange: Array
+    """(holds, hand poses, 4, 4)"""
+    alone: PlateQuery
+    """This arm against everything but the other arm."""
+    hand_only: PlateQuery
+    """The same, of its hand only: the first thing asked, once for all branches."""
+    start_positions: Array
+    """(12,) where idle arms stand [rad]."""
+
+    @cached_property
+    def kernel(self) -> ArmKernel:
+        """The arm for compiled code."""
+        return ArmKernel.of(self.arm, self.first_joint)
+
+    def asked(self, hold: int, postures: int) -> HoldKernel:
+        """Return a hold for compiled code, with the postures that are asked for, as a bit set."""
+        return HoldKernel(self.kernel, self.T_plate_flange[hold], np.uint64(postures))
+
+    @property
+    def hold_count(self) -> int:
+        """Number of holds."""
+        return len(self.T_plate_flange)
+
+    def postures(self, T_world_plates: Array, holds: slice = slice(None)) -> NDArray[np.uint64]:
+        """Return the (poses, holds) sets of postures that reach each pose and are free of collision there.
+
+        Args:
+            T_world_plates: (poses, 4, 4).
+            holds: which of the holds; all if left out.
+        """
+        T_plate_flange = self.T_plate_flange[holds]
+        result = np.zeros((len(T_world_plates), len(T_plate_flange)), np.uint64)
+        q = self.start_positions.copy()
+        _reach(self.kernel, self.alone.kernel(), self.hand_only.kernel(), T_world_plates, T_plate_flange, q, result)
+        return result
+
+    def hindrance(self, T_world_plate: Transform, hold: int) -> str | None:
+        """Say why no posture of a hold reaches a plate pose, by the postures that come closest to it; None if one does.
+
+        A posture that touches something is closer than one beyond its joints' limits, which is closer than none.
+        Slow: for explanations.
+        """
+        joints = slice(self.first_joint, self.first_joint + 6)
+        arm, touching = self.arm, Counter[str]()
+        reason = f"the {arm.name} arm does not reach so far"
+        for posture in range(BRANCHES * self.T_plate_flange.shape[1]):
+            q = self.start_positions.copy()
+            q[joints] = self.follow(T_world_plate[None], hold, posture)[0]
+            if not np.isfinite(q).all():
+                continue
+            if not within_limits(q[joints], arm.position_min, arm.position_max):
+                reason = f"a joint of the {arm.name} arm would be beyond its limits"
+                continue
+            pair = int(self.alone.first_collisions(T_world_plate[None], q)[0])
+            if pair < 0:
+                return None
+            touching["{} would touch {}".format(*self.alone.query.pair_names(pair))] += 1
+        return max(touching, key=touching.__getitem__) if touching else reason
+
+    def track(
+        self,
+        T_world_plates: Array,
+        hold: int,
+        postures: int,
+        query: PlateQuery,
+        T_world_carriers: Array | None = None,
+    ) -> int:
+        """Return those of `postures` that pass through all samples, continuous and free of collision.
+
+        Args:
+            T_world_plates: (n, 4, 4) where the plate is.
+            hold: which hold.
+            postures: bit set.
+            query: what counts as a collision; idle arms stand at the start positions.
+            T_world_carriers: (n, 4, 4) where the plate would be if it went with the hand; for approaches, in which
+                the hand moves and the plate does not. Left out: where the plate is.
+        """
+        carriers = T_world_plates if T_world_carriers is None else T_world_carriers
+        q = self.start_positions.copy()
+        return int(_track(self.asked(hold, postures), query.kernel(), T_world_plates, carriers, q))
+
+    def follow(self, T_world_plates: Array, hold: int, posture: int, reference: Array | None = None) -> Array:
+        """Return the (n, 6) joint positions of one posture at the plate poses (n, 4, 4).
+
+        Whole turns are chosen so that each row is nearest to the row before or, if given, to the same row of
+        `reference` (n, 6). NaN where the branch does not reach; joint limits are not looked at.
+        """
+        return self.follow_flange(T_world_plates @ self.T_plate_flange[hold, posture // BRANCHES], posture, reference)
+
+    def follow_flange(self, T_world_flanges: Array, posture: int, reference: Array | None = None) -> Array:
+        """Return the (n, 6) joint positions at which the flange is at (n, 4, 4), in the branch of a posture."""
+        near = np.empty((0, 6)) if reference is None else np.ascontiguousarray(reference)
+        return follow_branch(
+            self.arm.dh,
+            self.kernel.T_base_world,
+            np.ascontiguousarray(T_world_flanges),
+            posture % BRANCHES,
+            near,
+        )
+
+    def loads(self, T_world_plate: Transform, hold: int, postures: int, wrench: Array, point: Array) -> Array:
+        """Return the torque load of each posture in the set [Nm]: sum of |J^T F| for the hand's contact wrenches.
+
+        Args:
+            T_world_plate: (4, 4).
+            hold: which hold.
+            postures: bit set.
+            wrench: (6,) that the hand exerts on the plate, world axes, torque about `point`.
+            point: (3,) in the world.
+        """
+        return _loads(self.asked(hold, postures), self.arm.T_world_base, T_world_plate, wrench, point)
+
+    def torque_shares(
+        self, T_world_plates: Array, hold: int, postures: int, wrenches: Array, points: Array, gravity: Array
+    ) -> Array:
+        """Return (64, 6) which part of each joint's largest torque postures use at most, at rest; NaN for others [1].
+
+        Arm and hand are held against gravity, and the hand exerts its contact wrenches; see `planners.kinematics.
+        joint_torque`. Infinite where the posture's branch does not reach a pose.
+
+        Args:
+            T_world_plates: (n, 4, 4) where the plate is.
+            hold: which hold.
+            postures: bit set.
+            wrenches: (n, 6) that the hand exerts on the plate there, world axes, torque about `points`.
+            points: (n, 3) in the world.
+            gravity: (3,) in the world [m/s^2].
+        """
+        forces = np.ascontiguousarray(wrenches), np.ascontiguousarray(points)
+        weighed, most = self.arm.weighed(gravity), self.arm.torque_max
+        return _torque_shares(self.asked(hold, postures), weighed, most, np.ascontiguousarray(T_world_plates), *forces)
+
+    def within_torque(
+        self,
+        T_world_plates: Array,
+        hold: int,
+        postures: int,
+        wrenches: Array,
+        points: Array,
+        gravity: Array,
+        margin: float,
+    ) -> int:
+        """Return those of `postures` that use no more than 1 - `margin` of any joint's largest torque at all the poses.
+
+        Arguments as of `torque_shares`.
+        """
+        shares = self.torque_shares(T_world_plates, hold, postures, wrenches, points, gravity).max(axis=1)
+        return sum(1 << bit for bit in bits(postures) if shares[bit] <= 1.0 - margin)
+
+
+@dataclass(frozen=True, eq=False)
+class PairReach:
+    """Both hands at once: which postures of one hand go with which of the other."""
+
+    first: HandReach
+    second: HandReach
+    between: PlateQuery
+    """The two arms against one another."""
+
+    def postures(
+        self, T_world_plates: Array, done: Callable[[int], None]
+    ) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Return the (poses, holds) sets of postures of both hands, as `HandReach.postures`.
+
+        Args:
+            T_world_plates: (poses, 4, 4).
+            done: told the number of poses dealt with, now and then.
+        """
+        blocks = [T_world_plates[first : first + _BLOCK] for first in range(0, len(T_world_plates), _BLOCK)]
+        # The compiled part lets go of the interpreter, so that two threads use two cores.
+        threads = ThreadPoolExecutor(2)
+        try:
+            found = [[threads.submit(hand.postures, block) for hand in (self.first, self.second)] for block in blocks]
+            sets = []
+            for number, both in enumerate(found, start=1):
+                sets.append([future.result() for future in both])
+                done(min(number * _BLOCK, len(T_world_plates)))
+        finally:
+            threads.shutdown(cancel_futures=True)
+        first, second = (np.concatenate(column) for column in zip(*sets, strict=True))
+        return first, second
+
+    def compatible(
+        self, T_world_plates: Array, holds: tuple[int, int], postures: tuple[int, int]
+    ) -> tuple[int, int] | None:
+        """Return the first pair of postures that keeps the arms apart at all the poses, or None.
+
+        Args:
+            T_world_plates: (n, 4, 4); the postures must reach them all.
+            holds: of the first and the second hand.
+            postures: bit sets.
+        """
+        one, two = self.first.asked(holds[0], postures[0]), self.second.asked(holds[1], postures[1])
+        found = _compatible(one, two, T_world_plates, self.between.kernel())
+        return None if found < 0 else (int(found) // 64, int(found) % 64)
+
+
+@dataclass(frozen=True, eq=False)
+class ReachedPostures:
+    """Which postures of which hold reach which pose of the plate."""
+
+    pair: PairReach
+    grip: NDArray[np.uint64]
+    """(poses, grips) bit sets of the gripping hand's postures."""
+    push: NDArray[np.uint64]
+    """(poses, pushes), likewise of the pushing hand's."""
+
+    @property
+    def sets(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+        """Both tables (poses, holds), the gripping hand's first."""
+        return self.grip, self.push
+
+    def of(self, hand: Hand) -> NDArray[np.uint64]:
+        """Return the table (poses, holds) of a hand."""
+        return self.grip if hand == "grip" else self.push
+
+    def hand(self, hand: Hand) -> HandReach:
+        """Return what a hand can be asked."""
+        return self.pair.first if hand == "grip" else self.pair.second
+
+
+def bits(postures: int) -> list[int]:
+    """List the members of a bit set."""
+    return [bit for bit in range(64) if postures >> bit & 1]
+
+
+@njit(cache=True, nogil=True)
+def _collisions_at(placed, T_world_plates, q):
+    kernel, frame = placed
+    scratch = make_scratch(kernel)
+    result = np.empty(T_world_plates.shape[0], np.int64)
+    for p in range(T_world_plates.shape[0]):
+        set_frame(kernel, frame, T_world_plates[p])
+        result[p] = first_collision(kernel, q, scratch)
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, out):
+    dh, T_base_world, lo, hi, first_joint = arm
+    (kernel, frame), (hand, hand_frame) = alone, hand_only
+    scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    for p in range(T_world_plates.shape[0]):
+        set_frame(kernel, frame, T_world_plates[p])
+        set_frame(hand, hand_frame, T_world_plates[p])
+        multiply(T_base_world, T_world_plates[p], T_base_plate)
+        for h in range(T_plate_flange.shape[0]):
+            found = np.uint64(0)
+            for v in range(T_plate_flange.shape[1]):
+                multiply(T_base_plate, T_plate_flange[h, v], T_base_flange)
+                valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+                hand_checked = False
+                for branch in range(8):
+                    if not (valid >> branch) & 1 or not within_limits(solutions[branch], lo, hi):
+                        continue
+                    q[first_joint : first_joint + 6] = solutions[branch]
+                    if not hand_checked:
+                        if first_collision(hand, q, hand_scratch) >= 0:
+                            break
+                        hand_checked = True
+                    if first_collision(kernel, q, scratch) < 0:
+                        found |= np.uint64(1) << np.uint64(8 * v + branch)
+            out[p, h] = found
+
+
+@njit(cache=True, nogil=True)
+def _track(hold, placed, T_world_plates, T_world_carriers, q):
+    (dh, T_base_world, lo, hi, first_joint), T_plate_flange, postures = hold
+    kernel, frame = placed
+    scratch = make_scratch(kernel)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    last = np.empty((64, 6))
+    left = postures
+    for p in range(T_world_plates.shape[0]):
+        set_frame(kernel, frame, T_world_plates[p])
+        multiply(T_base_world, T_world_carriers[p], T_base_plate)
+        for v in range(T_plate_flange.shape[0]):
+            if (left >> np.uint64(8 * v)) & np.uint64(255) == 0:
+                continue
+            multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+            valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+            for branch in range(8):
+                bit = np.uint64(8 * v + branch)
+                if not (left >> bit) & np.uint64(1):
+                    continue
+                good = bool((valid >> branch) & 1) and within_limits(solutions[branch], lo, hi)
+                if good and p > 0:
+                    for i in range(6):
+                        good = good and abs(wrap(solutions[branch, i] - last[bit, i])) <= CONTINUITY
+                if good:
+                    last[bit] = solutions[branch]
+                    q[first_joint : first_joint + 6] = solutions[branch]
+                    good = first_collision(kernel, q, scratch) < 0
+                if not good:
+                    left &= ~(np.uint64(1) << bit)
+        if left == 0:
+            break
+    return left
+
+
+@njit(cache=True, nogil=True)
+def _loads(hold, T_world_base, T_world_plate, wrench, point):
+    (dh, T_base_world, _, _, _), T_plate_flange, postures = hold
+    result = np.full(64, np.nan)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    multiply(T_base_world, T_world_plate, T_base_plate)
+    for v in range(T_plate_flange.shape[0]):
+        if (postures >> np.uint64(8 * v)) & np.uint64(255) == 0:
+            continue
+        multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+        inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+        for branch in range(8):
+            if (postures >> np.uint64(8 * v + branch)) & np.uint64(1):
+                J = jacobian(dh, T_world_base, solutions[branch], point)
+                total = 0.0
+                for i in range(6):
+                    torque = 0.0
+                    for k in range(6):
+                        torque += J[k, i] * wrench[k]
+                    total += abs(torque)
+                result[8 * v + branch] = total
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _torque_shares(hold, weighed, torque_max, T_world_plates, wrenches, points):
+    (_, T_base_world, _, _, _), T_plate_flange, postures = hold
+    result = np.full((64, 6), np.nan)
+    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+    frames, torques = np.empty((7, 4, 4)), np.empty(6)
+    for p in range(T_world_plates.shape[0]):
+        multiply(T_base_world, T_world_plates[p], T_base_plate)
+        for v in range(T_plate_flange.shape[0]):
+            if (postures >> np.uint64(8 * v)) & np.uint64(255) == 0:
+                continue
+            multiply(T_base_plate, T_plate_flange[v], T_base_flange)
+            valid = inverse_kinematics(weighed.dh, T_base_flange, 0.0, solutions)
+            for branch in range(8):
+                bit = 8 * v + branch
+                if not (postures >> np.uint64(bit)) & np.uint64(1):
+                    continue
+                torques[:] = np.inf
+                if (valid >> branch) & 1:
+                    link_frames(weighed.dh, weighed.T_world_base, solutions[branch], frames)
+                    torques_at_rest(weighed, frames, wrenches[p], points[p], torques)
+                for i in range(6):
+                    share = abs(torques[i]) / torque_max[i]
+                    if p == 0 or share > result[bit, i]:
+                        result[bit, i] = share
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _compatible(one, two, T_world_plates, placed):
+    """Number 64 a + b of the first pair of postures whose arms stay apart at all poses, -1 if there is none."""
+    (dh_a, T_base_a, _, _, joint_a), flange_a, postures_a = one
+    (dh_b, T_base_b, _, _, joint_b), flange_b, postures_b = two
+    kernel, frame = placed
+    scratch = make_scratch(kernel)
+    q = np.zeros(12)
+    T_plate, T_flange = np.empty((4, 4)), np.empty((4, 4))
+    in_a, in_b = np.empty((8, 6)), np.empty((8, 6))
+    for a in range(64):
+        if not (postures_a >> np.uint64(a)) & np.uint64(1):
+            continue
+        for b in range(64):
+            if not (postures_b >> np.uint64(b)) & np.uint64(1):
+                continue
+            good = True
+            for p in range(T_world_plates.shape[0]):
+                multiply(T_base_a, T_world_plates[p], T_plate)
+                multiply(T_plate, flange_a[a // 8], T_flange)
+                inverse_kinematics(dh_a, T_flange, 0.0, in_a)
+                multiply(T_base_b, T_world_plates[p], T_plate)
+                multiply(T_plate, flange_b[b // 8], T_flange)
+                inverse_kinematics(dh_b, T_flange, 0.0, in_b)
+                q[joint_a : joint_a + 6] = in_a[a % 8]
+                q[joint_b : joint_b + 6] = in_b[b % 8]
+                set_frame(kernel, frame, T_world_plates[p])
+                if first_collision(kernel, q, scratch) >= 0:
+                    good = False
+                    break
+            if good:
+                return 64 * a + b
+    return -1

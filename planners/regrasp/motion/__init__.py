@@ -1,0 +1,1 @@
+"""Motion: from steps of a regrasp sequence to checked and timed segments."""

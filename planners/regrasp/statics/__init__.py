@@ -1,0 +1,1 @@
+"""Statics: whether cup, fingers and joints bear what they carry, at rest and in timed motion."""
