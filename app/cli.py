@@ -274,14 +274,14 @@ def _revoke_key(given: argparse.Namespace) -> int:
 
 
 def _check_worker(given: argparse.Namespace) -> int:
-    from workers.worker_check import worker_lives
+    from workers.engine.executor_lock import worker_lives
 
     return 0 if worker_lives(ServiceSettings(**_options(given))) else FAILED
 
 
 def _warm_up(_: argparse.Namespace) -> int:
     from app.logs import set_up_logs
-    from app.serve import warm_up
+    from workers.solver.warm_up import warm_up
 
     set_up_logs()
     warm_up(ServiceSettings())

@@ -33,15 +33,15 @@ from app.webhook_desk import WebhookDesk
 from planners.contract.strict_json import parse_json
 from planners.scene.cell import Cell, known_cells, load_cell
 from planners.scene.suction_tool import SuctionTool, load_tools
-from workers.database import Database, open_database
-from workers.job_queue import JobQueue
-from workers.mesh_store import MeshStore
-from workers.plan_store import PlanStore
-from workers.scene_store import SceneStore
-from workers.supervisor import Supervisor
-from workers.webhook_store import WebhookStore
-from workers.webhook_target import TargetRules
-from workers.worker import Worker
+from workers.engine.supervisor import Supervisor
+from workers.engine.worker import Worker
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.mesh_store import MeshStore
+from workers.stores.plan_store import PlanStore
+from workers.stores.scene_store import SceneStore
+from workers.stores.webhook_store import WebhookStore
+from workers.webhooks.target import TargetRules
 
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
 PARTS = (plans, scenes, meshes, webhooks, login, viewer, audit, capabilities, probes)

@@ -22,8 +22,8 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.refusal import ScanRefused
-from workers.database_loss import DATABASE_GONE, said_by
-from workers.webhook_target import TargetRefused
+from workers.stores.database_loss import DATABASE_GONE, said_by
+from workers.webhooks.target import TargetRefused
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)

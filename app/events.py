@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from app.errors import PlanNotFound
 from app.plan_desk import PlanDesk
 from app.plan_feed import PlanFeed
-from workers.database_loss import DATABASE_GONE
+from workers.stores.database_loss import DATABASE_GONE
 
 PING_SECONDS = 15.0
 """A stream that has nothing to say says so this often, so that nothing in between cuts it [s]."""

@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from planners.contract.quantities import ExternalId
-from workers.job_order import HIGHEST_PRIORITY, JobOrder
+from workers.stores.jobs import HIGHEST_PRIORITY, JobOrder
 
 YEARS = range(1970, 3000)
 """Outside of them a time is a mistake, and near the calendar's ends none that can be told in UTC."""

@@ -12,9 +12,9 @@ from app.access.caller import Caller
 from app.access.key_store import KeyRecord, KeyStore
 from app.access.scope import Scope
 from planners.errors import LiftwrightError
-from workers.database import Database, open_database
 from workers.settings import WorkerSettings
-from workers.time_stamp import now_us
+from workers.stores.database import Database, open_database
+from workers.stores.tables import now_us
 
 DAY_US = 86_400_000_000
 COMMAND_LINE = Caller(None, None, Scope.ADMIN)

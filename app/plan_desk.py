@@ -19,11 +19,10 @@ from app.errors import (
 from app.plan_query import PlanQuery
 from app.resources import PlanResource, plan_resource
 from planners.contract.task_spec import read_task, write_task
-from workers.job_order import JobOrder
-from workers.job_queue import JobQueue
-from workers.job_state import Job, JobState
-from workers.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
-from workers.time_stamp import now_us
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import Job, JobOrder, JobState
+from workers.stores.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
+from workers.stores.tables import now_us
 
 
 class PlanDesk:

@@ -12,8 +12,8 @@ from typing import Any
 from fastapi.sse import format_sse_event
 from starlette.concurrency import run_in_threadpool
 
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
 
 POLL_SECONDS = 0.1
 """How often the database is looked at while somebody waits [s]."""

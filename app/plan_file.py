@@ -22,8 +22,8 @@ from planners.contract.scene_document import SceneDocument
 from planners.errors import SceneError
 from planners.geometry.solid_mesh import SolidMesh
 from workers.pipeline import Pipeline
-from workers.progress_scale import ProgressScale
 from workers.settings import WorkerSettings
+from workers.solver.progress import ProgressScale
 
 SOLVED, NO_PLAN = 0, 2
 JOB_FAILED = 1

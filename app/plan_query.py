@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.page_token import read_page_token
 from app.resources import Outcome, PlanState
 from planners.contract.quantities import ExternalId
-from workers.job_state import JobState
-from workers.plan_filter import PlanFilter
+from workers.stores.jobs import JobState
+from workers.stores.plan_store import PlanFilter
 
 
 class PlanQuery(BaseModel):

@@ -8,9 +8,9 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from planners.contract.scene_document import SceneDocument
-from workers.job_state import Job, JobState
-from workers.plan_store import PlanRecord
-from workers.scene_store import StoredScene
+from workers.stores.jobs import Job, JobState
+from workers.stores.plan_store import PlanRecord
+from workers.stores.scene_store import StoredScene
 
 JOB_ORDER_STATES = {
     JobState.QUEUED: "AllowedToStart",

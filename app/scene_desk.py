@@ -15,10 +15,10 @@ from planners.errors import SceneError
 from planners.perception.perceive import perceive
 from planners.perception.seen_points import SeenPoints
 from planners.scene.cell import Cell
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
-from workers.scene_store import SceneStore, StoredScene
 from workers.software import describe_software
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
+from workers.stores.scene_store import SceneStore, StoredScene
 
 
 class SceneDesk:

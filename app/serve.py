@@ -6,7 +6,6 @@ import asyncio
 import os
 import signal
 import socket
-import subprocess
 from types import FrameType
 
 import structlog
@@ -18,17 +17,14 @@ from app.listening import CannotListen, bind
 from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
-from workers.database import open_database
-from workers.executor_lock import FileLock
-from workers.job_queue import JobQueue
-from workers.kernel_cache import forget_stale_kernels
-from workers.plan_store import PlanStore
+from workers.engine.executor_lock import FileLock
+from workers.engine.supervisor import Supervisor
+from workers.engine.worker import Worker
 from workers.settings import WorkerSettings
-from workers.solver_process import COMPILE
-from workers.solver_protocol import HANDOVERS_VARIABLE
-from workers.supervisor import Supervisor
-from workers.warm_up_mark import WarmUpMark
-from workers.worker import Worker
+from workers.solver.warm_up import is_warm, warm_up
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
 
 LONGEST_GOODBYE_SECONDS = 3
 """So long open event streams may hold up a stop [s]."""
@@ -45,13 +41,6 @@ class NoKeys(LiftwrightError):
             f"{host} can be reached from other machines, and no key was issued that would let anybody in: "
             "`liftwright keys issue --owner NAME --scope admin` makes one"
         )
-
-
-class WarmUpFailed(LiftwrightError):
-    """The solver cannot solve its reference task, so it would solve nothing else."""
-
-    def __init__(self, return_code: int) -> None:
-        super().__init__(f"the solver cannot start (exit code {return_code}); what it wrote stands above")
 
 
 def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
@@ -106,31 +95,9 @@ def work(settings: WorkerSettings) -> None:
     asyncio.run(_work(settings))
 
 
-def warm_up(settings: WorkerSettings) -> None:
-    """Compile and compute what is not there yet, with a message, so that no job has to wait for it.
-
-    Raises:
-        WarmUpFailed: The solver does not work.
-    """
-    forget_stale_kernels()
-    log.info(
-        "loading kernels and handovers of the shipped tools; the first start compiles and computes them, "
-        "which takes minutes",
-        handovers=str(settings.handovers_dir),
-    )
-    command = (*settings.solver_command, COMPILE)
-    # It ends when its stdin does: with this process, however that ends.
-    environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
-        return_code = compiler.wait()
-    if return_code != 0:
-        raise WarmUpFailed(return_code)
-    WarmUpMark(settings).set()
-
-
 def _warm_up_once(settings: WorkerSettings) -> None:
     """Spare a start after the first one the seconds that it takes to find that everything is there."""
-    if not WarmUpMark(settings).stands():
+    if not is_warm(settings):
         warm_up(settings)
 
 

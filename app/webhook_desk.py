@@ -5,8 +5,8 @@ from __future__ import annotations
 from app.access.caller import Caller
 from app.access.scope import Scope
 from app.errors import TooManyWebhooks, WebhookNotFound, WebhookUnusable
-from workers.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
-from workers.webhook_target import Target, TargetRules
+from workers.stores.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
+from workers.webhooks.target import Target, TargetRules
 
 Position = tuple[int, str]
 

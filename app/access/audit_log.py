@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 
 from app.access.caller import Caller
-from workers.database import Database
-from workers.tables import AUDIT
-from workers.time_stamp import now_us
+from workers.stores.database import Database
+from workers.stores.tables import AUDIT, now_us
 
 LONGEST_ADDRESS = LONGEST_ACTION = 64
 LONGEST_TARGET = 300

@@ -17,8 +17,8 @@ from app.access.key_store import KeyRecord, KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import KeyNeeded, TooManyRequests
-from workers.database_loss import said_by
-from workers.time_stamp import now_us
+from workers.stores.database_loss import said_by
+from workers.stores.tables import now_us
 
 COOKIE = "liftwright"
 TRUSTED_SECONDS = 1.0

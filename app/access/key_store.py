@@ -10,9 +10,8 @@ import sqlalchemy as sa
 from app.access.api_key import ApiKey
 from app.access.caller import Caller
 from app.access.scope import Scope
-from workers.database import Database
-from workers.tables import API_KEYS
-from workers.time_stamp import now_us
+from workers.stores.database import Database
+from workers.stores.tables import API_KEYS, now_us
 
 USE_NOTED_US = 60_000_000
 """The last use is noted this often at most [µs]: a read must not become a write."""

@@ -7,9 +7,8 @@ import secrets
 import sqlalchemy as sa
 
 from app.access.api_key import SECRET_BYTES, digest_of
-from workers.database import Database
-from workers.tables import SESSIONS
-from workers.time_stamp import now_us
+from workers.stores.database import Database
+from workers.stores.tables import SESSIONS, now_us
 
 SESSION_SECONDS = 12 * 3600
 """A working day, after which the key is to be shown again [s]."""

@@ -18,7 +18,7 @@ from planners.geometry.mesh_file import MeshFormat
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.solid_mesh import SolidMesh
 from planners.scene.shape_source import LONGEST_MESH, MILLIMETRE
-from workers.mesh_store import MeshStore
+from workers.stores.mesh_store import MeshStore
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 BINARY = {"type": "string", "format": "binary"}

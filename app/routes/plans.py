@@ -20,7 +20,7 @@ from app.plan_query import PlanQuery
 from app.resources import PlanList, PlanResource, ProblemDocument
 from app.routes.given import Desk, Feed, Settings, scenes_of, webhooks_of
 from planners.contract.strict_json import parse_json
-from workers.job_order import JobOrder
+from workers.stores.jobs import JobOrder
 
 KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}

@@ -8,9 +8,9 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from app.errors import NotReady
 from app.metrics import PROCESS_METRICS, ServiceMetrics
 from app.plan_desk import PlanDesk
-from workers.database import Database
-from workers.database_loss import DATABASE_GONE
-from workers.supervisor import Supervisor
+from workers.engine.supervisor import Supervisor
+from workers.stores.database import Database
+from workers.stores.database_loss import DATABASE_GONE
 
 router = APIRouter(tags=["operations"])
 

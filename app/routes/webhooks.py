@@ -14,8 +14,8 @@ from app.page_token import read_page_token, write_page_token
 from app.resources import ProblemDocument, Resource
 from app.routes.given import Settings, Webhooks
 from planners.contract.strict_json import parse_json
-from workers.webhook_store import Attempt, Delivery, Webhook
-from workers.webhook_target import LONGEST_URL
+from workers.stores.webhook_store import Attempt, Delivery, Webhook
+from workers.webhooks.target import LONGEST_URL
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such webhook"}}

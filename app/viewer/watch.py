@@ -31,7 +31,7 @@ from app.viewer.room import VIEWS, Room
 from app.viewer.sources import SourceName
 from app.viewer.theatre import Theatre
 from planners.errors import LiftwrightError
-from workers.database_loss import DATABASE_GONE, said_by
+from workers.stores.database_loss import DATABASE_GONE, said_by
 
 TRY_AGAIN_LATER, INTERNAL_ERROR, POLICY_VIOLATION, BAD_DATA, UNSUPPORTED_DATA = 1013, 1011, 1008, 1007, 1003
 """Close codes of RFC 6455, and of its registry."""

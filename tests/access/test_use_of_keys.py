@@ -17,8 +17,8 @@ from app.access.key_store import KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.scope import Scope
 from app.access.session_store import SessionStore
-from workers.database import Database, open_database
 from workers.settings import WorkerSettings
+from workers.stores.database import Database, open_database
 
 
 @pytest.fixture

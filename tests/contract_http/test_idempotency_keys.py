@@ -18,8 +18,8 @@ from app import intake
 from app.settings import ServiceSettings
 from planners.contract.task_spec import read_task, write_task
 from planners.errors import SceneError
-from workers.database import SQLITE_FILE
-from workers.tables import PLANS
+from workers.stores.database import SQLITE_FILE
+from workers.stores.tables import PLANS
 
 
 @pytest.fixture(scope="module")

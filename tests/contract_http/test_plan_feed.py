@@ -11,8 +11,8 @@ from sqlalchemy.exc import OperationalError
 from app import plan_feed
 from app.events import wait_for_end
 from app.plan_feed import PlanFeed
-from workers.job_state import Job, JobState
-from workers.supervisor import Supervisor
+from workers.engine.supervisor import Supervisor
+from workers.stores.jobs import Job, JobState
 
 
 class CountedDatabase:

@@ -11,7 +11,7 @@ from support.service import finished, task
 
 from app.plan_query import PlanQuery
 from planners.contract.task_spec import KINDS
-from workers.job_state import JobState
+from workers.stores.jobs import JobState
 
 TOOL_TASK = "domino_pile.json"
 PARAMETERS = sorted(PlanQuery.model_fields)

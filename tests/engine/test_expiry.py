@@ -10,15 +10,13 @@ import pytest
 import sqlalchemy as sa
 from support.service import task
 
-from workers.database import Database, open_database
-from workers.engine_table import workflow_table
-from workers.expiry import BATCH, Expiry
-from workers.job_order import JobOrder
-from workers.job_queue import JobQueue
-from workers.job_state import JobState
-from workers.plan_store import PlanStore
+from workers.engine.housekeeping import BATCH, cancel_overdue
 from workers.settings import WorkerSettings
-from workers.time_stamp import now_us
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import JobOrder, JobState, workflow_table
+from workers.stores.plan_store import PlanStore
+from workers.stores.tables import now_us
 
 HOUR_US = 3_600_000_000
 
@@ -45,7 +43,7 @@ class Desk:
         return self.queue.jobs([plan_id])[plan_id].state
 
     def sweep(self) -> None:
-        Expiry(self.store, self.queue).sweep()
+        cancel_overdue(self.store, self.queue)
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import trimesh
 
 from planners.geometry.mesh_intake import take_mesh
 from planners.geometry.solid_mesh import SolidMesh
-from workers.database import Database
-from workers.mesh_store import MeshStore
+from workers.stores.database import Database
+from workers.stores.mesh_store import MeshStore
 
 
 @pytest.fixture

@@ -9,12 +9,12 @@ import sqlalchemy as sa
 from support.old_tables import back_to_the_first_version
 from support.service import task
 
-from workers.database import open_database
-from workers.job_queue import JobQueue
-from workers.migrations import LATEST, VERSION_TABLE, DatabaseTooNew, migrate
-from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
-from workers.tables import METADATA
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.migrations import LATEST, VERSION_TABLE, DatabaseTooNew, migrate
+from workers.stores.plan_store import PlanStore
+from workers.stores.tables import METADATA
 
 
 def shape(engine: sa.Engine) -> dict[str, tuple[set[str], set[str]]]:

@@ -19,7 +19,7 @@ from planners.geometry.mesh_intake import take_mesh
 from planners.progress import silent
 from planners.scene.cell import load_cell
 from workers.pipeline import CertificateFailed, Pipeline
-from workers.solver_protocol import REJECTED_VARIABLE, Request
+from workers.solver.protocol import REJECTED_VARIABLE, Request
 
 CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
 SURFACES = load_surfaces()

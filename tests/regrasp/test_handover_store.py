@@ -11,7 +11,7 @@ import pytest
 from planners.regrasp.grasps import ToolGraspSettings
 from planners.regrasp.handover_place import HandoverPlaceSettings
 from planners.regrasp.handovers import HandoverDatabase, HandoverSettings, find_handovers
-from workers.handover_store import HandoverStore
+from workers.solver.handover_store import HandoverStore
 
 SMALL = HandoverSettings(
     ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from workers.solver_process import COMPILE, main
-from workers.solver_protocol import Request
+from workers.solver.process import COMPILE, main
+from workers.solver.protocol import Request
 
 
 def solve(request: Request, _: Callable[[str, int, int], None]) -> dict[str, Any]:

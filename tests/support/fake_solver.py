@@ -16,8 +16,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from workers.solver_process import COMPILE, main
-from workers.solver_protocol import Request
+from workers.solver.process import COMPILE, main
+from workers.solver.protocol import Request
 
 STEP_SECONDS = 0.05
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from workers.migrations import VERSION_TABLE
+from workers.stores.migrations import VERSION_TABLE
 
 NEWER = (
     "DROP INDEX liftwright_plans_external_id",

@@ -13,13 +13,13 @@ import sqlalchemy as sa
 from sqlalchemy import event
 from support.service import task
 
-from workers.database import Database, open_database
-from workers.engine_table import workflow_table
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
-from workers.webhook_runner import BATCH, WebhookRunner
-from workers.webhook_store import DeliveryState, WebhookStore
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import workflow_table
+from workers.stores.plan_store import PlanStore
+from workers.stores.webhook_store import DeliveryState, WebhookStore
+from workers.webhooks.runner import BATCH, WebhookRunner
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 from standardwebhooks.webhooks import Webhook, WebhookVerificationError
 
-from workers.webhook_post import post
-from workers.webhook_signature import make_secret, signed_headers
-from workers.webhook_target import Target, TargetRefused, TargetRules
+from workers.stores.webhook_store import make_secret
+from workers.webhooks.post import post
+from workers.webhooks.signature import signed_headers
+from workers.webhooks.target import Target, TargetRefused, TargetRules
 
 PUBLIC_ONLY = TargetRules((), ())
 LOOPBACK = TargetRules((), (ip_network("127.0.0.0/8"),))
