@@ -19,8 +19,8 @@ from typing import Any
 from urllib.error import URLError
 from urllib.request import urlopen
 
-from app.scan_files import read_scan_files
-from app.service_client import ServiceClient
+from app.cli.scene_command import read_scan_files
+from app.cli.service_client import ServiceClient
 from app.summary import is_certified, summarise
 
 STARTUP_SECONDS = 900.0
@@ -106,7 +106,7 @@ def _service(data_dir: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     address = f"http://127.0.0.1:{port}"
-    command = [sys.executable, "-m", "app.cli", "serve", "--port", str(port), "--data-dir", str(data_dir)]
+    command = [sys.executable, "-m", "app.cli.main", "serve", "--port", str(port), "--data-dir", str(data_dir)]
     service = subprocess.Popen(command)
     try:
         _wait_until_ready(service, address)

@@ -1,20 +1,59 @@
-"""The keys that were issued, without their secrets."""
+"""The keys that were issued, without their secrets. A key is `lwk_`, the id, which may be shown, and the secret."""
 
 from __future__ import annotations
 
+import hashlib
 import hmac
+import re
+import secrets
 from dataclasses import dataclass
+from typing import Self
 
 import sqlalchemy as sa
 
-from app.access.api_key import ApiKey
-from app.access.caller import Caller
-from app.access.scope import Scope
+from app.access.caller import Caller, Scope
 from workers.stores.database import Database
 from workers.stores.tables import API_KEYS, now_us
 
+_TEXT = re.compile(r"lwk_([0-9a-f]{12})_([A-Za-z0-9_-]{43})")
+SECRET_BYTES = 32
+"""Too many to be guessed, so that one round of a plain hash is enough to store it."""
 USE_NOTED_US = 60_000_000
 """The last use is noted this often at most [µs]: a read must not become a write."""
+
+
+@dataclass(frozen=True)
+class ApiKey:
+    """A key as its holder has it."""
+
+    id: str
+    secret: str
+
+    @classmethod
+    def make(cls) -> Self:
+        """Return a new key."""
+        return cls(secrets.token_hex(6), secrets.token_urlsafe(SECRET_BYTES))
+
+    @classmethod
+    def read(cls, text: str) -> Self | None:
+        """Return the key of a text; None if it is none."""
+        match = _TEXT.fullmatch(text)
+        return None if match is None else cls(match[1], match[2])
+
+    @property
+    def text(self) -> str:
+        """What the holder sends."""
+        return f"lwk_{self.id}_{self.secret}"
+
+    @property
+    def digest(self) -> str:
+        """What is stored."""
+        return digest_of(self.secret)
+
+
+def digest_of(secret: str) -> str:
+    """Return the hash under which a secret of ours is stored."""
+    return hashlib.sha256(secret.encode()).hexdigest()
 
 
 @dataclass(frozen=True)

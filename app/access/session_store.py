@@ -6,7 +6,7 @@ import secrets
 
 import sqlalchemy as sa
 
-from app.access.api_key import SECRET_BYTES, digest_of
+from app.access.key_store import SECRET_BYTES, digest_of
 from workers.stores.database import Database
 from workers.stores.tables import SESSIONS, now_us
 

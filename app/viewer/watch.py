@@ -24,8 +24,8 @@ from app.errors import (
     TheatreFull,
     TooManyRequests,
 )
-from app.plan_desk import PlanDesk
-from app.scene_desk import SceneDesk
+from app.resources.plan_collection import PlanCollection
+from app.resources.scene_collection import SceneCollection
 from app.viewer import perceived_stage, stage
 from app.viewer.room import VIEWS, Room
 from app.viewer.sources import SourceName
@@ -108,8 +108,8 @@ REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 class Desks:
     """What a watcher may see."""
 
-    plans: PlanDesk
-    scenes: SceneDesk
+    plans: PlanCollection
+    scenes: SceneCollection
 
 
 async def watch(socket: WebSocket, theatre: Theatre, desks_now: Callable[[], Awaitable[Desks]]) -> None:

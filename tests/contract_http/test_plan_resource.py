@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from app.resources import plan_resource
+from app.resources.schemas import plan_resource
 from workers.stores.jobs import Job, JobState
 from workers.stores.plan_store import PlanRecord
 

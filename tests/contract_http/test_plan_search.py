@@ -9,7 +9,7 @@ import pytest
 from support.places import on_both_databases
 from support.service import finished, task
 
-from app.plan_query import PlanQuery
+from app.resources.queries import PlanQuery
 from planners.contract.task_spec import KINDS
 from workers.stores.jobs import JobState
 

@@ -11,7 +11,7 @@ import pytest
 from support.service import FAKE_SOLVER, task, wait_for
 from support.serving import served
 
-from app.plan_feed import PlanFeed
+from app.resources.plan_feed import PlanFeed
 from app.settings import ServiceSettings
 from workers.engine import supervisor, worker
 from workers.engine.takeover import Takeover

@@ -7,7 +7,7 @@ import sqlalchemy as sa
 from support.service import task
 
 from app.access.caller import ANYBODY
-from app.plan_desk import PlanDesk
+from app.resources.plan_collection import PlanCollection
 from workers.engine.housekeeping import count_failures
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
@@ -62,7 +62,7 @@ def test_a_plan_looks_the_same_before_and_after_it_is_counted(
 ) -> None:
     plan_id = store.accept(task(), None, queue).id
     end(database, plan_id, "MAX_RECOVERY_ATTEMPTS_EXCEEDED", ended_ms)
-    desk = PlanDesk(store, queue, 10, 10, ANYBODY)
+    desk = PlanCollection(store, queue, 10, 10, ANYBODY)
     before = desk.plan(plan_id)
     assert before.finished_at is not None
     count_failures(store)

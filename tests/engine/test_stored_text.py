@@ -14,8 +14,7 @@ from support.places import database_at, on_both_databases
 from support.service import task
 
 from app.access.audit_log import AuditLog
-from app.access.caller import Caller
-from app.access.scope import Scope
+from app.access.caller import Caller, Scope
 from workers.engine.job_runner import JobRunner
 from workers.settings import WorkerSettings
 from workers.solver.protocol import PackedDocument, Report

@@ -310,7 +310,7 @@ def test_a_solver_dies_with_the_process_that_started_it() -> None:
 
 def test_the_compiler_dies_with_the_process_that_waits_for_it(tmp_path: Path) -> None:
     environment = {**os.environ, CACHE_VARIABLE: str(tmp_path)}  # where nothing is compiled yet: there is much to do
-    command = [sys.executable, "-m", "app.cli", "warmup"]
+    command = [sys.executable, "-m", "app.cli.main", "warmup"]
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
     try:
         (compiler,) = wait_for(lambda: compilers(process.pid), 60)

@@ -8,6 +8,7 @@ import sqlalchemy as sa
 
 NUL = "\0"
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+METADATA = sa.MetaData()
 
 
 class StoredText(sa.TypeDecorator[str]):
@@ -29,8 +30,6 @@ def now_us() -> int:
     """Return the time as our tables have it, in microseconds since 1970, UTC."""
     return time.time_ns() // 1000
 
-
-METADATA = sa.MetaData()
 
 PLANS = sa.Table(
     "liftwright_plans",

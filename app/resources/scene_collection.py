@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 
-from app.access.caller import ANYBODY, Caller
-from app.access.scope import Scope
+from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import SceneInUse, SceneNotFound
+from app.resources.queries import Position, page_of
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
@@ -21,7 +21,7 @@ from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore, StoredScene
 
 
-class SceneDesk:
+class SceneCollection:
     """What one caller sees of all scenes: what belongs to somebody else does not exist.
 
     All methods block on the database: call them from a thread.
@@ -30,9 +30,9 @@ class SceneDesk:
     def __init__(self, store: SceneStore, plans: PlanStore, queue: JobQueue, caller: Caller = ANYBODY) -> None:
         self._store, self._plans, self._queue, self._caller = store, plans, queue, caller
 
-    def seen_by(self, caller: Caller) -> SceneDesk:
-        """Return the desk as another caller sees it."""
-        return SceneDesk(self._store, self._plans, self._queue, caller)
+    def seen_by(self, caller: Caller) -> SceneCollection:
+        """Return what another caller sees."""
+        return SceneCollection(self._store, self._plans, self._queue, caller)
 
     def perceive(self, description: bytes, files: Mapping[str, bytes], cells: Mapping[str, Cell]) -> StoredScene:
         """Perceive a scan, or find the scene that the same scan of the same owner gave before.
@@ -73,13 +73,10 @@ class SceneDesk:
         except SceneNotFound:
             return None
 
-    def page(self, size: int, before: tuple[int, str] | None) -> tuple[list[StoredScene], tuple[int, str] | None]:
+    def page(self, size: int, before: Position | None) -> tuple[list[StoredScene], Position | None]:
         """Return `size` scenes, newest first, from behind `before`, and where the next page begins, if there is one."""
         owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
-        scenes = self._store.newest(size + 1, before, owner)
-        shown = scenes[:size]
-        last = shown[-1] if len(scenes) > size else None
-        return shown, None if last is None else (last.created_us, last.id)
+        return page_of(self._store.newest(size + 1, before, owner), size)
 
     def preview(self, scene_id: str) -> bytes:
         """Return the PNG picture of a scene.

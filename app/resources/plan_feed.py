@@ -1,4 +1,4 @@
-"""News of plans for everybody who waits for some: one look at the database for all of them, however many they are."""
+"""News of plans for everybody who waits for some, and a job's events as a stream that can be resumed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from fastapi.sse import format_sse_event
+from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from starlette.concurrency import run_in_threadpool
 
+from app.errors import PlanNotFound
+from app.resources.plan_collection import PlanCollection
+from workers.stores.database_loss import DATABASE_GONE
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 
@@ -21,6 +24,8 @@ POLL_SECONDS = 0.1
 Event = tuple[int, dict[str, Any]]
 SentEvent = tuple[int, bytes]
 """An event as it goes over the wire: made once, however many follow."""
+PING_SECONDS = 15.0
+"""A stream that has nothing to say says so this often, so that nothing in between cuts it [s]."""
 
 
 @dataclass(eq=False)
@@ -97,3 +102,42 @@ class PlanFeed:
 
 def _as_sent(number: int, event: dict[str, Any]) -> SentEvent:
     return number, format_sse_event(data_str=json.dumps(event), event="progress", id=str(number))
+
+
+async def stream_events(plans: PlanCollection, feed: PlanFeed, plan_id: str, received: int) -> AsyncIterator[bytes]:
+    """Yield `progress` events from behind number `received`, then one `finished` event with the plan, and end.
+
+    The number of the `finished` event follows that of the last `progress` event, so a client that resumes with it
+    has everything. A plan that is deleted meanwhile ends the stream, and so does a database that is gone at the end:
+    the client comes again, and resumes.
+    """
+    async with feed.follow(plan_id) as followed:
+        while True:
+            changed = followed.changed
+            done = followed.done
+            if news := followed.behind(received):
+                # In one piece: a stream that is resumed begins with all there was.
+                yield b"".join(event for _, event in news)
+                received = news[-1][0]
+            if done:
+                break
+            try:
+                async with asyncio.timeout(PING_SECONDS):
+                    await changed.wait()
+            except TimeoutError:
+                yield KEEPALIVE_COMMENT
+    try:
+        plan = await run_in_threadpool(plans.plan, plan_id)
+    except (PlanNotFound, *DATABASE_GONE):
+        return
+    yield format_sse_event(data_str=plan.model_dump_json(), event="finished", id=str(received + 1))
+
+
+async def wait_for_end(feed: PlanFeed, plan_id: str, seconds: float) -> None:
+    """Return when a plan's job has ended, or after some time [s]."""
+    try:
+        async with asyncio.timeout(seconds), feed.follow(plan_id) as followed:
+            while not followed.done:
+                await followed.changed.wait()
+    except TimeoutError:
+        return

@@ -1,13 +1,32 @@
-"""Files of results that are written whole or not at all."""
+"""Files of commands: those they refuse, and results that are written whole or not at all."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from errno import ENOENT
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
+
+from planners.errors import LiftwrightError
+
+BAD_INPUT = 3
+"""Exit code."""
+
+
+class BadInput(LiftwrightError):
+    """A file is not what a command takes; the message names it."""
+
+
+def refuse(problems: Iterable[Mapping[str, Any]], file: str) -> int:
+    """Print every problem of a file, as `planners.contract.problems` lists them, and return the exit code."""
+    for problem in problems:
+        choices = problem.get("allowed")
+        allowed = f" (one of: {', '.join(choices)})" if choices else ""
+        sys.stderr.write(f"{problem['pointer'] or file}: {problem['detail']}{allowed}\n")
+    return BAD_INPUT
 
 
 @contextmanager

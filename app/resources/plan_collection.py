@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from app.access.caller import ANYBODY, Caller
-from app.access.scope import Scope
+from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import (
     AlreadyFinished,
     DocumentNotReady,
@@ -16,8 +15,8 @@ from app.errors import (
     QueueFull,
     TooManyDelayed,
 )
-from app.plan_query import PlanQuery
-from app.resources import PlanResource, plan_resource
+from app.resources.queries import PlanQuery, Position, page_of
+from app.resources.schemas import PlanResource, plan_resource
 from planners.contract.task_spec import read_task, write_task
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job, JobOrder, JobState
@@ -25,7 +24,7 @@ from workers.stores.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDoc
 from workers.stores.tables import now_us
 
 
-class PlanDesk:
+class PlanCollection:
     """What one caller sees of all plans: what belongs to somebody else does not exist.
 
     All methods block on the database: call them from a thread.
@@ -37,9 +36,9 @@ class PlanDesk:
         self.store, self.queue, self._caller = store, queue, caller
         self._max_queued, self._max_delayed = max_queued, max_delayed
 
-    def seen_by(self, caller: Caller) -> PlanDesk:
-        """Return the desk as another caller sees it."""
-        return PlanDesk(self.store, self.queue, self._max_queued, self._max_delayed, caller)
+    def seen_by(self, caller: Caller) -> PlanCollection:
+        """Return what another caller sees."""
+        return PlanCollection(self.store, self.queue, self._max_queued, self._max_delayed, caller)
 
     def submit(
         self,
@@ -98,18 +97,15 @@ class PlanDesk:
             raise PlanNotFound(plan_id)
         return self._with_job(record)
 
-    def page(self, query: PlanQuery) -> tuple[list[PlanResource], tuple[int, str] | None]:
+    def page(self, query: PlanQuery) -> tuple[list[PlanResource], Position | None]:
         """Return the plans that are asked for, newest first, and where the next page begins, if there is one."""
         size = query.page_size
         owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
-        records = self.store.newest(size + 1, query.position, query.filter(owner))
-        shown = records[:size]
+        shown, position = page_of(self.store.newest(size + 1, query.position, query.filter(owner)), size)
         jobs = self.queue.jobs([record.id for record in shown])
         plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]
         # A job may have gone on since it was found.
-        plans = [plan for plan in plans if query.state in (None, plan.state)]
-        last = shown[-1] if len(records) > size else None
-        return plans, None if last is None else (last.created_us, last.id)
+        return [plan for plan in plans if query.state in (None, plan.state)], position
 
     def document(self, plan_id: str) -> StoredDocument:
         """Return the document of a plan whose job has succeeded.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
@@ -185,10 +185,14 @@ class ProblemDocument(Resource):
     errors: list[ProblemItem] = []
 
 
+PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
+"""An answer that is an error, as the description of an operation has it."""
+
+
 def scene_resource(scene: StoredScene) -> SceneResource:
     """Return the resource of a perceived scene."""
     return SceneResource(
-        id=scene.id, created_at=_moment(scene.created_us), scene=scene.document, links=_scene_links(scene.id)
+        id=scene.id, created_at=moment(scene.created_us), scene=scene.document, links=_scene_links(scene.id)
     )
 
 
@@ -197,7 +201,7 @@ def scene_summary(scene: StoredScene) -> SceneSummary:
     document = scene.document
     return SceneSummary(
         id=scene.id,
-        created_at=_moment(scene.created_us),
+        created_at=moment(scene.created_us),
         external_id=document.external_id,
         cell=document.cell,
         tool=None if document.tool is None else document.tool.name,
@@ -264,8 +268,9 @@ def _finished_us(record: PlanRecord, job: Job) -> int | None:
 
 
 def _time(microseconds: int | None) -> datetime | None:
-    return None if microseconds is None else _moment(microseconds)
+    return None if microseconds is None else moment(microseconds)
 
 
-def _moment(microseconds: int) -> datetime:
+def moment(microseconds: int) -> datetime:
+    """Return a time of our tables [microseconds since 1970, UTC]."""
     return datetime.fromtimestamp(microseconds / 1e6, UTC)

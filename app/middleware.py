@@ -1,4 +1,4 @@
-"""One log line and one measurement for each request, and an id by which everything that belongs to it is found."""
+"""What all requests pass: HEAD wherever there is GET, and the log, with an id by which all of a request is found."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import time
 import uuid
 
+import anyio
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -24,6 +25,28 @@ PROBES = ("/livez", "/readyz", "/metrics")
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 log = structlog.get_logger(__name__)
+
+
+class HeadAsGet:
+    """ASGI middleware; the body is not even made where it would be a stream."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one connection."""
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            await self._app(scope, receive, send)
+            return
+        with anyio.CancelScope() as rest:
+
+            async def send_start(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    await send(message)
+                    await send({"type": "http.response.body", "body": b""})
+                    rest.cancel()
+
+            await self._app({**scope, "method": "GET"}, receive, send_start)
 
 
 class RequestLog:

@@ -8,9 +8,8 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from app.access.audit_log import AuditLog
-from app.access.caller import Caller
+from app.access.caller import Caller, Scope
 from app.access.key_store import KeyRecord, KeyStore
-from app.access.scope import Scope
 from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database

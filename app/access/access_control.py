@@ -15,9 +15,8 @@ from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 from starlette.websockets import WebSocketClose
 
-from app.access.caller import Caller
-from app.access.door import Credentials, Door
-from app.access.scope import Scope
+from app.access.authenticator import Authenticator, Credentials
+from app.access.caller import Caller, Scope
 from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response
 
 LOGIN = "/viewer/login"
@@ -39,7 +38,7 @@ def needed_scope(method: str, path: str) -> Scope | None:
     return Scope.READ if method in SAFE else Scope.WRITE
 
 
-class Gate:
+class AccessControl:
     """ASGI middleware: refuses who may not, tells the routes who calls, and keeps who changed what.
 
     Routes find the `Caller` in the state of the request.
@@ -53,7 +52,7 @@ class Gate:
         if connection["type"] not in ("http", "websocket"):
             await self._app(connection, receive, send)
             return
-        door: Door = connection["app"].state.door
+        authenticator: Authenticator = connection["app"].state.authenticator
         request = HTTPConnection(connection)
         method = connection.get("method", "GET")
         try:
@@ -63,7 +62,7 @@ class Gate:
             return
         connection.setdefault("state", {})["caller"] = caller
         if caller is not None and method not in SAFE:
-            send = _audited(door, caller, request, method, send)
+            send = _audited(authenticator, caller, request, method, send)
         await self._app(connection, receive, send)
 
 
@@ -77,19 +76,21 @@ async def admit(request: HTTPConnection) -> Caller | None:
         KeyNeeded, ScopeNeeded: It shows no key that opens what it wants, or none that does so any more.
         TooManyRequests: The key was used too often, or too many wrong ones came from the address.
     """
-    door: Door = request.app.state.door
+    authenticator: Authenticator = request.app.state.authenticator
     method = request.scope.get("method", "GET")
-    if door.open and not _is_loopback_name(request.headers.get("host", "")):
+    if authenticator.open and not _is_loopback_name(request.headers.get("host", "")):
         raise WrongHost(request.headers.get("host", ""))
     if (method not in SAFE or request.scope["type"] == "websocket") and not is_from_here(request.headers):
         raise ForeignPage
     needed = needed_scope(method, request.url.path)
     if needed is None:
         return None
-    caller = await door.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
+    caller = await authenticator.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
     if not caller.scope.allows(needed):
         if method not in SAFE:
-            await keep(door, caller, request, method, error_response(ScopeNeeded(needed.value)).status_code)
+            await write_audit(
+                authenticator, caller, request, method, error_response(ScopeNeeded(needed.value)).status_code
+            )
         raise ScopeNeeded(needed.value)
     return caller
 
@@ -105,22 +106,24 @@ def address_of(request: HTTPConnection) -> str | None:
     return None if request.client is None else request.client.host
 
 
-async def keep(door: Door, caller: Caller, request: HTTPConnection, action: str, status: int, target: str = "") -> None:
+async def write_audit(
+    authenticator: Authenticator, caller: Caller, request: HTTPConnection, action: str, status: int, target: str = ""
+) -> None:
     """Write into the audit log; where that fails the entry is in the log of events, and the answer is given."""
     target = target or request.url.path
     try:
-        await run_in_threadpool(door.audit.add, caller, address_of(request), action, target, status)
+        await run_in_threadpool(authenticator.audit.add, caller, address_of(request), action, target, status)
     except SQLAlchemyError as error:
         log.error("audit entry not kept", key_id=caller.key_id, action=action, target=target, error=repr(error))
 
 
-def _audited(door: Door, caller: Caller, request: HTTPConnection, method: str, send: Send) -> Send:
+def _audited(authenticator: Authenticator, caller: Caller, request: HTTPConnection, method: str, send: Send) -> Send:
     """Keep what a request did before the caller learns of it."""
 
     async def send_and_keep(message: Message) -> None:
         if message["type"] == "http.response.start":
             made = Headers(raw=message["headers"]).get("location", "")
-            await keep(door, caller, request, method, message["status"], made)
+            await write_audit(authenticator, caller, request, method, message["status"], made)
         await send(message)
 
     return send_and_keep

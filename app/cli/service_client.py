@@ -1,4 +1,4 @@
-"""A client of the service for commands and the demo: what any client would do, with the standard library alone."""
+"""A client of the service for commands and the demo: what any client would do."""
 
 from __future__ import annotations
 
@@ -8,16 +8,45 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from http import HTTPStatus
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
-from app.progress_bar import ProgressBar
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
 from planners.errors import LiftwrightError
 
 KEY_VARIABLE = "LIFTWRIGHT_KEY"
 """Environment variable with the key that a service asks for: not an argument, which others on the machine can see."""
+
+
+class ProgressBar:
+    """Shows one job; nothing but its end is left on a screen that is no terminal."""
+
+    def __init__(self) -> None:
+        columns = (TextColumn("{task.description:<12}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+        self._bar = Progress(*columns, console=Console(stderr=True))
+        self._job = self._bar.add_task("waiting", total=1.0)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def show(self, stage: str, fraction: float) -> None:
+        """Show the stage and how much of the whole is done, 0 … 1."""
+        self._bar.update(self._job, description=stage, completed=fraction)
+
+    def say(self, sentence: str) -> None:
+        """Print a line over the bar, on any screen."""
+        self._bar.console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
 class ServiceRefused(LiftwrightError):

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.bad_input import BAD_INPUT, BadInput
+from app.cli.files import BAD_INPUT, BadInput
 from app.example_tasks import example_tasks
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
@@ -223,7 +223,7 @@ def _options(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def _plan(given: argparse.Namespace) -> int:
-    from app.plan_file import plan_file, post_file
+    from app.cli.plan_command import plan_file, post_file
 
     if given.service is not None:
         return post_file(given.file, given.out, given.service)
@@ -231,7 +231,7 @@ def _plan(given: argparse.Namespace) -> int:
 
 
 def _scene(given: argparse.Namespace) -> int:
-    from app.scene_file import perceive_files
+    from app.cli.scene_command import perceive_files
 
     return perceive_files(given.files, given.service, given.out, given.preview)
 
@@ -251,8 +251,8 @@ def _work(given: argparse.Namespace) -> int:
 
 
 def _issue_key(given: argparse.Namespace) -> int:
-    from app.access.scope import Scope
-    from app.keys_command import issue_key
+    from app.access.caller import Scope
+    from app.cli.keys_command import issue_key
 
     print(issue_key(WorkerSettings(**_options(given)), given.owner, Scope(given.scope), given.days))
     print("liftwright: keep it, it cannot be shown again; a service that runs without keys: restart", file=sys.stderr)
@@ -260,14 +260,14 @@ def _issue_key(given: argparse.Namespace) -> int:
 
 
 def _list_keys(given: argparse.Namespace) -> int:
-    from app.keys_command import list_keys
+    from app.cli.keys_command import list_keys
 
     print(list_keys(WorkerSettings(**_options(given))))
     return 0
 
 
 def _revoke_key(given: argparse.Namespace) -> int:
-    from app.keys_command import revoke_key
+    from app.cli.keys_command import revoke_key
 
     revoke_key(WorkerSettings(**_options(given)), given.key_id)
     return 0

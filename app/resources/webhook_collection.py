@@ -1,22 +1,27 @@
-"""What one caller sees of all webhooks, and may do with them."""
+"""Webhooks: what the routes ask for."""
 
 from __future__ import annotations
 
-from app.access.caller import Caller
-from app.access.scope import Scope
+from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import TooManyWebhooks, WebhookNotFound, WebhookUnusable
+from app.resources.queries import Position, page_of
 from workers.stores.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
 from workers.webhooks.target import Target, TargetRules
 
-Position = tuple[int, str]
 
+class WebhookCollection:
+    """What one caller sees of all webhooks: what belongs to somebody else does not exist.
 
-class WebhookDesk:
-    """All methods block on the database: call them from a thread."""
+    All methods block on the database: call them from a thread.
+    """
 
-    def __init__(self, store: WebhookStore, rules: TargetRules, most: int, caller: Caller) -> None:
+    def __init__(self, store: WebhookStore, rules: TargetRules, most: int, caller: Caller = ANYBODY) -> None:
         """`most` webhooks an owner may have [1]."""
         self._store, self._rules, self._most, self._caller = store, rules, most, caller
+
+    def seen_by(self, caller: Caller) -> WebhookCollection:
+        """Return what another caller sees."""
+        return WebhookCollection(self._store, self._rules, self._most, caller)
 
     def register(self, url: str, plans: Plans) -> Webhook:
         """Register a webhook of the caller.
@@ -56,7 +61,7 @@ class WebhookDesk:
         """Return `size` webhooks, newest first, from behind `before`, and where the next page begins, if any."""
         everybody = self._caller.scope is Scope.ADMIN
         found = self._store.newest(size + 1, before, self._caller.owner, all_owners=everybody)
-        return found[:size], _next(found[:size], more=len(found) > size)
+        return page_of(found, size)
 
     def rotate(self, webhook_id: str) -> Webhook:
         """Give a webhook a new secret.
@@ -84,10 +89,6 @@ class WebhookDesk:
             WebhookNotFound: There is none of that id.
         """
         found = self._store.deliveries(self.webhook(webhook_id).id, size + 1, before)
-        shown = found[:size]
+        shown, position = page_of(found, size)
         attempts = self._store.attempts([delivery.id for delivery in shown])
-        return [(delivery, attempts[delivery.id]) for delivery in shown], _next(shown, more=len(found) > size)
-
-
-def _next(shown: list[Webhook] | list[Delivery], *, more: bool) -> Position | None:
-    return (shown[-1].created_us, shown[-1].id) if more else None
+        return [(delivery, attempts[delivery.id]) for delivery in shown], position

@@ -6,24 +6,27 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
 
-from app.bad_input import BAD_INPUT, refuse
-from app.scan_files import DESCRIPTION_FILE, NotScanFiles, ScanFiles, read_scan_files
-from app.service_client import ServiceClient, ServiceRefused
-from app.whole_file import written_whole
+from app.cli.files import BAD_INPUT, refuse, written_whole
+from app.cli.service_client import ServiceClient, ServiceRefused
 from planners.contract.problems import problems_of
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import ObjectPart, SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
-from planners.errors import SceneError
-from planners.perception.perceive import perceive
+from planners.errors import LiftwrightError, SceneError
+from planners.perception.perceive import PARTS, perceive
 from planners.perception.refusal import ScanRefused
 from planners.scene.cell import known_cells, load_cell
 
 PERCEIVED = 0
+DESCRIPTION = "scan"
+DESCRIPTION_FILE = "scan.json"
+"""What messages call it, whatever its own name."""
+SUFFIXES = frozenset({".json", ".png", ".jpg", ".jpeg", ".npy", ".ply", ".pcd"})
 
 
 def perceive_files(named: Sequence[str], service: str | None, out: Path | None, preview: Path | None) -> int:
@@ -98,3 +101,47 @@ def _post(scan: ScanFiles, client: ServiceClient) -> tuple[SceneDocument, bytes,
     document = SceneDocument.model_validate_json(json.dumps(scene["scene"]))
     told = f"{'scene_id':<16}{scene['id']}\n{'viewer':<16}{client.address}{scene['links']['view']}\n"
     return document, client.read(scene["links"]["preview"]), told
+
+
+class NotScanFiles(LiftwrightError):
+    """The files that were named are no scan."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanFiles:
+    """A scan as it is posted."""
+
+    description: bytes
+    files: dict[str, bytes]
+    """By part."""
+
+
+def read_scan_files(named: Sequence[str]) -> ScanFiles:
+    """Read a scan: a folder, or files that are called like their parts (depth.png), or PART=FILE.
+
+    Raises:
+        NotScanFiles: They are not the parts of one scan.
+        OSError: One of them cannot be read.
+    """
+    paths: dict[str, Path] = {}
+    for part, path in [pair for name in named for pair in _parts(name)]:
+        if part in paths:
+            raise NotScanFiles(f"the part {part} is given twice: {paths[part]}, {path}")
+        paths[part] = path
+    if DESCRIPTION not in paths:
+        raise NotScanFiles(f"there is no {DESCRIPTION_FILE}, which says what cameras the files come from")
+    contents = {part: path.read_bytes() for part, path in paths.items()}
+    return ScanFiles(contents.pop(DESCRIPTION), contents)
+
+
+def _parts(name: str) -> list[tuple[str, Path]]:
+    known = (DESCRIPTION, *PARTS)
+    part, equals, rest = name.partition("=")
+    if equals and part in known:
+        return [(part, Path(rest))]
+    path = Path(name)
+    if path.is_dir():
+        return [(each.stem, each) for each in sorted(path.iterdir()) if each.stem in known and each.suffix in SUFFIXES]
+    if path.stem not in known:
+        raise NotScanFiles(f"{name}: a file is called like its part, {', '.join(known)}, or given as depth={name}")
+    return [(path.stem, path)]

@@ -53,7 +53,7 @@ class Credentials:
         return cls(key, None if "authorization" in headers else cookies.get(COOKIE))
 
 
-class Door:
+class Authenticator:
     """Lets in whoever holds a key, as often as the key may be used."""
 
     def __init__(self, keys: KeyStore, sessions: SessionStore, audit: AuditLog, limiter: RateLimiter) -> None:
@@ -129,7 +129,7 @@ class Door:
         self._trusted.pop(hashlib.sha256(secret.encode()).digest(), None)
 
 
-class OpenDoor(Door):
+class OpenAccess(Authenticator):
     """Lets everybody in: for a service that only its own machine can reach."""
 
     @property

@@ -5,20 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from app.bad_input import refuse
-from app.intake import NeedsScene, accept_task
-from app.progress_bar import ProgressBar
-from app.service_client import ServiceClient, ServiceRefused
+from app.cli.files import BadInput, refuse, written_whole
+from app.cli.service_client import ProgressBar, ServiceClient, ServiceRefused
 from app.summary import summarise
-from app.task_file import read_scene_file, read_task_file
-from app.whole_file import written_whole
+from app.task_intake import NeedsScene, accept_task
 from planners.contract.problems import problems_of
 from planners.contract.scene_document import SceneDocument
+from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import SceneError
 from planners.geometry.solid_mesh import SolidMesh
 from workers.pipeline import Pipeline
@@ -29,6 +28,7 @@ SOLVED, NO_PLAN = 0, 2
 JOB_FAILED = 1
 HANDOVERS = "handovers"
 """Stage that is reported only where handovers are not found in the data directory."""
+SCENES = "`liftwright scene --out FILE` writes one"
 
 
 def plan_file(path: Path, out: Path | None, settings: WorkerSettings, scene: Path | None = None) -> int:
@@ -147,3 +147,43 @@ def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: 
         document = pipeline.solve({"id": name, "task": task}, show)
         bar.show("done", 1.0)
     return document
+
+
+def read_task_file(path: Path) -> Any:
+    """Return the JSON data of a file that may be a task.
+
+    Raises:
+        BadInput: It is not JSON, or what another command or the service has written.
+        OSError: It cannot be read.
+    """
+    sent = _read_json(path)
+    members: Mapping[str, Any] = sent if isinstance(sent, dict) else {}
+    if {"segments", "certificate", "task"} <= members.keys():
+        raise BadInput(f'{path} is a plan document, not a task; the one it was planned from is its member "task"')
+    if {"table", "unrecognised"} <= members.keys():
+        raise BadInput(
+            f"{path} is a scene, not a task; give it as --scene {path}, beside a task that names its objects"
+        )
+    return sent
+
+
+def read_scene_file(path: Path) -> SceneDocument:
+    """Return the scene in a file.
+
+    Raises:
+        BadInput: There is none.
+        OSError: It cannot be read.
+    """
+    try:
+        return SceneDocument.model_validate_json(json.dumps(_read_json(path)))
+    except ValidationError as error:
+        first = problems_of(error)[0]
+        where = f"{first['pointer']} " if first["pointer"] else ""
+        raise BadInput(f"{path} is not a scene ({where}{first['detail']}); {SCENES}") from error
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return parse_json(path.read_bytes(), "the file")
+    except NotJson as error:
+        raise BadInput(f"{path}: {error}") from error
