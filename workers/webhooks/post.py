@@ -5,16 +5,14 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 
-import h11
+import httpcore
 
-from workers.webhooks.target import Address, Target, TargetRefused, TargetRules
+from workers.webhooks.target import Target, TargetRefused, TargetRules
 
-READ_BYTES = 4096
-LARGEST_HEAD_BYTES = 16_384
 LONGEST_RETRY_AFTER = 86_400
 LONGEST_FAILURE = 300
 """Of a sentence that is kept [characters]; what it quotes may be as long as it likes."""
@@ -31,25 +29,54 @@ class PostResult:
     """When it wants to be asked again at the earliest [s from now]."""
 
 
+class CheckedNetwork(httpcore.AsyncNetworkBackend):
+    """Connects to addresses that the operator's rules allow, wherever a name leads.
+
+    The name is resolved here, once, and the connection goes to an address of that answer: a name that points elsewhere
+    a moment later leads nowhere else.
+    """
+
+    def __init__(self, target: Target, rules: TargetRules) -> None:
+        self._target, self._rules = target, rules
+        self._network = httpcore.AnyIOBackend()
+
+    async def connect_tcp(
+        self,
+        host: str,
+        port: int,
+        timeout: float | None = None,
+        local_address: str | None = None,
+        socket_options: Iterable[httpcore.SOCKET_OPTION] | None = None,
+    ) -> httpcore.AsyncNetworkStream:
+        """Connect to the first address of `host` that may be connected to.
+
+        Raises:
+            TargetRefused: None may.
+        """
+        found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        address = self._rules.choose(self._target, [ip_address(where[0]) for *_, where in found])
+        return await self._network.connect_tcp(str(address), port, timeout, local_address, socket_options)
+
+
 async def post(
     url: str, headers: Mapping[str, str], body: bytes, rules: TargetRules, trust: ssl.SSLContext, seconds: float
 ) -> PostResult:
-    """Send a message; redirects are not followed. What goes wrong is told in the result.
-
-    The name is resolved once, and the connection goes to an address of that answer that `rules` allow: a name that
-    points elsewhere a moment later leads nowhere else.
-    """
+    """Send a message; redirects are not followed. What goes wrong is told in the result."""
     try:
         target = Target.of(url)
         rules.check(target)
-        async with asyncio.timeout(seconds):
-            address = rules.choose(target, await _addresses(target))
-            return _judge(await _exchange(target, address, headers, body, trust))
+        place = httpcore.URL(scheme=target.scheme, host=target.host, port=target.port, target=target.path)
+        fixed = {"Host": target.authority, "Connection": "close"}
+        network = CheckedNetwork(target, rules)
+        async with asyncio.timeout(seconds), httpcore.AsyncConnectionPool(trust, network_backend=network) as pool:
+            # The rest of the answer is of no interest: only its head is read.
+            async with pool.stream("POST", place, headers={**fixed, **headers}, content=body) as answer:
+                return _judge(answer.status, dict(answer.headers))
     except TargetRefused as error:
         return _failure(str(error))
     except TimeoutError:
         return _failure(f"no answer within {seconds:g} s")
-    except (OSError, ValueError, h11.ProtocolError) as error:
+    except (OSError, ValueError, httpcore.NetworkError, httpcore.ProtocolError) as error:
         # ValueError: names that have no encoding, and whatever else is in a URL or an answer that others have written.
         return _failure(f"{type(error).__name__}: {error}")
 
@@ -58,41 +85,12 @@ def _failure(sentence: str) -> PostResult:
     return PostResult(None, sentence[:LONGEST_FAILURE])
 
 
-async def _addresses(target: Target) -> list[Address]:
-    loop = asyncio.get_running_loop()
-    found = await loop.getaddrinfo(target.host, target.port, type=socket.SOCK_STREAM)
-    return [ip_address(where[0]) for *_, where in found]
-
-
-async def _exchange(
-    target: Target, address: Address, headers: Mapping[str, str], body: bytes, trust: ssl.SSLContext
-) -> h11.Response:
-    tls = {"ssl": trust, "server_hostname": target.host} if target.tls else {}
-    reader, writer = await asyncio.open_connection(str(address), target.port, **tls)
-    try:
-        connection = h11.Connection(h11.CLIENT, max_incomplete_event_size=LARGEST_HEAD_BYTES)
-        fixed = {"Host": target.authority, "Content-Length": str(len(body)), "Connection": "close"}
-        request = h11.Request(method="POST", target=target.path, headers=list({**fixed, **headers}.items()))
-        for event in (request, h11.Data(data=body), h11.EndOfMessage()):
-            writer.write(connection.send(event) or b"")
-        await writer.drain()
-        while True:
-            event = connection.next_event()
-            if isinstance(event, h11.Response):
-                return event
-            if event is h11.NEED_DATA:
-                connection.receive_data(await reader.read(READ_BYTES))
-    finally:
-        # The rest of the answer is of no interest, nor is a polite end.
-        writer.transport.abort()
-
-
-def _judge(response: h11.Response) -> PostResult:
-    status = response.status_code
+def _judge(status: int, headers: Mapping[bytes, bytes]) -> PostResult:
     if 200 <= status < 300:
         return PostResult(status, None)
     why = "redirects are not followed" if 300 <= status < 400 else "not taken"
-    return PostResult(status, f"{status}: {why}", _seconds(dict(response.headers).get(b"retry-after", b"")))
+    retry_after = next((value for name, value in headers.items() if name.lower() == b"retry-after"), b"")
+    return PostResult(status, f"{status}: {why}", _seconds(retry_after))
 
 
 def _seconds(retry_after: bytes) -> float:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import random
 import ssl
-import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
 
 import sqlalchemy as sa
+import standardwebhooks
 import structlog
 
 from workers.settings import WorkerSettings
@@ -20,7 +21,6 @@ from workers.stores.plan_store import PlanRecord, PlanStore
 from workers.stores.tables import now_us
 from workers.stores.webhook_store import Attempt, Delivery, DeliveryState, Webhook, WebhookStore
 from workers.webhooks.post import PostResult, post
-from workers.webhooks.signature import signed_headers
 from workers.webhooks.target import TargetRules
 
 LOOK_SECONDS = 0.5
@@ -59,7 +59,7 @@ class WebhookRunner:
         webhook = None if delivery is None else await once_it_is_there(self._webhooks.get, delivery.webhook_id)
         if delivery is None or delivery.body is None or webhook is None:
             return DeliveryState.FAILED.value
-        result = await self._send(webhook, delivery, delivery.body.encode())
+        result = await self._send(webhook, delivery, delivery.body)
         pauses = self._settings.webhook_retry_seconds
         if result.status == GONE:
             await once_it_is_there(self._webhooks.disable, webhook.id)
@@ -78,16 +78,32 @@ class WebhookRunner:
         log.info("webhook", delivery=delivery_id, job_id=delivery.plan_id, attempt=number, state=state.value)
         return state.value
 
-    async def _send(self, webhook: Webhook, delivery: Delivery, body: bytes) -> PostResult:
+    async def _send(self, webhook: Webhook, delivery: Delivery, body: str) -> PostResult:
         if webhook.disabled_us is not None:
             return PostResult(None, "the webhook is disabled")
-        signed = signed_headers(f"msg_{delivery.id}", int(time.time()), body, webhook.secrets_at(now_us()))
+        signed = signed_headers(f"msg_{delivery.id}", datetime.now(UTC), body, webhook.secrets_at(now_us()))
         headers = {"Content-Type": "application/json", "User-Agent": "liftwright", **signed}
         seconds = self._settings.webhook_timeout_seconds
-        return await post(webhook.url, headers, body, self._rules, self._trust, seconds)
+        return await post(webhook.url, headers, body.encode(), self._rules, self._trust, seconds)
 
     def _enqueue(self, delivery: Delivery, number: int, pause: float, transaction: sa.Connection) -> None:
         self._queue.enqueue_delivery(transaction, delivery.plan_id, delivery.id, number, pause)
+
+
+def signed_headers(message_id: str, at: datetime, body: str, secrets: Sequence[str]) -> dict[str, str]:
+    """Return the headers of a message by Standard Webhooks: its receiver knows who sent it, when, and that it is whole.
+
+    Args:
+        message_id: the same at every try, so that the receiver can tell a repeat.
+        at: when it is sent, UTC.
+        body: the text that is sent, as UTF-8.
+        secrets: one, or two while one is being replaced: there is a signature with each.
+    """
+    return {
+        "webhook-id": message_id,
+        "webhook-timestamp": str(int(at.timestamp())),
+        "webhook-signature": " ".join(standardwebhooks.Webhook(each).sign(message_id, at, body) for each in secrets),
+    }
 
 
 def _message(plan: PlanRecord, job: Job) -> dict[str, object]:

@@ -33,7 +33,8 @@ class TargetRefused(LiftwrightError):
 class Target:
     """The parts of a webhook's URL."""
 
-    tls: bool
+    scheme: str
+    """http or https."""
     host: str
     port: int
     authority: str
@@ -62,8 +63,12 @@ class Target:
         if parts.username is not None or parts.fragment or "\\" in url:
             raise TargetRefused("a webhook's URL has no user, password or fragment")
         path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
-        tls = parts.scheme == "https"
-        return cls(tls, parts.hostname, port or DEFAULT_PORTS[parts.scheme], parts.netloc, path)
+        return cls(parts.scheme, parts.hostname, port or DEFAULT_PORTS[parts.scheme], parts.netloc, path)
+
+    @property
+    def tls(self) -> bool:
+        """Whether what is sent is encrypted."""
+        return self.scheme == "https"
 
 
 @dataclass(frozen=True)
