@@ -8,6 +8,7 @@ import ssl
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
+from typing import cast
 
 import httpcore
 
@@ -38,7 +39,7 @@ class CheckedNetwork(httpcore.AsyncNetworkBackend):
 
     def __init__(self, target: Target, rules: TargetRules) -> None:
         self._target, self._rules = target, rules
-        self._network = httpcore.AnyIOBackend()
+        self._network = cast(httpcore.AsyncNetworkBackend, httpcore.AnyIOBackend())
 
     async def connect_tcp(
         self,
