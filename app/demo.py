@@ -1,7 +1,4 @@
-"""`make demo`: starts the service, has a lift planned over HTTP, then what cameras saw perceived and piled up.
-
-Talks to the service as any client would, with the standard library alone.
-"""
+"""`make demo`: starts the service, has a lift planned over HTTP, then what cameras saw perceived and piled up."""
 
 from __future__ import annotations
 
@@ -13,11 +10,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
-from urllib.error import URLError
-from urllib.request import urlopen
+
+import httpx
 
 from app.cli.scene_command import read_scan_files
 from app.cli.service_client import ServiceClient
@@ -121,11 +118,10 @@ def _wait_until_ready(service: subprocess.Popen[bytes], address: str) -> None:
     while time.monotonic() < deadline:
         if service.poll() is not None:
             sys.exit(f"the service ended with exit code {service.returncode}")
-        try:
-            with urlopen(f"{address}/readyz"):
+        with suppress(httpx.TransportError):
+            if httpx.get(f"{address}/readyz").is_success:
                 return
-        except URLError:
-            time.sleep(0.2)
+        time.sleep(0.2)
     sys.exit(f"the service was not ready within {STARTUP_SECONDS:g} s")
 
 

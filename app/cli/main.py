@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.cli.files import BAD_INPUT, BadInput
+from app.cli.output import BAD_INPUT, BadInput
 from app.example_tasks import example_tasks
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError

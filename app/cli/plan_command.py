@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from app.cli.files import BadInput, refuse, written_whole
-from app.cli.service_client import ProgressBar, ServiceClient, ServiceRefused
+from app.cli.output import BadInput, ProgressBar, refuse, written_whole
+from app.cli.service_client import ServiceClient, ServiceRefused
 from app.summary import summarise
 from app.task_intake import NeedsScene, accept_task
 from planners.contract.problems import problems_of

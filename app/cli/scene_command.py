@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from app.cli.files import BAD_INPUT, refuse, written_whole
+from app.cli.output import BAD_INPUT, refuse, written_whole
 from app.cli.service_client import ServiceClient, ServiceRefused
 from planners.contract.problems import problems_of
 from planners.contract.scan_spec import read_scan

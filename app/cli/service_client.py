@@ -2,51 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from http import HTTPStatus
-from types import TracebackType
-from typing import Any, Self
-from urllib.error import HTTPError, URLError
+from typing import Any
 from urllib.parse import urlsplit
-from urllib.request import Request, urlopen
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+import httpx
+from httpx_sse import connect_sse
 
+from app.cli.output import ProgressBar
 from planners.errors import LiftwrightError
 
 KEY_VARIABLE = "LIFTWRIGHT_KEY"
 """Environment variable with the key that a service asks for: not an argument, which others on the machine can see."""
-
-
-class ProgressBar:
-    """Shows one job; nothing but its end is left on a screen that is no terminal."""
-
-    def __init__(self) -> None:
-        columns = (TextColumn("{task.description:<12}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-        self._bar = Progress(*columns, console=Console(stderr=True))
-        self._job = self._bar.add_task("waiting", total=1.0)
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.stop()
-
-    def show(self, stage: str, fraction: float) -> None:
-        """Show the stage and how much of the whole is done, 0 … 1."""
-        self._bar.update(self._job, description=stage, completed=fraction)
-
-    def say(self, sentence: str) -> None:
-        """Print a line over the bar, on any screen."""
-        self._bar.console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+PATIENCE = httpx.Timeout(None, connect=30.0)
+"""Perceiving a scan takes as long as it takes, and a job may say nothing for long [s]."""
+JSON = {"Content-Type": "application/json"}
 
 
 class ServiceRefused(LiftwrightError):
@@ -102,8 +75,8 @@ class ServiceClient:
         Raises:
             KeyNeeded, ServiceRefused, ServiceAway: There are none.
         """
-        with self._open(path) as answer:
-            return answer.read()
+        with self._connected() as client:
+            return self._accepted(client.get(path)).content
 
     def post_plan(self, task: bytes) -> dict[str, Any]:
         """Post a task and return its plan.
@@ -111,8 +84,8 @@ class ServiceClient:
         Raises:
             KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
         """
-        with self._open("/v1/plans", task, "application/json") as answer:
-            return json.load(answer)
+        with self._connected() as client:
+            return self._accepted(client.post("/v1/plans", content=task, headers=JSON)).json()
 
     def post_scene(self, description: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
         """Post a scan, its description and its files by their parts, and return the scene it became.
@@ -120,15 +93,8 @@ class ServiceClient:
         Raises:
             KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
         """
-        parts = {"scan": description, **files}
-        boundary = hashlib.sha256(b"".join(parts.values())).hexdigest()
-        form = b"".join(
-            f'--{boundary}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n'.encode() + content + b"\r\n"
-            for name, content in parts.items()
-        )
-        body = form + f"--{boundary}--\r\n".encode()
-        with self._open("/v1/scenes", body, f"multipart/form-data; boundary={boundary}") as answer:
-            return json.load(answer)
+        with self._connected() as client:
+            return self._accepted(client.post("/v1/scenes", files={"scan": description, **files})).json()
 
     def follow(self, plan: Mapping[str, Any]) -> dict[str, Any]:
         """Show a job's progress until it has ended, and return the plan as it is then.
@@ -136,30 +102,34 @@ class ServiceClient:
         Raises:
             KeyNeeded, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
-        with self._open(plan["links"]["events"]) as stream, ProgressBar() as bar:
-            for kind, data in _events(stream):
-                if kind == "finished":
+        events = plan["links"]["events"]
+        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
+            self._accepted(source.response)
+            for event in source.iter_sse():
+                data = event.json()
+                if event.event == "finished":
                     bar.show("done", data["progress"]["fraction"])
                     return data
                 bar.show(data["stage"], data["fraction"])
         raise ServiceAway(self.address, "it closed the event stream before the job ended")
 
     @contextmanager
-    def _open(self, path: str, body: bytes | None = None, media_type: str | None = None) -> Iterator[Any]:
-        headers = {} if media_type is None else {"Content-Type": media_type}
-        if self._key is not None:
-            headers["Authorization"] = f"Bearer {self._key}"
+    def _connected(self) -> Iterator[httpx.Client]:
+        headers = {} if self._key is None else {"Authorization": f"Bearer {self._key}"}
         try:
-            answer = urlopen(Request(self.address + path, body, headers))
-        except HTTPError as error:
-            with error:
-                if error.code == HTTPStatus.UNAUTHORIZED and self._key is None:
-                    raise KeyNeeded(self.address) from error
-                raise ServiceRefused(error.code, _problem(error.read())) from error
-        except URLError as error:
-            raise ServiceAway(self.address, error.reason) from error
-        with answer:
-            yield answer
+            with httpx.Client(
+                base_url=self.address, headers=headers, timeout=PATIENCE, follow_redirects=True
+            ) as client:
+                yield client
+        except (httpx.TransportError, httpx.InvalidURL) as error:
+            raise ServiceAway(self.address, error) from error
+
+    def _accepted(self, answer: httpx.Response) -> httpx.Response:
+        if answer.is_success:
+            return answer
+        if answer.status_code == httpx.codes.UNAUTHORIZED and self._key is None:
+            raise KeyNeeded(self.address)
+        raise ServiceRefused(answer.status_code, _problem(answer.read()))
 
 
 def _problem(content: bytes) -> Mapping[str, Any]:
@@ -168,13 +138,3 @@ def _problem(content: bytes) -> Mapping[str, Any]:
     except ValueError:
         return {}
     return problem if isinstance(problem, dict) else {}
-
-
-def _events(stream: Any) -> Iterator[tuple[str, dict[str, Any]]]:
-    kind = ""
-    for line in stream:
-        name, _, value = line.decode().rstrip("\r\n").partition(": ")
-        if name == "event":
-            kind = value
-        elif name == "data":
-            yield kind, json.loads(value)

@@ -1,4 +1,4 @@
-"""Files of commands: those they refuse, and results that are written whole or not at all."""
+"""What commands say and write: refusals, progress, and results that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from errno import ENOENT
 from pathlib import Path
-from typing import Any, TextIO
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
 
 from planners.errors import LiftwrightError
 
@@ -27,6 +31,32 @@ def refuse(problems: Iterable[Mapping[str, Any]], file: str) -> int:
         allowed = f" (one of: {', '.join(choices)})" if choices else ""
         sys.stderr.write(f"{problem['pointer'] or file}: {problem['detail']}{allowed}\n")
     return BAD_INPUT
+
+
+class ProgressBar:
+    """Shows one job; nothing but its end is left on a screen that is no terminal."""
+
+    def __init__(self) -> None:
+        columns = (TextColumn("{task.description:<12}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+        self._bar = Progress(*columns, console=Console(stderr=True))
+        self._job = self._bar.add_task("waiting", total=1.0)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.stop()
+
+    def show(self, stage: str, fraction: float) -> None:
+        """Show the stage and how much of the whole is done, 0 … 1."""
+        self._bar.update(self._job, description=stage, completed=fraction)
+
+    def say(self, sentence: str) -> None:
+        """Print a line over the bar, on any screen."""
+        self._bar.console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager
