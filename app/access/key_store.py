@@ -83,7 +83,7 @@ class KeyStore:
     """Reads and writes keys. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
 
     def issue(self, owner: str, scope: Scope, expires_us: int | None = None) -> ApiKey:
         """Return a new key; nobody can ask for it again."""
@@ -96,21 +96,18 @@ class KeyStore:
             "created_us": now_us(),
             "expires_us": expires_us,
         }
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.insert(API_KEYS).values(row))
+        self._database.write(sa.insert(API_KEYS).values(row))
         return key
 
     def all(self) -> list[KeyRecord]:
         """Return all keys, the oldest first, those that were revoked included."""
-        with self._engine.connect() as connection:
-            rows = connection.execute(sa.select(API_KEYS).order_by(API_KEYS.c.created_us)).mappings()
-            return [_record(row) for row in rows]
+        rows = self._database.mappings(sa.select(API_KEYS).order_by(API_KEYS.c.created_us))
+        return [_record(row) for row in rows]
 
     def get(self, key_id: str) -> KeyRecord | None:
         """Return the record of a key."""
-        with self._engine.connect() as connection:
-            row = connection.execute(sa.select(API_KEYS).where(API_KEYS.c.id == key_id)).mappings().one_or_none()
-        return None if row is None else _record(row)
+        found = self._database.mappings(sa.select(API_KEYS).where(API_KEYS.c.id == key_id))
+        return _record(found[0]) if found else None
 
     def any_valid(self) -> bool:
         """Tell whether some key opens anything now."""
@@ -120,8 +117,7 @@ class KeyStore:
     def revoke(self, key_id: str) -> bool:
         """Make a key worthless; tell whether there was such a key that was not."""
         update = sa.update(API_KEYS).where(API_KEYS.c.id == key_id, API_KEYS.c.revoked_us.is_(None))
-        with self._engine.begin() as transaction:
-            return transaction.execute(update.values(revoked_us=now_us())).rowcount == 1
+        return self._database.write(update.values(revoked_us=now_us())) == 1
 
     def holder(self, secret: str) -> KeyRecord | None:
         """Return the record of the key that a secret is; None if it opens nothing."""
@@ -136,8 +132,7 @@ class KeyStore:
         now = now_us()
         if record.last_used_us is not None and now - record.last_used_us < USE_NOTED_US:
             return
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.update(API_KEYS).where(API_KEYS.c.id == record.id).values(last_used_us=now))
+        self._database.write(sa.update(API_KEYS).where(API_KEYS.c.id == record.id).values(last_used_us=now))
 
 
 def _record(row: sa.RowMapping) -> KeyRecord:

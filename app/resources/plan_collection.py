@@ -15,13 +15,13 @@ from app.errors import (
     QueueFull,
     TooManyDelayed,
 )
-from app.resources.queries import PlanQuery, Position, page_of
+from app.resources.queries import PlanQuery, page_of
 from app.resources.schemas import PlanResource, plan_resource
 from planners.contract.task_spec import read_task, write_task
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job, JobOrder, JobState
 from workers.stores.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
-from workers.stores.tables import now_us
+from workers.stores.tables import Position, now_us
 
 
 class PlanCollection:

@@ -23,15 +23,12 @@ from app.resources.schemas import Outcome, PlanState
 from planners.contract.quantities import ExternalId
 from workers.stores.jobs import HIGHEST_PRIORITY, JobOrder, JobState
 from workers.stores.plan_store import PlanFilter
+from workers.stores.tables import Position
 
 _POSITION = re.compile(rb"(\d{1,18})-([0-9a-f]{32})")
 YEARS = range(1970, 3000)
 """Outside of them a time is a mistake, and near the calendar's ends none that can be told in UTC."""
 _RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
-
-
-Position = tuple[int, str]
-"""(created_us, id) of the last item of a page: the next one begins behind it."""
 
 
 class Listed(Protocol):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import SceneInUse, SceneNotFound
-from app.resources.queries import Position, page_of
+from app.resources.queries import page_of
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
@@ -19,6 +19,7 @@ from workers.software import describe_software
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore, StoredScene
+from workers.stores.tables import Position
 
 
 class SceneCollection:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import TooManyWebhooks, WebhookNotFound, WebhookUnusable
-from app.resources.queries import Position, page_of
+from app.resources.queries import page_of
+from workers.stores.tables import Position
 from workers.stores.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
 from workers.webhooks.target import Target, TargetRules
 

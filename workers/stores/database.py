@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sqlite3
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sqlalchemy as sa
 import structlog
@@ -48,6 +50,31 @@ class Database:
     engine: sa.Engine
     engine_url: str
     """The same database as the job engine wants it named."""
+
+    def rows(self, query: sa.Executable) -> Sequence[sa.Row[Any]]:
+        """Return what a query finds."""
+        with self.engine.connect() as connection:
+            return connection.execute(query).all()
+
+    def mappings(self, query: sa.Executable) -> Sequence[sa.RowMapping]:
+        """Return what a query finds, each row as a mapping from the names of columns."""
+        with self.engine.connect() as connection:
+            return connection.execute(query).mappings().all()
+
+    def column(self, query: sa.Executable) -> list[Any]:
+        """Return the first column of what a query finds."""
+        with self.engine.connect() as connection:
+            return list(connection.scalars(query))
+
+    def scalar(self, query: sa.Executable) -> Any:
+        """Return the one value that a query finds; None if it finds nothing."""
+        with self.engine.connect() as connection:
+            return connection.scalar(query)
+
+    def write(self, statement: sa.Executable) -> int:
+        """Change rows, in a transaction of its own, and return how many."""
+        with self.engine.begin() as transaction:
+            return transaction.execute(statement).rowcount
 
     def require_writable(self) -> None:
         """Raise what `DATABASE_GONE` lists if it cannot be reached, or takes no writes."""

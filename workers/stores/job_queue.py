@@ -57,7 +57,7 @@ class JobQueue:
         self._client = DBOSClient(
             system_database_url=database.engine_url, application_name=APPLICATION, retry_connection_errors=False
         )
-        self._engine = database.engine
+        self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
 
     def close(self) -> None:
@@ -114,8 +114,7 @@ class JobQueue:
         if not plan_ids:
             return {}
         columns = (self._jobs.c.workflow_uuid, self._jobs.c.status, self._jobs.c.updated_at)
-        with self._engine.connect() as connection:
-            rows = connection.execute(sa.select(*columns).where(self._jobs.c.workflow_uuid.in_(plan_ids))).all()
+        rows = self._database.rows(sa.select(*columns).where(self._jobs.c.workflow_uuid.in_(plan_ids)))
         states = {row.workflow_uuid: STATE_OF_STATUS[row.status] for row in rows}
         errors = self._errors([plan_id for plan_id, state in states.items() if state is JobState.FAILED])
         return {
@@ -130,8 +129,7 @@ class JobQueue:
             self._jobs.c.status == RUNNING,
             self._jobs.c.executor_id == worker,
         )
-        with self._engine.connect() as connection:
-            return set(plan_ids) - set(connection.scalars(query))
+        return set(plan_ids) - set(self._database.column(query))
 
     def cancel(self, plan_id: str) -> None:
         """Cancel a job; one that has ended stays as it is."""
@@ -146,8 +144,7 @@ class JobQueue:
     def depth(self, most: int) -> Depth:
         """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
         counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
-        with self._engine.connect() as connection:
-            return Depth(*connection.execute(sa.select(*counts)).one())
+        return Depth(*self._database.rows(sa.select(*counts))[0])
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
@@ -155,9 +152,8 @@ class JobQueue:
             self._jobs.c.queue_name.in_((QUEUE, DELIVERY_QUEUE)), self._jobs.c.status == RUNNING
         )
         found: dict[str, set[str]] = {}
-        with self._engine.connect() as connection:
-            for row in connection.execute(query):
-                found.setdefault(row.executor_id, set()).add(row.workflow_uuid)
+        for row in self._database.rows(query):
+            found.setdefault(row.executor_id, set()).add(row.workflow_uuid)
         return found
 
     def begin_anew(self, worker: str, plan_ids: Collection[str]) -> int:
@@ -176,7 +172,7 @@ class JobQueue:
             )
             .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=time.time_ns() // 1_000_000)
         )
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             number = transaction.execute(taken).rowcount
             if number:
                 add_to_total(transaction, TAKEOVER, count=number)

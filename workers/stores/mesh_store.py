@@ -21,15 +21,14 @@ class MeshStore:
     """Reads and writes meshes that were taken in. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
 
     def add(self, mesh_id: str, mesh: SolidMesh) -> None:
         """Store a mesh; nothing happens if it is there already."""
         body = json.dumps(mesh.document(), separators=(",", ":"), allow_nan=False).encode()
         row = {"id": mesh_id, "created_us": now_us(), "gzip": gzip.compress(body, GZIP_LEVEL, mtime=0)}
         try:
-            with self._engine.begin() as transaction:
-                transaction.execute(sa.insert(MESHES).values(row))
+            self._database.write(sa.insert(MESHES).values(row))
         except IntegrityError:
             pass  # The same content has the same id.
 
@@ -41,5 +40,4 @@ class MeshStore:
     def documents(self, mesh_ids: Iterable[str]) -> dict[str, dict[str, Any]]:
         """Return those meshes of some ids that there are, as JSON data, by id."""
         query = sa.select(MESHES.c.id, MESHES.c.gzip).where(MESHES.c.id.in_(sorted(mesh_ids)))
-        with self._engine.connect() as connection:
-            return {row.id: json.loads(gzip.decompress(row.gzip)) for row in connection.execute(query)}
+        return {row.id: json.loads(gzip.decompress(row.gzip)) for row in self._database.rows(query)}

@@ -27,7 +27,7 @@ from workers.stores.jobs import (
     JobState,
     workflow_table,
 )
-from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, now_us
+from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, Position, newest_first, now_us
 from workers.stores.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
 from workers.stores.webhook_store import expect_deliveries, forget_deliveries
 
@@ -128,7 +128,7 @@ class PlanStore:
     """Reads and writes plans. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
 
     def accept(
@@ -167,7 +167,7 @@ class PlanStore:
             "end_us": order.end_us,
         }
         try:
-            with self._engine.begin() as transaction:
+            with self._database.engine.begin() as transaction:
                 transaction.execute(sa.insert(PLANS).values(values))
                 queue.enqueue(transaction, values["id"], order.priority, order.pause(now_us()))
                 expect_deliveries(transaction, values["id"], owner, order.webhook_id)
@@ -190,24 +190,19 @@ class PlanStore:
             return None
         return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
 
-    def newest(self, most: int, before: tuple[int, str] | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
-        """Return at most `most` of the wanted plans, newest first, from behind (created_us, id) = `before`."""
-        query = _RECORDS.order_by(PLANS.c.created_us.desc(), PLANS.c.id.desc()).limit(most)
-        query = query.where(*wanted.conditions(self._engine.dialect.name))
-        if before is not None:
-            query = query.where(sa.tuple_(PLANS.c.created_us, PLANS.c.id) < sa.tuple_(*map(sa.literal, before)))
-        with self._engine.connect() as connection:
-            return [PlanRecord(**row) for row in connection.execute(query).mappings()]
+    def newest(self, most: int, before: Position | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
+        """Return at most `most` of the wanted plans, newest first, from behind the one at `before`."""
+        query = newest_first(_RECORDS, PLANS, most, before)
+        query = query.where(*wanted.conditions(self._database.engine.dialect.name))
+        return [PlanRecord(**row) for row in self._database.mappings(query)]
 
     def naming_scene(self, scene_id: str) -> list[str]:
         """Return the ids of the plans whose tasks name a scene."""
-        with self._engine.connect() as connection:
-            return list(connection.scalars(sa.select(PLANS.c.id).where(PLANS.c.scene_id == scene_id)))
+        return self._database.column(sa.select(PLANS.c.id).where(PLANS.c.scene_id == scene_id))
 
     def task(self, plan_id: str) -> dict[str, Any] | None:
         """Return a plan's task as accepted."""
-        with self._engine.connect() as connection:
-            text = connection.scalar(sa.select(PLANS.c.task).where(PLANS.c.id == plan_id))
+        text = self._database.scalar(sa.select(PLANS.c.task).where(PLANS.c.id == plan_id))
         return None if text is None else json.loads(text)
 
     def begin_attempt(self, plan_id: str) -> PlanRecord | None:
@@ -225,7 +220,7 @@ class PlanStore:
                 finished_us=None,
             )
         )
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             transaction.execute(begun)
             # Inside: another worker may begin the next attempt as soon as this is over.
             row = transaction.execute(_RECORDS.where(PLANS.c.id == plan_id)).mappings().one_or_none()
@@ -233,7 +228,7 @@ class PlanStore:
 
     def count_crash(self, plan_id: str) -> int:
         """Count one more death of the plan's solver process, and return how many there were."""
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             add_to_total(transaction, SOLVER_DEATH)
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(crashes=PLANS.c.crashes + 1))
             return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
@@ -241,7 +236,7 @@ class PlanStore:
     def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
         """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
         next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             shown = transaction.execute(
                 _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
             )
@@ -258,21 +253,17 @@ class PlanStore:
             .where(EVENTS.c.plan_id == plan_id, EVENTS.c.sequence > sequence)
             .order_by(EVENTS.c.sequence)
         )
-        with self._engine.connect() as connection:
-            return [(row.sequence, json.loads(row.event)) for row in connection.execute(query)]
+        return [(row.sequence, json.loads(row.event)) for row in self._database.rows(query)]
 
     def last_event(self, plan_id: str) -> int:
         """Return the number of the newest event; 0 if there is none."""
-        query = sa.select(sa.func.max(EVENTS.c.sequence)).where(EVENTS.c.plan_id == plan_id)
-        with self._engine.connect() as connection:
-            return connection.scalar(query) or 0
+        return self.last_events([plan_id]).get(plan_id, 0)
 
     def last_events(self, plan_ids: Sequence[str]) -> dict[str, int]:
         """Return the number of the newest event of each of some plans; one without events is left out."""
         newest = sa.func.max(EVENTS.c.sequence).label("newest")
         query = sa.select(EVENTS.c.plan_id, newest).where(EVENTS.c.plan_id.in_(plan_ids)).group_by(EVENTS.c.plan_id)
-        with self._engine.connect() as connection:
-            return {row.plan_id: row.newest for row in connection.execute(query)}
+        return {row.plan_id: row.newest for row in self._database.rows(query)}
 
     def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
         """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
@@ -280,7 +271,7 @@ class PlanStore:
         All of it or nothing: a document that can be read is whole. What an earlier life of the same attempt stored is
         replaced.
         """
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             finished = _attempt(plan_id, attempt).values(finished_us=now_us())
             if transaction.execute(finished).rowcount == 0:
                 return False
@@ -293,8 +284,7 @@ class PlanStore:
 
     def outcome(self, plan_id: str) -> str | None:
         """Return the outcome of a plan's document, if there is one."""
-        with self._engine.connect() as connection:
-            return connection.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
+        return self._database.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
 
     def overdue(self, time_us: int, most: int) -> list[str]:
         """Return the ids of plans whose jobs have not ended and should have by a time, most overdue first."""
@@ -304,8 +294,7 @@ class PlanStore:
             .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
             .where(jobs.c.status.in_((*QUEUED, RUNNING)), PLANS.c.end_us <= time_us)
         )
-        with self._engine.connect() as connection:
-            return list(connection.scalars(late.order_by(PLANS.c.end_us).limit(most)))
+        return self._database.column(late.order_by(PLANS.c.end_us).limit(most))
 
     def delayed(self, owner: str | None, most: int) -> int:
         """Return how many jobs of an owner wait for their start, counted up to `most`."""
@@ -315,23 +304,20 @@ class PlanStore:
             .select_from(PLANS.join(jobs, jobs.c.workflow_uuid == PLANS.c.id))
             .where(jobs.c.status == DELAYED, PLANS.c.owner.is_not_distinct_from(owner))
         )
-        with self._engine.connect() as connection:
-            return connection.scalar(sa.select(sa.func.count()).select_from(waiting.limit(most).subquery())) or 0
+        return self._database.scalar(sa.select(sa.func.count()).select_from(waiting.limit(most).subquery())) or 0
 
     def mark_overdue(self, plan_ids: Sequence[str]) -> None:
         """Keep the time as the end of those that have none."""
         ending = sa.update(PLANS).where(PLANS.c.id.in_(plan_ids), PLANS.c.finished_us.is_(None))
-        with self._engine.begin() as transaction:
-            transaction.execute(ending.values(finished_us=now_us()))
+        self._database.write(ending.values(finished_us=now_us()))
 
     def mark_finished(self, plan_id: str) -> None:
         """Keep the time: the engine's own, on SQLite, is a whole second."""
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
+        self._database.write(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
 
     def mark_failed(self, plan_id: str, attempt: int, why: str) -> bool:
         """Keep the time and count the failure; False if the plan was deleted or a newer attempt has begun."""
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             if transaction.execute(_attempt(plan_id, attempt).values(finished_us=now_us())).rowcount == 0:
                 return False
             add_to_total(transaction, FAILURE, why)
@@ -353,7 +339,7 @@ class PlanStore:
             .limit(most)
         )
         counted: list[str] = []
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             for row in transaction.execute(uncounted).all():
                 ending = sa.update(PLANS).where(PLANS.c.id == row.id, PLANS.c.finished_us.is_(None))
                 # As the engine has it, which on SQLite is a whole second: the plan is shown as before.
@@ -366,19 +352,17 @@ class PlanStore:
     def document(self, plan_id: str) -> StoredDocument | None:
         """Return a plan's document."""
         query = sa.select(DOCUMENTS.c.gzip, DOCUMENTS.c.sha256).where(DOCUMENTS.c.plan_id == plan_id)
-        with self._engine.connect() as connection:
-            row = connection.execute(query).one_or_none()
-        return None if row is None else StoredDocument(row.gzip, row.sha256)
+        found = self._database.mappings(query)
+        return StoredDocument(**found[0]) if found else None
 
     def outcome_counts(self) -> dict[str, int]:
         """Return how many documents there are of each outcome."""
         query = sa.select(DOCUMENTS.c.outcome, sa.func.count().label("number")).group_by(DOCUMENTS.c.outcome)
-        with self._engine.connect() as connection:
-            return {row.outcome: row.number for row in connection.execute(query)}
+        return {row.outcome: row.number for row in self._database.rows(query)}
 
     def totals(self) -> list[Total]:
         """Return what all workers have counted."""
-        with self._engine.connect() as connection:
+        with self._database.engine.connect() as connection:
             return read_totals(connection)
 
     def created_before(self, time_us: int, after: tuple[int, str], most: int) -> list[tuple[int, str]]:
@@ -392,21 +376,19 @@ class PlanStore:
             .order_by(PLANS.c.created_us, PLANS.c.id)
             .limit(most)
         )
-        with self._engine.connect() as connection:
-            return [(row.created_us, row.id) for row in connection.execute(query)]
+        return [(row.created_us, row.id) for row in self._database.rows(query)]
 
     def delete(self, plan_id: str) -> None:
         """Remove a plan with all that belongs to it."""
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
             transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
             forget_deliveries(transaction, plan_id)
 
     def _one(self, query: sa.Select[Any]) -> PlanRecord | None:
-        with self._engine.connect() as connection:
-            row = connection.execute(query).mappings().one_or_none()
-        return None if row is None else PlanRecord(**row)
+        found = self._database.mappings(query)
+        return PlanRecord(**found[0]) if found else None
 
 
 def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:

@@ -13,7 +13,7 @@ from planners.contract.scene_document import SceneDocument
 from planners.perception.perceive import PerceivedScene
 from planners.perception.seen_points import SeenPoints
 from workers.stores.database import Database
-from workers.stores.tables import PLANS, SCENES, now_us
+from workers.stores.tables import PLANS, SCENES, Position, newest_first, now_us
 
 GZIP_LEVEL = 6
 
@@ -37,7 +37,7 @@ class SceneStore:
     """Reads and writes perceived scenes. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
 
     def add(self, scene_id: str, perceived: PerceivedScene, owner: str | None = None) -> None:
         """Store a scene with its picture and its points; nothing happens if it is there already."""
@@ -54,57 +54,47 @@ class SceneStore:
             "points": points,
         }
         try:
-            with self._engine.begin() as transaction:
-                transaction.execute(sa.insert(SCENES).values(row))
+            self._database.write(sa.insert(SCENES).values(row))
         except IntegrityError:
             pass  # The same scan gives the same scene.
 
     def touch(self, scene_id: str) -> None:
         """Note that the scan of a scene was posted again: from now on it is kept as long as a new one."""
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.update(SCENES).where(SCENES.c.id == scene_id).values(posted_us=now_us()))
+        self._database.write(sa.update(SCENES).where(SCENES.c.id == scene_id).values(posted_us=now_us()))
 
     def get(self, scene_id: str) -> StoredScene | None:
         """Return a scene."""
-        with self._engine.connect() as connection:
-            row = connection.execute(_SCENES.where(SCENES.c.id == scene_id)).one_or_none()
-        return None if row is None else _stored(row)
+        found = self._database.rows(_SCENES.where(SCENES.c.id == scene_id))
+        return _stored(found[0]) if found else None
 
-    def newest(self, most: int, before: tuple[int, str] | None, owner: str | None = None) -> list[StoredScene]:
-        """Return at most `most` scenes, newest first, from behind the scene with (created_us, id) = `before`.
+    def newest(self, most: int, before: Position | None, owner: str | None = None) -> list[StoredScene]:
+        """Return at most `most` scenes, newest first, from behind the one at `before`.
 
         With an `owner`, only those that belong to it.
         """
-        query = _SCENES.order_by(SCENES.c.created_us.desc(), SCENES.c.id.desc()).limit(most)
+        query = newest_first(_SCENES, SCENES, most, before)
         if owner is not None:
             query = query.where(SCENES.c.owner == owner)
-        if before is not None:
-            query = query.where(sa.tuple_(SCENES.c.created_us, SCENES.c.id) < sa.tuple_(*map(sa.literal, before)))
-        with self._engine.connect() as connection:
-            return [_stored(row) for row in connection.execute(query)]
+        return [_stored(row) for row in self._database.rows(query)]
 
     def preview(self, scene_id: str) -> bytes | None:
         """Return the PNG picture of a scene."""
-        with self._engine.connect() as connection:
-            return connection.scalar(sa.select(SCENES.c.preview).where(SCENES.c.id == scene_id))
+        return self._database.scalar(sa.select(SCENES.c.preview).where(SCENES.c.id == scene_id))
 
     def points(self, scene_id: str) -> SeenPoints | None:
         """Return what was measured in a scene; None where nothing was, or none of it was kept."""
-        with self._engine.connect() as connection:
-            content = connection.scalar(sa.select(SCENES.c.points).where(SCENES.c.id == scene_id))
+        content = self._database.scalar(sa.select(SCENES.c.points).where(SCENES.c.id == scene_id))
         return None if content is None else SeenPoints.from_bytes(gzip.decompress(content))
 
     def delete(self, scene_id: str) -> None:
         """Remove a scene."""
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.delete(SCENES).where(SCENES.c.id == scene_id))
+        self._database.write(sa.delete(SCENES).where(SCENES.c.id == scene_id))
 
     def delete_before(self, time_us: int) -> int:
         """Remove all scenes that were last posted before a time and that no plan names; return how many there were."""
         named = sa.exists().where(PLANS.c.scene_id == SCENES.c.id)
         posted = sa.func.coalesce(SCENES.c.posted_us, SCENES.c.created_us)
-        with self._engine.begin() as transaction:
-            return transaction.execute(sa.delete(SCENES).where(posted < time_us, ~named)).rowcount
+        return self._database.write(sa.delete(SCENES).where(posted < time_us, ~named))
 
 
 def _stored(row: Any) -> StoredScene:

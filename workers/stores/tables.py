@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import sqlalchemy as sa
 
 NUL = "\0"
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 METADATA = sa.MetaData()
+Position = tuple[int, str]
+"""(created_us, id) of the last item of a page: the next one begins behind it."""
 
 
 class StoredText(sa.TypeDecorator[str]):
@@ -29,6 +32,14 @@ class StoredText(sa.TypeDecorator[str]):
 def now_us() -> int:
     """Return the time as our tables have it, in microseconds since 1970, UTC."""
     return time.time_ns() // 1000
+
+
+def newest_first(query: sa.Select[Any], table: sa.Table, most: int, before: Position | None) -> sa.Select[Any]:
+    """Return a query of at most `most` rows of a table, newest first, from behind the row at `before`."""
+    query = query.order_by(table.c.created_us.desc(), table.c.id.desc()).limit(most)
+    if before is None:
+        return query
+    return query.where(sa.tuple_(table.c.created_us, table.c.id) < sa.tuple_(*map(sa.literal, before)))
 
 
 PLANS = sa.Table(

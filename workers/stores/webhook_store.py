@@ -14,7 +14,7 @@ import sqlalchemy as sa
 
 from workers.stores.database import Database
 from workers.stores.jobs import QUEUED, RUNNING, workflow_table
-from workers.stores.tables import DELIVERIES, DELIVERY_ATTEMPTS, WEBHOOKS, now_us
+from workers.stores.tables import DELIVERIES, DELIVERY_ATTEMPTS, WEBHOOKS, Position, newest_first, now_us
 
 SECRET_BYTES = 32
 SECRET_PREFIX = "whsec_"
@@ -85,39 +85,31 @@ class WebhookStore:
     """Reads and writes webhooks and deliveries. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
 
     def add(self, owner: str | None, url: str, plans: Plans) -> Webhook:
         """Register a webhook, with a new secret."""
         webhook = Webhook(uuid.uuid4().hex, now_us(), owner, url, plans, make_secret(), None, None, None)
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.insert(WEBHOOKS).values(vars(webhook)))
+        self._database.write(sa.insert(WEBHOOKS).values(vars(webhook)))
         return webhook
 
     def count(self, owner: str | None) -> int:
         """Return how many webhooks an owner has."""
         query = sa.select(sa.func.count()).select_from(WEBHOOKS).where(WEBHOOKS.c.owner.is_not_distinct_from(owner))
-        with self._engine.connect() as connection:
-            return connection.scalar(query) or 0
+        return self._database.scalar(query) or 0
 
     def get(self, webhook_id: str) -> Webhook | None:
         """Return one webhook."""
-        with self._engine.connect() as connection:
-            row = connection.execute(sa.select(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id)).mappings().one_or_none()
-        return None if row is None else Webhook(**row)
+        found = self._database.mappings(sa.select(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id))
+        return Webhook(**found[0]) if found else None
 
-    def newest(
-        self, most: int, before: tuple[int, str] | None, owner: str | None, *, all_owners: bool
-    ) -> list[Webhook]:
-        """Return at most `most` webhooks, newest first, from behind the one with (created_us, id) = `before`."""
-        query = sa.select(WEBHOOKS).order_by(WEBHOOKS.c.created_us.desc(), WEBHOOKS.c.id.desc()).limit(most)
+    def newest(self, most: int, before: Position | None, owner: str | None, *, all_owners: bool) -> list[Webhook]:
+        """Return at most `most` webhooks, newest first, from behind the one at `before`."""
+        query = newest_first(sa.select(WEBHOOKS), WEBHOOKS, most, before)
         if not all_owners:
             query = query.where(WEBHOOKS.c.owner.is_not_distinct_from(owner))
-        if before is not None:
-            query = query.where(sa.tuple_(WEBHOOKS.c.created_us, WEBHOOKS.c.id) < sa.tuple_(*map(sa.literal, before)))
-        with self._engine.connect() as connection:
-            return [Webhook(**row) for row in connection.execute(query).mappings()]
+        return [Webhook(**row) for row in self._database.mappings(query)]
 
     def rotate(self, webhook_id: str) -> None:
         """Give a webhook a new secret; messages are signed with the old one as well for a day."""
@@ -126,30 +118,21 @@ class WebhookStore:
             "previous_secret": WEBHOOKS.c.secret,
             "previous_until_us": now_us() + OVERLAP_US,
         }
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.update(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id).values(new))
+        self._database.write(sa.update(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id).values(new))
 
     def delete(self, webhook_id: str) -> None:
         """Remove a webhook with its log; what was not delivered never will be."""
         own = sa.select(DELIVERIES.c.id).where(DELIVERIES.c.webhook_id == webhook_id)
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             transaction.execute(sa.delete(DELIVERY_ATTEMPTS).where(DELIVERY_ATTEMPTS.c.delivery_id.in_(own)))
             transaction.execute(sa.delete(DELIVERIES).where(DELIVERIES.c.webhook_id == webhook_id))
             transaction.execute(sa.delete(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id))
 
-    def deliveries(self, webhook_id: str, most: int, before: tuple[int, str] | None) -> list[Delivery]:
-        """Return at most `most` messages to a webhook, newest first, from behind (created_us, id) = `before`."""
-        query = (
-            sa.select(DELIVERIES)
-            .where(DELIVERIES.c.webhook_id == webhook_id)
-            .order_by(DELIVERIES.c.created_us.desc(), DELIVERIES.c.id.desc())
-            .limit(most)
-        )
-        if before is not None:
-            position = sa.tuple_(DELIVERIES.c.created_us, DELIVERIES.c.id)
-            query = query.where(position < sa.tuple_(*map(sa.literal, before)))
-        with self._engine.connect() as connection:
-            return [_delivery(row) for row in connection.execute(query).mappings()]
+    def deliveries(self, webhook_id: str, most: int, before: Position | None) -> list[Delivery]:
+        """Return at most `most` messages to a webhook, newest first, from behind the one at `before`."""
+        query = newest_first(sa.select(DELIVERIES), DELIVERIES, most, before)
+        query = query.where(DELIVERIES.c.webhook_id == webhook_id)
+        return [_delivery(row) for row in self._database.mappings(query)]
 
     def attempts(self, delivery_ids: Sequence[str]) -> dict[str, list[Attempt]]:
         """Return the tries of some deliveries, oldest first."""
@@ -159,9 +142,8 @@ class WebhookStore:
             .order_by(DELIVERY_ATTEMPTS.c.number)
         )
         found: dict[str, list[Attempt]] = {delivery_id: [] for delivery_id in delivery_ids}
-        with self._engine.connect() as connection:
-            for row in connection.execute(query):
-                found[row.delivery_id].append(Attempt(row.number, row.at_us, row.status, row.failure))
+        for row in self._database.rows(query):
+            found[row.delivery_id].append(Attempt(row.number, row.at_us, row.status, row.failure))
         return found
 
     def due(self, most: int) -> list[Delivery]:
@@ -173,19 +155,16 @@ class WebhookStore:
             .order_by(DELIVERIES.c.created_us, DELIVERIES.c.id)
             .limit(most)
         )
-        with self._engine.connect() as connection:
-            return [_delivery(row) for row in connection.execute(query).mappings()]
+        return [_delivery(row) for row in self._database.mappings(query)]
 
     def delivery(self, delivery_id: str) -> Delivery | None:
         """Return one message."""
-        query = sa.select(DELIVERIES).where(DELIVERIES.c.id == delivery_id)
-        with self._engine.connect() as connection:
-            row = connection.execute(query).mappings().one_or_none()
-        return None if row is None else _delivery(row)
+        found = self._database.mappings(sa.select(DELIVERIES).where(DELIVERIES.c.id == delivery_id))
+        return _delivery(found[0]) if found else None
 
     def begin(self, delivery: Delivery, body: str, enqueue: Callable[[sa.Connection], None]) -> None:
         """Have a message delivered; nothing happens if somebody else has begun that already."""
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             waits = sa.and_(DELIVERIES.c.id == delivery.id, DELIVERIES.c.state == DeliveryState.WAITING.value)
             pending = {"state": DeliveryState.PENDING.value, "body": body}
             if transaction.execute(sa.update(DELIVERIES).where(waits).values(pending)).rowcount == 1:
@@ -200,7 +179,7 @@ class WebhookStore:
     ) -> None:
         """Keep how a try went and where the message stands now, and have the next one made, all or nothing."""
         same = sa.and_(DELIVERY_ATTEMPTS.c.delivery_id == delivery.id, DELIVERY_ATTEMPTS.c.number == attempt.number)
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             stands = sa.update(DELIVERIES).where(DELIVERIES.c.id == delivery.id).values(state=state.value)
             if transaction.execute(stands).rowcount == 0:
                 return
@@ -212,8 +191,7 @@ class WebhookStore:
 
     def disable(self, webhook_id: str) -> None:
         """Send nothing more to a webhook."""
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.update(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id).values(disabled_us=now_us()))
+        self._database.write(sa.update(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id).values(disabled_us=now_us()))
 
 
 def expect_deliveries(transaction: sa.Connection, plan_id: str, owner: str | None, named: str | None) -> None:
