@@ -30,7 +30,8 @@ class StoredScene:
     document: SceneDocument
 
 
-_SCENES = sa.select(SCENES.c.id, SCENES.c.owner, SCENES.c.created_us, SCENES.c.gzip)
+_COLUMNS: list[sa.ColumnElement[Any]] = [SCENES.c.id, SCENES.c.owner, SCENES.c.created_us, SCENES.c.gzip]
+_SCENES = sa.select(*_COLUMNS)
 
 
 class SceneStore:
