@@ -6,7 +6,7 @@ import hashlib
 import json
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any
 
@@ -27,8 +27,8 @@ from workers.stores.jobs import (
     JobState,
     workflow_table,
 )
-from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, Position, newest_first, now_us
-from workers.stores.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document, read_totals
+from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, TOTALS, Position, newest_first, now_us
+from workers.stores.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document
 from workers.stores.webhook_store import expect_deliveries, forget_deliveries
 
 
@@ -99,29 +99,16 @@ class StoredDocument:
     """Of the uncompressed JSON."""
 
 
-_RECORD_COLUMNS: list[sa.ColumnElement[Any]] = [
-    PLANS.c.id,
-    PLANS.c.kind,
-    PLANS.c.owner,
-    PLANS.c.external_id,
-    PLANS.c.sent_fingerprint,
-    PLANS.c.created_us,
-    PLANS.c.started_us,
-    PLANS.c.finished_us,
-    PLANS.c.attempts,
-    PLANS.c.stage,
-    PLANS.c.fraction,
-    DOCUMENTS.c.outcome,
-    PLANS.c.work_master,
-    sa.func.coalesce(PLANS.c.priority, 0).label("priority"),
-    PLANS.c.start_us,
-    PLANS.c.end_us,
-]
 WHY_OF_STATUS = MappingProxyType({FAILED: "error", GIVEN_UP: "interruptions"})
 """Why a job has failed if no solver said so and none was stopped, by the engine's word for its end."""
 EVERYTHING = PlanFilter()
 NO_ORDER = JobOrder()
-_RECORDS = sa.select(*_RECORD_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
+_COLUMNS: list[sa.ColumnElement[Any]] = [
+    *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in ("outcome", "priority")),
+    DOCUMENTS.c.outcome,
+    sa.func.coalesce(PLANS.c.priority, 0).label("priority"),
+]
+_RECORDS = sa.select(*_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
 
 
 class PlanStore:
@@ -362,8 +349,8 @@ class PlanStore:
 
     def totals(self) -> list[Total]:
         """Return what all workers have counted."""
-        with self._database.engine.connect() as connection:
-            return read_totals(connection)
+        query = sa.select(TOTALS).order_by(TOTALS.c.name, TOTALS.c.label)
+        return [Total(**row) for row in self._database.mappings(query)]
 
     def created_before(self, time_us: int, after: tuple[int, str], most: int) -> list[tuple[int, str]]:
         """Return (created_us, id) of plans accepted before a time, oldest first, from behind `after`."""

@@ -53,9 +53,3 @@ def count_document(transaction: sa.Connection, outcome: str, stages: Mapping[str
     # In one order everywhere, so that two workers never wait for each other.
     for stage, each in sorted(spent.items()):
         add_to_total(transaction, STAGE, stage, count=len(each), seconds=sum(each))
-
-
-def read_totals(connection: sa.Connection) -> list[Total]:
-    """Return everything that was counted."""
-    rows = connection.execute(sa.select(TOTALS).order_by(TOTALS.c.name, TOTALS.c.label))
-    return [Total(**row) for row in rows.mappings()]
