@@ -35,15 +35,15 @@ def main() -> int:
     parser.add_argument("--task", type=Path, metavar="FILE", help="plan this task alone")
     parser.add_argument("--scan", type=Path, metavar="DIR", help="plan the task of the objects in this scan alone")
     parser.add_argument("--data-dir", type=Path, default=Path("data"), metavar="DIR")
-    given = parser.parse_args()
-    alone = given.task is not None or given.scan is not None
-    with _service(given.data_dir) as (service, address):
+    parsed = parser.parse_args()
+    alone = parsed.task is not None or parsed.scan is not None
+    with _service(parsed.data_dir) as (service, address):
         client, certified = ServiceClient(address), []
-        if given.task is not None or not alone:
-            certified.append(show_task(client, given.task or TASK))
-        if given.scan is not None or not alone:
-            certified.append(show_scan(client, given.scan or SCAN))
-        if not given.once:
+        if parsed.task is not None or not alone:
+            certified.append(show_task(client, parsed.task or TASK))
+        if parsed.scan is not None or not alone:
+            certified.append(show_scan(client, parsed.scan or SCAN))
+        if not parsed.once:
             print(f"\nserving on {address} until Ctrl-C")
             _wait_for_interrupt(service)
     return 0 if all(certified) else 1

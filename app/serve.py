@@ -6,7 +6,7 @@ import asyncio
 import os
 import signal
 import socket
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from errno import EADDRINUSE
 from types import FrameType
 
@@ -148,11 +148,8 @@ def _keys_needed(settings: ServiceSettings) -> bool:
     Raises:
         NoKeys: They are, because of the address, and there is none.
     """
-    database = open_database(settings)
-    try:
+    with closing(open_database(settings)) as database:
         issued = KeyStore(database).any_valid()
-    finally:
-        database.close()
     if not settings.is_loopback and not issued:
         raise NoKeys(settings.host)
     return issued or settings.authentication == "required"

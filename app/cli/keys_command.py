@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from typing import Literal
 
@@ -12,7 +12,7 @@ from app.access.caller import Caller, Scope
 from app.access.key_store import KeyRecord, KeyStore
 from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
-from workers.stores.database import Database, open_database
+from workers.stores.database import open_database
 from workers.stores.tables import now_us
 
 DAY_US = 86_400_000_000
@@ -58,11 +58,8 @@ def list_keys(settings: WorkerSettings) -> str:
 
 @contextmanager
 def _stores(settings: WorkerSettings) -> Iterator[tuple[KeyStore, AuditLog]]:
-    database: Database = open_database(settings)
-    try:
+    with closing(open_database(settings)) as database:
         yield KeyStore(database), AuditLog(database)
-    finally:
-        database.close()
 
 
 def _row(record: KeyRecord, at_us: int) -> tuple[str, ...]:

@@ -54,15 +54,15 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
-    given = _parser().parse_args(arguments)
+    parsed = _parser().parse_args(arguments)
     try:
-        return given.run(given)
+        return parsed.run(parsed)
     except LiftwrightError as error:
         print(f"liftwright: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, BadInput) else FAILED
     except OSError as error:
         print(f"liftwright: {error}", file=sys.stderr)
-        return BAD_INPUT if given.command in ("plan", "scene") else FAILED
+        return BAD_INPUT if parsed.command in ("plan", "scene") else FAILED
     except ValidationError as error:
         for fault in error.errors():
             print(
@@ -106,12 +106,12 @@ def _parser() -> argparse.ArgumentParser:
     one = commands.add_parser("serve", help="the service with a worker in the same process")
     _add_listening(one)
     _add_storage(one)
-    one.set_defaults(run=lambda given: _serve(given, with_worker=True))
+    one.set_defaults(run=lambda parsed: _serve(parsed, with_worker=True))
 
     api = commands.add_parser("api", help="the service alone; workers run elsewhere on the same database")
     _add_listening(api)
     _add_storage(api)
-    api.set_defaults(run=lambda given: _serve(given, with_worker=False))
+    api.set_defaults(run=lambda parsed: _serve(parsed, with_worker=False))
 
     worker = commands.add_parser("worker", help="a worker alone")
     worker.add_argument("--worker-name", metavar="NAME", help="unique and stable; default: the host's name")
@@ -214,69 +214,69 @@ def _add_storage(command: argparse.ArgumentParser) -> None:
     command.add_argument("--database-url", metavar="URL", help="postgresql://…; default: SQLite in the data directory")
 
 
-def _options(given: argparse.Namespace) -> dict[str, Any]:
+def _options(parsed: argparse.Namespace) -> dict[str, Any]:
     names = ("host", "port", "data_dir", "database_url", "worker_name")
-    return {name: value for name in names if (value := getattr(given, name, None)) is not None}
+    return {name: value for name in names if (value := getattr(parsed, name, None)) is not None}
 
 
 # Each command loads what it needs when it runs: the planners take a second, which `--help` has no use for.
 
 
-def _plan(given: argparse.Namespace) -> int:
+def _plan(parsed: argparse.Namespace) -> int:
     from app.cli.plan_command import plan_file, post_file
 
-    if given.service is not None:
-        return post_file(given.file, given.out, given.service)
-    return plan_file(given.file, given.out, ServiceSettings(**_options(given)), given.scene)
+    if parsed.service is not None:
+        return post_file(parsed.file, parsed.out, parsed.service)
+    return plan_file(parsed.file, parsed.out, ServiceSettings(**_options(parsed)), parsed.scene)
 
 
-def _scene(given: argparse.Namespace) -> int:
+def _scene(parsed: argparse.Namespace) -> int:
     from app.cli.scene_command import perceive_files
 
-    return perceive_files(given.files, given.service, given.out, given.preview)
+    return perceive_files(parsed.files, parsed.service, parsed.out, parsed.preview)
 
 
-def _serve(given: argparse.Namespace, *, with_worker: bool) -> int:
+def _serve(parsed: argparse.Namespace, *, with_worker: bool) -> int:
     from app.serve import serve
 
-    serve(ServiceSettings(**_options(given)), with_worker=with_worker)
+    serve(ServiceSettings(**_options(parsed)), with_worker=with_worker)
     return 0
 
 
-def _work(given: argparse.Namespace) -> int:
+def _work(parsed: argparse.Namespace) -> int:
     from app.serve import work
 
-    work(ServiceSettings(**_options(given)))
+    work(ServiceSettings(**_options(parsed)))
     return 0
 
 
-def _issue_key(given: argparse.Namespace) -> int:
+def _issue_key(parsed: argparse.Namespace) -> int:
     from app.access.caller import Scope
     from app.cli.keys_command import issue_key
 
-    print(issue_key(WorkerSettings(**_options(given)), given.owner, Scope(given.scope), given.days))
+    print(issue_key(WorkerSettings(**_options(parsed)), parsed.owner, Scope(parsed.scope), parsed.days))
     print("liftwright: keep it, it cannot be shown again; a service that runs without keys: restart", file=sys.stderr)
     return 0
 
 
-def _list_keys(given: argparse.Namespace) -> int:
+def _list_keys(parsed: argparse.Namespace) -> int:
     from app.cli.keys_command import list_keys
 
-    print(list_keys(WorkerSettings(**_options(given))))
+    print(list_keys(WorkerSettings(**_options(parsed))))
     return 0
 
 
-def _revoke_key(given: argparse.Namespace) -> int:
+def _revoke_key(parsed: argparse.Namespace) -> int:
     from app.cli.keys_command import revoke_key
 
-    revoke_key(WorkerSettings(**_options(given)), given.key_id)
+    revoke_key(WorkerSettings(**_options(parsed)), parsed.key_id)
     return 0
 
 
-def _check_worker(given: argparse.Namespace) -> int:
+def _check_worker(parsed: argparse.Namespace) -> int:
     from workers.engine.executor_lock import worker_lives
 
-    return 0 if worker_lives(ServiceSettings(**_options(given))) else FAILED
+    return 0 if worker_lives(ServiceSettings(**_options(parsed))) else FAILED
 
 
 def _warm_up(_: argparse.Namespace) -> int:

@@ -130,16 +130,14 @@ def worker_lives(settings: WorkerSettings) -> bool:
         except WorkerRuns:
             return True
         return False
-    database = open_database(settings)
-    lock = AdvisoryLock(database, f"check of {settings.executor_name}")
-    try:
+    name = settings.executor_name
+    with (
+        contextlib.closing(open_database(settings)) as database,
+        contextlib.closing(AdvisoryLock(database, f"check of {name}")) as lock,
+    ):
         lock.hold()
-        name = settings.executor_name
         with lock.borrowed(name) as dead, lock.borrowed(stuck_name(name)) as gets_on:
             return gets_on and not dead
-    finally:
-        lock.close()
-        database.close()
 
 
 def stuck_name(name: str) -> str:
