@@ -6,7 +6,7 @@ from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import TooManyWebhooks, WebhookNotFound, WebhookUnusable
 from app.resources.queries import page_of
 from workers.stores.tables import Position
-from workers.stores.webhook_store import Attempt, Delivery, Plans, Webhook, WebhookStore
+from workers.stores.webhook_store import Attempt, Delivery, WantedPlans, Webhook, WebhookStore
 from workers.webhooks.target import Target, TargetRules
 
 
@@ -24,7 +24,7 @@ class WebhookCollection:
         """Return what another caller sees."""
         return WebhookCollection(self._store, self._rules, self._most, caller)
 
-    def register(self, url: str, plans: Plans) -> Webhook:
+    def register(self, url: str, plans: WantedPlans) -> Webhook:
         """Register a webhook of the caller.
 
         Raises:

@@ -21,7 +21,7 @@ SECRET_PREFIX = "whsec_"
 OVERLAP_US = 24 * 3600 * 1_000_000
 """So long messages are signed with the secret before, too [µs]."""
 
-Plans = Literal["all", "named"]
+WantedPlans = Literal["all", "named"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Webhook:
     created_us: int
     owner: str | None
     url: str
-    plans: Plans
+    plans: WantedPlans
     """Of which plans: all of its owner, or those that name it."""
     secret: str
     previous_secret: str | None
@@ -88,7 +88,7 @@ class WebhookStore:
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
 
-    def add(self, owner: str | None, url: str, plans: Plans) -> Webhook:
+    def add(self, owner: str | None, url: str, plans: WantedPlans) -> Webhook:
         """Register a webhook, with a new secret."""
         webhook = Webhook(uuid.uuid4().hex, now_us(), owner, url, plans, make_secret(), None, None, None)
         self._database.write(sa.insert(WEBHOOKS).values(vars(webhook)))
