@@ -39,7 +39,7 @@ format: setup ## put code into its format
 	@$(BIN)/ruff check --fix .
 
 openapi: setup ## write docs/openapi.json anew, after a change of the HTTP interface
-	@$(BIN)/python -m app.openapi
+	@$(BIN)/python -m app.create_app docs/openapi.json
 
 bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md; PART="lifts kernels" measures these only, "lifts_random --most 40" in pieces
 	@$(BIN)/python -m tests.benchmarks $(PART)

@@ -1,47 +1,48 @@
-"""Puts the service together."""
+"""Puts the service together. Run as a program it writes the description of its interface into a file."""
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from functools import partial
 from importlib import resources
 from importlib.metadata import version
+from pathlib import Path
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
 
+from app.access.access_control import AccessControl
 from app.access.audit_log import AuditLog
-from app.access.door import Door, OpenDoor
-from app.access.gate import Gate
+from app.access.authenticator import Authenticator, OpenAccess
 from app.access.key_store import KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import install_error_handlers
-from app.head import HeadAsGet
-from app.intake import accept_task
+from app.middleware import HeadAsGet, RequestLog
 from app.openapi import install_openapi
-from app.plan_desk import PlanDesk
-from app.plan_feed import POLL_SECONDS, PlanFeed
-from app.request_log import RequestLog
+from app.resources.plan_collection import PlanCollection
+from app.resources.plan_feed import POLL_SECONDS, PlanFeed
+from app.resources.scene_collection import SceneCollection
+from app.resources.webhook_collection import WebhookCollection
 from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
-from app.scene_desk import SceneDesk
 from app.settings import ServiceSettings
-from app.upload_gate import UploadGate
+from app.task_intake import accept_task
+from app.uploads.uploads import UploadLimits
 from app.viewer.theatre import Theatre
-from app.webhook_desk import WebhookDesk
 from planners.cell.cell import Cell, known_cells, load_cell
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
-from workers.database import Database, open_database
-from workers.job_queue import JobQueue
-from workers.mesh_store import MeshStore
-from workers.plan_store import PlanStore
-from workers.scene_store import SceneStore
-from workers.supervisor import Supervisor
-from workers.webhook_store import WebhookStore
-from workers.webhook_target import TargetRules
-from workers.worker import Worker
+from workers.engine.supervisor import Supervisor
+from workers.engine.worker import Worker
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.mesh_store import MeshStore
+from workers.stores.plan_store import PlanStore
+from workers.stores.scene_store import SceneStore
+from workers.stores.webhook_store import WebhookStore
+from workers.webhooks.target import TargetRules
 
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
 PARTS = (plans, scenes, meshes, webhooks, login, viewer, audit, capabilities, probes)
@@ -65,14 +66,14 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.supervisor = supervisor
             app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
             app.state.meshes = MeshStore(database)
-            app.state.scenes = SceneDesk(SceneStore(database), store, queue)
-            app.state.scan_gate = UploadGate(settings.max_scans_held, settings.max_perceived)
-            app.state.mesh_gate = UploadGate(settings.max_meshes_held, settings.max_meshes_covered)
-            app.state.desk = PlanDesk(store, queue, settings.max_queued, settings.max_delayed)
+            app.state.scenes = SceneCollection(SceneStore(database), store, queue)
+            app.state.scan_limits = UploadLimits(settings.max_scans_held, settings.max_perceived)
+            app.state.mesh_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
+            app.state.plans = PlanCollection(store, queue, settings.max_queued, settings.max_delayed)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
-            app.state.webhook_desk = partial(WebhookDesk, WebhookStore(database), rules, settings.max_webhooks)
+            app.state.webhooks = WebhookCollection(WebhookStore(database), rules, settings.max_webhooks)
             app.state.feed = PlanFeed(store, queue)
-            app.state.door = await run_in_threadpool(_door, settings, database)
+            app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
             app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
@@ -96,7 +97,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     )
     app.state.settings = settings
     install_error_handlers(app)
-    app.add_middleware(Gate)
+    app.add_middleware(AccessControl)
     app.add_middleware(HeadAsGet)
     app.add_middleware(RequestLog)
     for part in PARTS:
@@ -105,11 +106,11 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     return app
 
 
-def _door(settings: ServiceSettings, database: Database) -> Door:
-    """Return the door, which is open only where nobody but this machine's own users can come to it."""
+def _authenticator(settings: ServiceSettings, database: Database) -> Authenticator:
+    """Return the authenticator, which is open only where nobody but this machine's own users can come to it."""
     keys = KeyStore(database)
     needs_keys = settings.authentication == "required" or not settings.is_loopback or keys.any_valid()
-    kind = Door if needs_keys else OpenDoor
+    kind = Authenticator if needs_keys else OpenAccess
     limiter = RateLimiter(settings.requests_per_second, settings.request_burst)
     return kind(keys, SessionStore(database), AuditLog(database), limiter)
 
@@ -122,3 +123,13 @@ def _load_assets() -> tuple[dict[str, Cell], dict[str, SuctionTool]]:
         sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())
         accept_task(sent, cells, tools=tools)
     return cells, tools
+
+
+def write_openapi(path: Path) -> None:
+    """Write the description of the interface as it is checked in."""
+    described = create_app(ServiceSettings(), with_worker=False).openapi()
+    path.write_text(json.dumps(described, indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    write_openapi(Path(sys.argv[1]))

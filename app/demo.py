@@ -1,7 +1,4 @@
-"""`make demo`: starts the service, has a lift planned over HTTP, then what cameras saw perceived and piled up.
-
-Talks to the service as any client would, with the standard library alone.
-"""
+"""`make demo`: starts the service, has a lift planned over HTTP, then what cameras saw perceived and piled up."""
 
 from __future__ import annotations
 
@@ -13,14 +10,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
-from urllib.error import URLError
-from urllib.request import urlopen
 
-from app.scan_files import read_scan_files
-from app.service_client import ServiceClient
+import httpx
+
+from app.cli.scene_command import read_scan_files
+from app.cli.service_client import ServiceClient
 from app.summary import is_certified, summarise
 
 STARTUP_SECONDS = 900.0
@@ -38,15 +35,15 @@ def main() -> int:
     parser.add_argument("--task", type=Path, metavar="FILE", help="plan this task alone")
     parser.add_argument("--scan", type=Path, metavar="DIR", help="plan the task of the objects in this scan alone")
     parser.add_argument("--data-dir", type=Path, default=Path("data"), metavar="DIR")
-    given = parser.parse_args()
-    alone = given.task is not None or given.scan is not None
-    with _service(given.data_dir) as (service, address):
+    parsed = parser.parse_args()
+    alone = parsed.task is not None or parsed.scan is not None
+    with _service(parsed.data_dir) as (service, address):
         client, certified = ServiceClient(address), []
-        if given.task is not None or not alone:
-            certified.append(show_task(client, given.task or TASK))
-        if given.scan is not None or not alone:
-            certified.append(show_scan(client, given.scan or SCAN))
-        if not given.once:
+        if parsed.task is not None or not alone:
+            certified.append(show_task(client, parsed.task or TASK))
+        if parsed.scan is not None or not alone:
+            certified.append(show_scan(client, parsed.scan or SCAN))
+        if not parsed.once:
             print(f"\nserving on {address} until Ctrl-C")
             _wait_for_interrupt(service)
     return 0 if all(certified) else 1
@@ -106,7 +103,7 @@ def _service(data_dir: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     address = f"http://127.0.0.1:{port}"
-    command = [sys.executable, "-m", "app.cli", "serve", "--port", str(port), "--data-dir", str(data_dir)]
+    command = [sys.executable, "-m", "app.cli.main", "serve", "--port", str(port), "--data-dir", str(data_dir)]
     service = subprocess.Popen(command)
     try:
         _wait_until_ready(service, address)
@@ -121,11 +118,10 @@ def _wait_until_ready(service: subprocess.Popen[bytes], address: str) -> None:
     while time.monotonic() < deadline:
         if service.poll() is not None:
             sys.exit(f"the service ended with exit code {service.returncode}")
-        try:
-            with urlopen(f"{address}/readyz"):
+        with suppress(httpx.TransportError):
+            if httpx.get(f"{address}/readyz").is_success:
                 return
-        except URLError:
-            time.sleep(0.2)
+        time.sleep(0.2)
     sys.exit(f"the service was not ready within {STARTUP_SECONDS:g} s")
 
 

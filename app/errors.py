@@ -1,4 +1,4 @@
-"""Every error the service answers with, as problem+json (RFC 9457), in one table."""
+"""Every error the service answers with, as problem+json (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -22,235 +22,11 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.scan_files import ScanRefused
-from workers.database_loss import DATABASE_GONE, said_by
-from workers.webhook_target import TargetRefused
+from workers.stores.database_loss import DATABASE_GONE, said_by
+from workers.webhooks.target import TargetRefused
 
 MEDIA_TYPE = "application/problem+json"
 log = structlog.get_logger(__name__)
-
-
-class ServiceError(LiftwrightError):
-    """Something about a request that cannot be served; the message is a sentence for a person."""
-
-    headers: Mapping[str, str] = {}
-
-
-class KeyNeeded(ServiceError):
-    """A request shows no key, or one that opens nothing."""
-
-    def __init__(self, *, shown: bool) -> None:
-        super().__init__("this key opens nothing" if shown else "show a key: Authorization: Bearer …")
-        error = ', error="invalid_token"' if shown else ""
-        self.headers = {"WWW-Authenticate": f'Bearer realm="liftwright"{error}'}
-
-
-class ScopeNeeded(ServiceError):
-    """A key is good, but not for this."""
-
-    def __init__(self, scope: str) -> None:
-        super().__init__(f"this needs a key with the scope {scope!r}")
-
-
-class ForeignPage(ServiceError):
-    """A page of somebody else asks for something."""
-
-    def __init__(self) -> None:
-        super().__init__("only pages of this service may ask for that")
-
-
-class WrongHost(ServiceError):
-    """A service that asks for no keys is called by a name that is not its machine's own."""
-
-    def __init__(self, host: str) -> None:
-        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
-
-
-class TooManyRequests(ServiceError):
-    """A key is used too often."""
-
-    def __init__(self, seconds: float) -> None:
-        super().__init__("too many requests in too short a time")
-        self.headers = {"Retry-After": str(math.ceil(seconds))}
-
-
-class BodyStalled(ServiceError):
-    """A body does not come."""
-
-    def __init__(self, seconds: float) -> None:
-        super().__init__(f"nothing of the body came for {seconds:g} s, or all of it took too long")
-        self.headers = {"Connection": "close"}
-
-
-class PlanNotFound(ServiceError):
-    """No plan has that id."""
-
-    def __init__(self, plan_id: str) -> None:
-        super().__init__(f"there is no plan {plan_id[:100]!r}")
-
-
-class WebhookNotFound(ServiceError):
-    """No webhook has that id."""
-
-    def __init__(self, webhook_id: str) -> None:
-        super().__init__(f"there is no webhook {webhook_id[:100]!r}")
-
-
-class WebhookUnusable(ServiceError):
-    """A plan names a webhook that is not there, or that nothing is sent to."""
-
-    def __init__(self, webhook_id: str) -> None:
-        super().__init__(f"webhook={webhook_id[:100]}: there is no such webhook, or it is disabled")
-
-
-class TooManyWebhooks(ServiceError):
-    """An owner has as many webhooks as one may have."""
-
-    def __init__(self, most: int) -> None:
-        super().__init__(f"an owner has at most {most} webhooks; delete one that is not needed any more")
-
-
-class DocumentNotReady(ServiceError):
-    """A plan has no document, or not yet."""
-
-    def __init__(self, state: str, *, done: bool) -> None:
-        why = f"the job is {state}, so there is no document" + ("" if done else " yet")
-        super().__init__(why)
-        self.headers = {} if done else {"Retry-After": "1"}
-
-
-class AlreadyFinished(ServiceError):
-    """A finished job cannot be cancelled."""
-
-    def __init__(self, state: str) -> None:
-        super().__init__(f"the job has already {state}" if state != "cancelled" else "the job is already cancelled")
-
-
-class NotFinished(ServiceError):
-    """A plan whose job still runs cannot be deleted."""
-
-    def __init__(self, state: str) -> None:
-        super().__init__(f"the job is {state}; cancel it first")
-
-
-class BodyTooLarge(ServiceError):
-    """A body is larger than what is read."""
-
-    def __init__(self, limit: int) -> None:
-        super().__init__(f"the body has more than {limit} bytes")
-        self.headers = {"Connection": "close"}
-
-
-class NotJsonMedia(ServiceError):
-    """A body is declared as something else than JSON."""
-
-    def __init__(self, given: str | None) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the Content-Type is {was}; it must be application/json")
-        self.headers = {"Accept-Post": "application/json"}
-
-
-class NotMeshMedia(ServiceError):
-    """A body is declared as something else than a mesh."""
-
-    def __init__(self, given: str | None, known: Sequence[str]) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
-        self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
-
-
-class BadUpload(ServiceError):
-    """A form does not hold the file that it should."""
-
-
-class MeshNotFound(ServiceError):
-    """No uploaded mesh has that id."""
-
-    def __init__(self, mesh_id: str) -> None:
-        super().__init__(f"there is no mesh {mesh_id[:100]!r}")
-
-
-class NotScanMedia(ServiceError):
-    """A body is declared as something else than a form."""
-
-    def __init__(self, given: str | None) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the Content-Type is {was}; it must be multipart/form-data")
-        self.headers = {"Accept-Post": "multipart/form-data"}
-
-
-class BadScan(ServiceError):
-    """A form does not hold the parts of a scan."""
-
-
-class SceneNotFound(ServiceError):
-    """No perceived scene has that id."""
-
-    def __init__(self, scene_id: str) -> None:
-        super().__init__(f"there is no scene {scene_id[:100]!r}")
-
-
-class SceneInUse(ServiceError):
-    """A scene that a task under way names cannot be deleted."""
-
-    def __init__(self, plan_id: str) -> None:
-        super().__init__(f"the plan {plan_id} names this scene and has not ended; cancel it first")
-
-
-class EncodedBody(ServiceError):
-    """A body is declared as compressed."""
-
-    def __init__(self, coding: str) -> None:
-        super().__init__(f"the Content-Encoding is {coding[:100]!r}; bodies are taken as they are")
-        self.headers = {"Accept-Encoding": "identity"}
-
-
-class BadHeader(ServiceError):
-    """A header or query parameter says something that cannot be followed."""
-
-
-class KeyUsedForAnotherTask(ServiceError):
-    """An Idempotency-Key came again with another body."""
-
-    def __init__(self) -> None:
-        super().__init__("this Idempotency-Key was used for another task")
-
-
-class QueueFull(ServiceError):
-    """There are too many unfinished jobs."""
-
-    def __init__(self, limit: int) -> None:
-        super().__init__(f"{limit} jobs are waiting already")
-        self.headers = {"Retry-After": "10"}
-
-
-class TooManyDelayed(ServiceError):
-    """Too many jobs of one owner wait for their start."""
-
-    def __init__(self, limit: int) -> None:
-        super().__init__(f"{limit} of your jobs wait for their start_time already; cancel some, or post later")
-        self.headers = {"Retry-After": "60"}
-
-
-class NotReady(ServiceError):
-    """The service cannot work right now."""
-
-    headers = {"Retry-After": "2"}  # noqa: RUF012 - read only
-
-
-class TheatreFull(ServiceError):
-    """There are too many watchers."""
-
-    headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
-
-    def __init__(self, limit: int) -> None:
-        super().__init__(f"{limit} people are watching already; close a viewer and try again")
-
-
-class CellNotDrawn(ServiceError):
-    """A plan or scene was made in a cell that this service has no drawings of."""
-
-    def __init__(self, name: str, known: Sequence[str]) -> None:
-        super().__init__(f"this was made in the cell {name!r}; drawings exist of {', '.join(known)}")
 
 
 @dataclass(frozen=True)
@@ -261,52 +37,252 @@ class Answer:
     title: str
 
 
-TABLE: Mapping[type[Exception], Answer] = {
-    KeyNeeded: Answer(HTTPStatus.UNAUTHORIZED, "No valid key"),
-    ScopeNeeded: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
-    ForeignPage: Answer(HTTPStatus.FORBIDDEN, "Not allowed"),
-    WrongHost: Answer(HTTPStatus.MISDIRECTED_REQUEST, "Not this service"),
-    TooManyRequests: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many requests"),
-    BodyStalled: Answer(HTTPStatus.REQUEST_TIMEOUT, "The body does not come"),
+class ServiceError(LiftwrightError):
+    """Something about a request that cannot be served; the message is a sentence for a person."""
+
+    answer: Answer
+    headers: Mapping[str, str] = {}
+
+    def __init_subclass__(cls, *, status: HTTPStatus, title: str) -> None:
+        """Each kind has an answer of its own."""
+        cls.answer = Answer(status, title)
+
+
+class KeyNeeded(ServiceError, status=HTTPStatus.UNAUTHORIZED, title="No valid key"):
+    """A request shows no key, or one that opens nothing."""
+
+    def __init__(self, *, shown: bool) -> None:
+        super().__init__("this key opens nothing" if shown else "show a key: Authorization: Bearer …")
+        error = ', error="invalid_token"' if shown else ""
+        self.headers = {"WWW-Authenticate": f'Bearer realm="liftwright"{error}'}
+
+
+class ScopeNeeded(ServiceError, status=HTTPStatus.FORBIDDEN, title="Not allowed"):
+    """A key is good, but not for this."""
+
+    def __init__(self, scope: str) -> None:
+        super().__init__(f"this needs a key with the scope {scope!r}")
+
+
+class ForeignPage(ServiceError, status=HTTPStatus.FORBIDDEN, title="Not allowed"):
+    """A page of somebody else asks for something."""
+
+    def __init__(self) -> None:
+        super().__init__("only pages of this service may ask for that")
+
+
+class WrongHost(ServiceError, status=HTTPStatus.MISDIRECTED_REQUEST, title="Not this service"):
+    """A service that asks for no keys is called by a name that is not its machine's own."""
+
+    def __init__(self, host: str) -> None:
+        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
+
+
+class TooManyRequests(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many requests"):
+    """A key is used too often."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__("too many requests in too short a time")
+        self.headers = {"Retry-After": str(math.ceil(seconds))}
+
+
+class BodyStalled(ServiceError, status=HTTPStatus.REQUEST_TIMEOUT, title="The body does not come"):
+    """A body does not come."""
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__(f"nothing of the body came for {seconds:g} s, or all of it took too long")
+        self.headers = {"Connection": "close"}
+
+
+class PlanNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such plan"):
+    """No plan has that id."""
+
+    def __init__(self, plan_id: str) -> None:
+        super().__init__(f"there is no plan {plan_id[:100]!r}")
+
+
+class WebhookNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such webhook"):
+    """No webhook has that id."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"there is no webhook {webhook_id[:100]!r}")
+
+
+class WebhookUnusable(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The webhook cannot be used"):
+    """A plan names a webhook that is not there, or that nothing is sent to."""
+
+    def __init__(self, webhook_id: str) -> None:
+        super().__init__(f"webhook={webhook_id[:100]}: there is no such webhook, or it is disabled")
+
+
+class TooManyWebhooks(ServiceError, status=HTTPStatus.CONFLICT, title="Too many webhooks"):
+    """An owner has as many webhooks as one may have."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(f"an owner has at most {most} webhooks; delete one that is not needed any more")
+
+
+class DocumentNotReady(ServiceError, status=HTTPStatus.NOT_FOUND, title="No document"):
+    """A plan has no document, or not yet."""
+
+    def __init__(self, state: str, *, done: bool) -> None:
+        why = f"the job is {state}, so there is no document" + ("" if done else " yet")
+        super().__init__(why)
+        self.headers = {} if done else {"Retry-After": "1"}
+
+
+class AlreadyFinished(ServiceError, status=HTTPStatus.CONFLICT, title="Already finished"):
+    """A finished job cannot be cancelled."""
+
+    def __init__(self, state: str) -> None:
+        super().__init__(f"the job has already {state}" if state != "cancelled" else "the job is already cancelled")
+
+
+class NotFinished(ServiceError, status=HTTPStatus.CONFLICT, title="Not finished"):
+    """A plan whose job still runs cannot be deleted."""
+
+    def __init__(self, state: str) -> None:
+        super().__init__(f"the job is {state}; cancel it first")
+
+
+class BodyTooLarge(ServiceError, status=HTTPStatus.REQUEST_ENTITY_TOO_LARGE, title="The body is too large"):
+    """A body is larger than what is read."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"the body has more than {limit} bytes")
+        self.headers = {"Connection": "close"}
+
+
+class NotJsonMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a JSON body"):
+    """A body is declared as something else than JSON."""
+
+    def __init__(self, given: str | None) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the Content-Type is {was}; it must be application/json")
+        self.headers = {"Accept-Post": "application/json"}
+
+
+class NotMeshMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a mesh"):
+    """A body is declared as something else than a mesh."""
+
+    def __init__(self, given: str | None, known: Sequence[str]) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+        self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
+
+
+class BadUpload(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The upload cannot be used"):
+    """A form does not hold the file that it should."""
+
+
+class MeshNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such mesh"):
+    """No uploaded mesh has that id."""
+
+    def __init__(self, mesh_id: str) -> None:
+        super().__init__(f"there is no mesh {mesh_id[:100]!r}")
+
+
+class NotScanMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a scan"):
+    """A body is declared as something else than a form."""
+
+    def __init__(self, given: str | None) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the Content-Type is {was}; it must be multipart/form-data")
+        self.headers = {"Accept-Post": "multipart/form-data"}
+
+
+class BadScan(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The scan cannot be used"):
+    """A form does not hold the parts of a scan."""
+
+
+class SceneNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such scene"):
+    """No perceived scene has that id."""
+
+    def __init__(self, scene_id: str) -> None:
+        super().__init__(f"there is no scene {scene_id[:100]!r}")
+
+
+class SceneInUse(ServiceError, status=HTTPStatus.CONFLICT, title="Scene in use"):
+    """A scene that a task under way names cannot be deleted."""
+
+    def __init__(self, plan_id: str) -> None:
+        super().__init__(f"the plan {plan_id} names this scene and has not ended; cancel it first")
+
+
+class EncodedBody(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="An encoded body"):
+    """A body is declared as compressed."""
+
+    def __init__(self, coding: str) -> None:
+        super().__init__(f"the Content-Encoding is {coding[:100]!r}; bodies are taken as they are")
+        self.headers = {"Accept-Encoding": "identity"}
+
+
+class BadHeader(ServiceError, status=HTTPStatus.BAD_REQUEST, title="A header cannot be followed"):
+    """A header or query parameter says something that cannot be followed."""
+
+
+class KeyUsedForAnotherTask(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="Idempotency key used twice"):
+    """An Idempotency-Key came again with another body."""
+
+    def __init__(self) -> None:
+        super().__init__("this Idempotency-Key was used for another task")
+
+
+class QueueFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs"):
+    """There are too many unfinished jobs."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} jobs are waiting already")
+        self.headers = {"Retry-After": "10"}
+
+
+class TooManyDelayed(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs for later"):
+    """Too many jobs of one owner wait for their start."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} of your jobs wait for their start_time already; cancel some, or post later")
+        self.headers = {"Retry-After": "60"}
+
+
+class NotReady(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title="Not ready"):
+    """The service cannot work right now."""
+
+    headers = {"Retry-After": "2"}  # noqa: RUF012 - read only
+
+
+class TheatreFull(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title="Too many watchers"):
+    """There are too many watchers."""
+
+    headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} people are watching already; close a viewer and try again")
+
+
+class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"):
+    """A plan or scene was made in a cell that this service has no drawings of."""
+
+    def __init__(self, name: str, known: Sequence[str]) -> None:
+        super().__init__(f"this was made in the cell {name!r}; drawings exist of {', '.join(known)}")
+
+
+FOREIGN: Mapping[type[Exception], Answer] = {
     NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
-    BadHeader: Answer(HTTPStatus.BAD_REQUEST, "A header cannot be followed"),
-    PlanNotFound: Answer(HTTPStatus.NOT_FOUND, "No such plan"),
-    WebhookNotFound: Answer(HTTPStatus.NOT_FOUND, "No such webhook"),
     TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
-    WebhookUnusable: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook cannot be used"),
-    TooManyWebhooks: Answer(HTTPStatus.CONFLICT, "Too many webhooks"),
-    MeshNotFound: Answer(HTTPStatus.NOT_FOUND, "No such mesh"),
-    SceneNotFound: Answer(HTTPStatus.NOT_FOUND, "No such scene"),
-    DocumentNotReady: Answer(HTTPStatus.NOT_FOUND, "No document"),
-    CellNotDrawn: Answer(HTTPStatus.NOT_FOUND, "No drawing"),
-    SceneInUse: Answer(HTTPStatus.CONFLICT, "Scene in use"),
-    AlreadyFinished: Answer(HTTPStatus.CONFLICT, "Already finished"),
-    NotFinished: Answer(HTTPStatus.CONFLICT, "Not finished"),
-    BodyTooLarge: Answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, "The body is too large"),
-    NotJsonMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a JSON body"),
-    NotMeshMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a mesh"),
-    NotScanMedia: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "Not a scan"),
-    EncodedBody: Answer(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "An encoded body"),
     ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     MeshRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
-    BadUpload: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The upload cannot be used"),
-    BadScan: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     ScanRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
-    KeyUsedForAnotherTask: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "Idempotency key used twice"),
     RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
-    QueueFull: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs"),
-    TooManyDelayed: Answer(HTTPStatus.TOO_MANY_REQUESTS, "Too many jobs for later"),
     **dict.fromkeys(DATABASE_GONE, Answer(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
-    TheatreFull: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Too many watchers"),
-    NotReady: Answer(HTTPStatus.SERVICE_UNAVAILABLE, "Not ready"),
 }
-ANSWERED = tuple(TABLE)
+"""Errors of others that are answered as ours are."""
+ANSWERED = (ServiceError, *FOREIGN)
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Answer every error of `TABLE`, what the router refuses, and whatever else happens, as problem+json."""
-    for kind in TABLE:
+    """Answer every error of `ANSWERED`, what the router refuses, and whatever else happens, as problem+json."""
+    for kind in ANSWERED:
         app.add_exception_handler(kind, _answer_known)
     app.add_exception_handler(RequestValidationError, _answer_parameters)
     app.add_exception_handler(HTTPException, _answer_router)
@@ -349,7 +325,7 @@ def _query_parameters(request: Request) -> list[str]:
 
 
 def error_response(error: Exception) -> Response:
-    """Return the answer to an error of `TABLE`."""
+    """Return the answer to an error of `ANSWERED`."""
     if isinstance(error, DATABASE_GONE):
         # What the database says is for the log: it holds statements and addresses.
         log.error("database cannot be used", error=said_by(error))
@@ -367,7 +343,9 @@ def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
 
 
 def _answer_to(error: Exception) -> Answer:
-    return next(TABLE[kind] for kind in type(error).__mro__ if kind in TABLE)
+    if isinstance(error, ServiceError):
+        return error.answer
+    return next(FOREIGN[kind] for kind in type(error).__mro__ if kind in FOREIGN)
 
 
 def _problems(error: Exception) -> list[Problem]:

@@ -8,9 +8,9 @@ from prometheus_client import GC_COLLECTOR, PLATFORM_COLLECTOR, PROCESS_COLLECTO
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from workers import totals
-from workers.job_queue import Depth
-from workers.totals import Total
+from workers.stores import totals
+from workers.stores.job_queue import Depth
+from workers.stores.totals import Total
 
 REQUEST_SECONDS = Histogram(
     "liftwright_request_seconds",

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import json
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from app.access.door import COOKIE
-from app.access.gate import needed_scope
+from app.access.access_control import needed_scope
+from app.access.authenticator import COOKIE
 from app.errors import MEDIA_TYPE as PROBLEM_MEDIA_TYPE
 from planners.contract.scan_spec import scan_schema
 from planners.contract.task_spec import task_schema
 from planners.plan.plan import plan_schema
 
-CHECKED_IN = Path(__file__).resolve().parents[1] / "docs" / "openapi.json"
 COMPONENTS = "#/components/schemas/"
 EXAMPLE_TASK = "ab1.json"
 ALWAYS_ANSWERED = "/livez"
@@ -98,16 +96,3 @@ def _into_components(schema: Any) -> Any:
 
 def _is_reference(value: Any) -> bool:
     return isinstance(value, str) and value.startswith("#/$defs/")
-
-
-def write_openapi(path: Path) -> None:
-    """Write the description as it is checked in."""
-    from app.create_app import create_app
-    from app.settings import ServiceSettings
-
-    app = create_app(ServiceSettings(), with_worker=False)
-    path.write_text(json.dumps(app.openapi(), indent=1, ensure_ascii=False) + "\n")
-
-
-if __name__ == "__main__":
-    write_openapi(CHECKED_IN)

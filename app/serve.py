@@ -6,7 +6,8 @@ import asyncio
 import os
 import signal
 import socket
-import subprocess
+from contextlib import ExitStack, closing
+from errno import EADDRINUSE
 from types import FrameType
 
 import structlog
@@ -14,27 +15,63 @@ import uvicorn
 
 from app.access.key_store import KeyStore
 from app.create_app import create_app
-from app.listening import CannotListen, bind
 from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
-from workers.database import open_database
-from workers.executor_lock import FileLock
-from workers.job_queue import JobQueue
-from workers.kernel_cache import forget_stale_kernels
-from workers.plan_store import PlanStore
+from workers.engine.executor_lock import FileLock
+from workers.engine.supervisor import Supervisor
+from workers.engine.worker import Worker
 from workers.settings import WorkerSettings
-from workers.solver_process import COMPILE
-from workers.solver_protocol import HANDOVERS_VARIABLE
-from workers.supervisor import Supervisor
-from workers.warm_up_mark import WarmUpMark
-from workers.worker import Worker
+from workers.solver.warm_up import is_warm, warm_up
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
 
 LONGEST_GOODBYE_SECONDS = 3
 """So long open event streams may hold up a stop [s]."""
 LARGEST_WATCHER_MESSAGE_BYTES = 1 << 20
 """What a viewer's page sends are clicks and camera poses."""
+
 log = structlog.get_logger(__name__)
+
+
+class CannotListen(LiftwrightError):
+    """An address cannot be had."""
+
+    def __init__(self, host: str, port: int, error: OSError) -> None:
+        if error.errno == EADDRINUSE:
+            why = "is taken by another program; choose another with --port"
+        else:
+            why = f"cannot be listened on: {error.strerror}; choose another with --host or --port"
+        super().__init__(f"{host}:{port} {why}")
+
+
+def bind(host: str, port: int) -> list[socket.socket]:
+    """Return a socket for each address of a host, bound and not listening yet: who connects is refused until it is.
+
+    Args:
+        host: name or address.
+        port: 0: any free one, the same for all addresses.
+
+    Raises:
+        CannotListen: Another program listens there, or nobody can.
+    """
+    with ExitStack() as bound:
+        sockets: list[socket.socket] = []
+        try:
+            found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+            for family, kind, protocol, _, address in dict.fromkeys(found):
+                each = bound.enter_context(socket.socket(family, kind, protocol))
+                each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                if family == socket.AF_INET6:
+                    each.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+                each.bind((address[0], port, *address[2:]))
+                port = each.getsockname()[1]
+                sockets.append(each)
+        except OSError as error:
+            raise CannotListen(host, port, error) from error
+        bound.pop_all()
+        return sockets
 
 
 class NoKeys(LiftwrightError):
@@ -45,13 +82,6 @@ class NoKeys(LiftwrightError):
             f"{host} can be reached from other machines, and no key was issued that would let anybody in: "
             "`liftwright keys issue --owner NAME --scope admin` makes one"
         )
-
-
-class WarmUpFailed(LiftwrightError):
-    """The solver cannot solve its reference task, so it would solve nothing else."""
-
-    def __init__(self, return_code: int) -> None:
-        super().__init__(f"the solver cannot start (exit code {return_code}); what it wrote stands above")
 
 
 def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
@@ -106,31 +136,9 @@ def work(settings: WorkerSettings) -> None:
     asyncio.run(_work(settings))
 
 
-def warm_up(settings: WorkerSettings) -> None:
-    """Compile and compute what is not there yet, with a message, so that no job has to wait for it.
-
-    Raises:
-        WarmUpFailed: The solver does not work.
-    """
-    forget_stale_kernels()
-    log.info(
-        "loading kernels and handovers of the shipped tools; the first start compiles and computes them, "
-        "which takes minutes",
-        handovers=str(settings.handovers_dir),
-    )
-    command = (*settings.solver_command, COMPILE)
-    # It ends when its stdin does: with this process, however that ends.
-    environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
-        return_code = compiler.wait()
-    if return_code != 0:
-        raise WarmUpFailed(return_code)
-    WarmUpMark(settings).set()
-
-
 def _warm_up_once(settings: WorkerSettings) -> None:
     """Spare a start after the first one the seconds that it takes to find that everything is there."""
-    if not WarmUpMark(settings).stands():
+    if not is_warm(settings):
         warm_up(settings)
 
 
@@ -140,11 +148,8 @@ def _keys_needed(settings: ServiceSettings) -> bool:
     Raises:
         NoKeys: They are, because of the address, and there is none.
     """
-    database = open_database(settings)
-    try:
+    with closing(open_database(settings)) as database:
         issued = KeyStore(database).any_valid()
-    finally:
-        database.close()
     if not settings.is_loopback and not issued:
         raise NoKeys(settings.host)
     return issued or settings.authentication == "required"

@@ -1,4 +1,4 @@
-"""What a person wants to know of a plan document first."""
+"""What a person wants to know of a plan document first: what happens, or why there is no plan, and by how much."""
 
 from __future__ import annotations
 
@@ -8,8 +8,47 @@ from typing import Any
 
 import numpy as np
 
-from app.cause_words import figures_of, reason_of
-from app.least_reserve import least_reserve
+from planners.plan.verdicts import LeastReserve
+
+MILLIMETRES = 1e3
+"""In a metre: lengths are told as on drawings."""
+
+
+def reason_of(cause: Mapping[str, Any]) -> str:
+    """Return the reason, without a full stop: figures may follow."""
+    return str(cause["reason"]).rstrip(".")
+
+
+def figures_of(cause: Mapping[str, Any]) -> str | None:
+    """Return what was needed and what there was, or how much was missing; None without figures.
+
+    Where nothing, or less than nothing, is said to be available, the figures are a shortfall: how far the nearest try
+    was from a limit.
+    """
+    needed, available = cause["needed"], cause["available"]
+    if needed is None or available is None:
+        return None
+    if available > 0.0:
+        return f"needed {_measure(needed, cause['unit'])}, available {_measure(available, cause['unit'])}"
+    return f"short by {_measure(needed - available, cause['unit'])}"
+
+
+def _measure(value: float, unit: str | None) -> str:
+    if unit == "m":
+        value, unit = MILLIMETRES * value, "mm"
+    return f"{value:.4g} {unit}" if unit else f"{value:.4g}"
+
+
+def least_reserve(document: Mapping[str, Any]) -> tuple[LeastReserve, float] | None:
+    """Return what a plan document states of it, and the time [s] of that sample.
+
+    None: nothing is held, or the document is of before there was any.
+    """
+    stated = document["statistics"].get("reserve")
+    if stated is None:
+        return None
+    least = LeastReserve.model_validate(stated)
+    return least, document["segments"][least.segment]["time"][least.sample]
 
 
 def summarise(document: Mapping[str, Any]) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from workers.kernel_cache import PACKAGES, forget_stale_kernels
+from workers.solver.warm_up import KERNEL_FOLDERS, forget_stale_kernels
 
 LONG_FIRST = (
     "viewer/test_viewer_in_browser",
@@ -22,7 +22,7 @@ LONG_FIRST = (
 
 def pytest_configure() -> None:
     """Test no kernel that was compiled before the last change of any source."""
-    forget_stale_kernels((*PACKAGES, Path(__file__).parent))
+    forget_stale_kernels((*KERNEL_FOLDERS, Path(__file__).parent))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

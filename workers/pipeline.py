@@ -29,10 +29,10 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
-from workers.handover_store import HandoverStore
 from workers.simulation.stage import simulate_plan
 from workers.software import describe_software
-from workers.solver_protocol import REJECTED_VARIABLE, Answer, Request
+from workers.solver.handover_store import HandoverStore
+from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel that a plate lift needs."""

@@ -15,7 +15,7 @@ EMBEDDED_NAME = "embedded"
 """Of the one worker on SQLite: after a start it takes up its own jobs, whatever the host is called now."""
 HANDOVERS_FOLDER = "handovers"
 """In the data directory."""
-SOLVER_COMMAND = (sys.executable, "-m", "workers.solver_process")
+SOLVER_COMMAND = (sys.executable, "-m", "workers.solver.process")
 
 
 def _default_slots() -> int:
@@ -38,7 +38,7 @@ class WorkerSettings(BaseSettings):
     worker_slots: int = Field(default_factory=_default_slots, ge=1, le=64)
     """Jobs at the same time [1]."""
     solver_command: tuple[str, ...] = SOLVER_COMMAND
-    """Starts one solver process; see `workers.solver_process` for what it must speak."""
+    """Starts one solver process; see `workers.solver.process` for what it must speak."""
     poll_seconds: float = Field(default=0.1, gt=0.0, le=10.0)
     """How often the queue is looked at [s]. Each look costs about 2 ms."""
     cancel_poll_seconds: float = Field(default=0.2, gt=0.0, le=1.0)

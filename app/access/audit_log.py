@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 
 from app.access.caller import Caller
-from workers.database import Database
-from workers.tables import AUDIT
-from workers.time_stamp import now_us
+from workers.stores.database import Database
+from workers.stores.tables import AUDIT, now_us
 
 LONGEST_ADDRESS = LONGEST_ACTION = 64
 LONGEST_TARGET = 300
@@ -38,7 +37,7 @@ class AuditLog:
     """Only grows. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
 
     def add(self, caller: Caller, address: str | None, action: str, target: str, status: int) -> None:
         """Keep that somebody did something."""
@@ -51,13 +50,11 @@ class AuditLog:
             "target": target[:LONGEST_TARGET],
             "status": status,
         }
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.insert(AUDIT).values(row))
+        self._database.write(sa.insert(AUDIT).values(row))
 
     def newest(self, most: int, before: int | None) -> list[AuditEntry]:
         """Return at most `most` entries, newest first, from behind number `before`."""
         query = sa.select(AUDIT).order_by(AUDIT.c.number.desc()).limit(most)
         if before is not None:
             query = query.where(AUDIT.c.number < before)
-        with self._engine.connect() as connection:
-            return [AuditEntry(**row) for row in connection.execute(query).mappings()]
+        return [AuditEntry(**row) for row in self._database.mappings(query)]

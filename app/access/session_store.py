@@ -6,10 +6,9 @@ import secrets
 
 import sqlalchemy as sa
 
-from app.access.api_key import SECRET_BYTES, digest_of
-from workers.database import Database
-from workers.tables import SESSIONS
-from workers.time_stamp import now_us
+from app.access.key_store import SECRET_BYTES, digest_of
+from workers.stores.database import Database
+from workers.stores.tables import SESSIONS, now_us
 
 SESSION_SECONDS = 12 * 3600
 """A working day, after which the key is to be shown again [s]."""
@@ -19,13 +18,13 @@ class SessionStore:
     """Reads and writes sessions; their tokens are stored as hashes. Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
-        self._engine = database.engine
+        self._database = database
 
     def begin(self, key_id: str) -> str:
         """Return the token of a new session, and forget those that have ended."""
         token, now = secrets.token_urlsafe(SECRET_BYTES), now_us()
         row = {"digest": digest_of(token), "key_id": key_id, "expires_us": now + SESSION_SECONDS * 1_000_000}
-        with self._engine.begin() as transaction:
+        with self._database.engine.begin() as transaction:
             transaction.execute(sa.delete(SESSIONS).where(SESSIONS.c.expires_us < now))
             transaction.execute(sa.insert(SESSIONS).values(row))
         return token
@@ -35,10 +34,8 @@ class SessionStore:
         query = sa.select(SESSIONS.c.key_id).where(
             SESSIONS.c.digest == digest_of(token), SESSIONS.c.expires_us > now_us()
         )
-        with self._engine.connect() as connection:
-            return connection.scalar(query)
+        return self._database.scalar(query)
 
     def end(self, token: str) -> None:
         """Forget a session."""
-        with self._engine.begin() as transaction:
-            transaction.execute(sa.delete(SESSIONS).where(SESSIONS.c.digest == digest_of(token)))
+        self._database.write(sa.delete(SESSIONS).where(SESSIONS.c.digest == digest_of(token)))

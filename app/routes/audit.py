@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 
 from app.access.audit_log import AuditEntry
-from app.resources import Resource
-from app.routes.given import DoorGiven
+from app.resources.schemas import Resource, moment
+from app.routes.dependencies import Authentication
 
 router = APIRouter(prefix="/v1/audit", tags=["access"])
 
@@ -39,12 +39,12 @@ class AuditPage(Resource):
 
 @router.get("", summary="Read the audit log")
 def list_audit(
-    door: DoorGiven,
+    authenticator: Authentication,
     page_size: Annotated[int, Query(ge=1, le=200)] = 50,
     before: Annotated[int | None, Query(ge=1, le=2**31 - 1)] = None,
 ) -> AuditPage:
     """Return who changed what. Needs the scope `admin`."""
-    entries = door.audit.newest(page_size + 1, before)
+    entries = authenticator.audit.newest(page_size + 1, before)
     shown = entries[:page_size]
     return AuditPage(
         entries=[_item(entry) for entry in shown], next_before=shown[-1].number if len(entries) > page_size else None
@@ -54,7 +54,7 @@ def list_audit(
 def _item(entry: AuditEntry) -> AuditItem:
     return AuditItem(
         number=entry.number,
-        at=datetime.fromtimestamp(entry.at_us / 1e6, UTC),
+        at=moment(entry.at_us),
         key_id=entry.key_id,
         owner=entry.owner,
         address=entry.address,

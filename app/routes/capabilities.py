@@ -5,8 +5,8 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 
 from app.example_tasks import example_tasks
-from app.resources import Resource
-from app.routes.given import Settings
+from app.resources.schemas import Resource
+from app.routes.dependencies import Settings
 from planners.cell.asset_files import known_meshes
 from planners.scene.lift_scene import PLANNED_LIFTERS
 from planners.scene.scene import PLANNED_KINDS

@@ -9,12 +9,12 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from app.access.door import COOKIE, Credentials
-from app.access.gate import LOGIN, address_of, keep
+from app.access.access_control import LOGIN, address_of, write_audit
+from app.access.authenticator import COOKIE, Credentials
 from app.access.session_store import SESSION_SECONDS
 from app.errors import KeyNeeded, TooManyRequests
-from app.intake import read_limited
-from app.routes.given import CallerGiven, DoorGiven, Settings
+from app.routes.dependencies import Authentication, CurrentCaller, Settings
+from app.uploads.body import read_limited
 from app.viewer.page import login_page
 
 VIEWER = "/viewer/"
@@ -24,38 +24,38 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get(LOGIN)
-def get_login(door: DoorGiven, wanted: Annotated[str, Query(alias="next")] = VIEWER) -> Response:
+def get_login(authenticator: Authentication, wanted: Annotated[str, Query(alias="next")] = VIEWER) -> Response:
     """Return the page that asks for a key."""
-    return RedirectResponse(VIEWER, 303) if door.open else HTMLResponse(login_page(_here(wanted)))
+    return RedirectResponse(VIEWER, 303) if authenticator.open else HTMLResponse(login_page(_here(wanted)))
 
 
 @router.post(LOGIN)
-async def log_in(request: Request, door: DoorGiven, settings: Settings) -> Response:
+async def log_in(request: Request, authenticator: Authentication, settings: Settings) -> Response:
     """Take a key, and give the browser a cookie for it that no script can read and no other site can use."""
     form = parse_qs((await read_limited(request, LARGEST_FORM_BYTES, settings)).decode(errors="replace"))
     key, wanted = form.get("key", [""])[0].strip(), _here(form.get("next", [VIEWER])[0])
     try:
-        caller = await door.admit(Credentials(key, None), address_of(request) or "")
+        caller = await authenticator.admit(Credentials(key, None), address_of(request) or "")
     except KeyNeeded:
         return HTMLResponse(login_page(wanted, "This key opens nothing."), 401)
     except TooManyRequests as error:
         return HTMLResponse(login_page(wanted, "Too many tries; wait a little."), 429, dict(error.headers))
     response = RedirectResponse(wanted, 303)
     if caller.key_id is not None:
-        token = await run_in_threadpool(door.sessions.begin, caller.key_id)
+        token = await run_in_threadpool(authenticator.sessions.begin, caller.key_id)
         secure = request.url.scheme == "https"
         response.set_cookie(COOKIE, token, SESSION_SECONDS, path="/", secure=secure, httponly=True, samesite="lax")
-        await keep(door, caller, request, "LOGIN", response.status_code)
+        await write_audit(authenticator, caller, request, "LOGIN", response.status_code)
     return response
 
 
 @router.post("/viewer/logout")
-async def log_out(request: Request, door: DoorGiven, _: CallerGiven) -> Response:
+async def log_out(request: Request, authenticator: Authentication, _: CurrentCaller) -> Response:
     """Make the browser's cookie worthless."""
     token = request.cookies.get(COOKIE)
     if token is not None:
-        await run_in_threadpool(door.sessions.end, token)
-        door.forget(token)
+        await run_in_threadpool(authenticator.sessions.end, token)
+        authenticator.forget(token)
     response = RedirectResponse(LOGIN, 303)
     response.delete_cookie(COOKIE, path="/")
     return response

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Annotated, Any
+from typing import Annotated
 
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Request, Response
 
 from app.errors import MeshNotFound
-from app.form import FORM
-from app.mesh_upload import FIELD, MEDIA_TYPES, read_mesh
-from app.resources import MeshLinks, MeshResource, ProblemDocument
-from app.routes.given import Settings
-from app.upload_gate import UploadGate
+from app.resources.schemas import PROBLEM, MeshLinks, MeshResource
+from app.routes.dependencies import Settings
+from app.uploads.form import FORM
+from app.uploads.uploads import FIELD, MEDIA_TYPES, UploadLimits, read_mesh
 from planners.geometry.mesh_file import MeshFormat
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
 from planners.scene.shape_source import LONGEST_MESH, MILLIMETRE
-from workers.mesh_store import MeshStore
+from workers.stores.mesh_store import MeshStore
 
-PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 BINARY = {"type": "string", "format": "binary"}
 FORM_SCHEMA = {"type": "object", "required": [FIELD], "properties": {FIELD: BINARY}}
 
@@ -30,12 +28,12 @@ def _store(request: Request) -> MeshStore:
     return request.app.state.meshes
 
 
-def _gate(request: Request) -> UploadGate:
-    return request.app.state.mesh_gate
+def _limits(request: Request) -> UploadLimits:
+    return request.app.state.mesh_limits
 
 
 Store = Annotated[MeshStore, Depends(_store)]
-Gate = Annotated[UploadGate, Depends(_gate)]
+Limits = Annotated[UploadLimits, Depends(_limits)]
 
 
 @router.post(
@@ -58,11 +56,13 @@ Gate = Annotated[UploadGate, Depends(_gate)]
         422: {**PROBLEM, "description": "A mesh that encloses no one solid, with the reason"},
     },
 )
-async def post_mesh(request: Request, response: Response, store: Store, settings: Settings, gate: Gate) -> MeshResource:
+async def post_mesh(
+    request: Request, response: Response, store: Store, settings: Settings, limits: Limits
+) -> MeshResource:
     """Take a mesh in: STL, OBJ, PLY or GLB. The same file again gives the same id."""
-    async with gate.held:
+    async with limits.held:
         content, file_format = await read_mesh(request, settings.max_mesh_bytes, settings)
-        resource = await to_thread.run_sync(_accept, content, file_format, store, limiter=gate.worked)
+        resource = await to_thread.run_sync(_accept, content, file_format, store, limiter=limits.worked)
     response.headers["Location"] = resource.links.self
     return resource
 

@@ -12,18 +12,16 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
 from app.errors import BadHeader
-from app.events import stream_events, wait_for_end
-from app.intake import accept_task, read_body
-from app.job_order_query import JobOrderQuery
-from app.page_token import write_page_token
-from app.plan_query import PlanQuery
-from app.resources import PlanList, PlanResource, ProblemDocument
-from app.routes.given import Desk, Feed, Settings, scenes_of, webhooks_of
+from app.resources.plan_feed import stream_events, wait_for_end
+from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
+from app.resources.schemas import PROBLEM, PlanList, PlanResource
+from app.routes.dependencies import Feed, Plans, Settings, scenes_of, webhooks_of
+from app.task_intake import accept_task
+from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
-from workers.job_order import JobOrder
+from workers.stores.jobs import JobOrder
 
 KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
-PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As `If-None-Match` says"}}
 BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
@@ -61,7 +59,7 @@ Order = Annotated[JobOrder, Depends(_order)]
 )
 async def post_plan(
     request: Request,
-    desk: Desk,
+    plans: Plans,
     feed: Feed,
     settings: Settings,
     order: Order,
@@ -83,29 +81,29 @@ async def post_plan(
                 webhooks.require_usable(order.webhook_id)
             return accept_task(sent, state.cells, state.meshes.get, scenes, state.tools)
 
-        return desk.submit(sent, accepted, key, order)
+        return plans.submit(sent, accepted, key, order)
 
     plan = await run_in_threadpool(submit)
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
-        plan = await run_in_threadpool(desk.plan, plan.id)
+        plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
             return _plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
     return _plan_response(plan, 202, headers)
 
 
 @router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)
-def list_plans(desk: Desk, query: Annotated[PlanQuery, Query()]) -> PlanList:
+def list_plans(plans: Plans, query: Annotated[PlanQuery, Query()]) -> PlanList:
     """Return one page of those plans for which everything holds that the query says."""
-    plans, next_page = desk.page(query)
-    return PlanList(plans=plans, next_page_token=None if next_page is None else write_page_token(next_page))
+    page, next_page = plans.page(query)
+    return PlanList(plans=page, next_page_token=write_page_token(next_page))
 
 
 @router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses={**NOT_FOUND, **UNCHANGED})
-def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Header()] = None) -> Response:
+def get_plan(plan_id: str, plans: Plans, if_none_match: Annotated[str | None, Header()] = None) -> Response:
     """Return a plan; 304 if it is as the `ETag` in `If-None-Match` says."""
-    response = _plan_response(desk.plan(plan_id), 200, {})
+    response = _plan_response(plans.plan(plan_id), 200, {})
     return _unless_known(response, if_none_match)
 
 
@@ -123,12 +121,12 @@ def get_plan(plan_id: str, desk: Desk, if_none_match: Annotated[str | None, Head
 )
 def get_document(
     plan_id: str,
-    desk: Desk,
+    plans: Plans,
     if_none_match: Annotated[str | None, Header()] = None,
     accept_encoding: Annotated[str, Header()] = "",
 ) -> Response:
     """Return the plan document of a job that has succeeded."""
-    document = desk.document(plan_id)
+    document = plans.document(plan_id)
     # Weak: compressed or not, it is the same document in other bytes.
     headers = {"ETag": f'W/"{document.sha256}"', "Vary": "Accept-Encoding"}
     body = document.gzip
@@ -150,16 +148,16 @@ def get_document(
     },
 )
 async def get_events(
-    plan_id: str, desk: Desk, feed: Feed, last_event_id: Annotated[str | None, Header()] = None
+    plan_id: str, plans: Plans, feed: Feed, last_event_id: Annotated[str | None, Header()] = None
 ) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
-    plan = await run_in_threadpool(desk.plan, plan_id)
-    sent = await run_in_threadpool(desk.store.last_event, plan_id)
+    plan = await run_in_threadpool(plans.plan, plan_id)
+    sent = await run_in_threadpool(plans.store.last_event, plan_id)
     received = _read_event_id(last_event_id, sent + 1 if plan.done else sent)
     if received > sent:
         return Response(status_code=204)
     return StreamingResponse(
-        stream_events(desk, feed, plan_id, received),
+        stream_events(plans, feed, plan_id, received),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store"},
     )
@@ -172,9 +170,9 @@ async def get_events(
     summary="Cancel a job",
     responses={**NOT_FOUND, 409: {**PROBLEM, "description": "Already finished"}},
 )
-def cancel_plan(plan_id: str, desk: Desk) -> Response:
+def cancel_plan(plan_id: str, plans: Plans) -> Response:
     """Cancel a job; its process is gone within a second."""
-    return _plan_response(desk.cancel(plan_id), 202, {})
+    return _plan_response(plans.cancel(plan_id), 202, {})
 
 
 @router.delete(
@@ -183,9 +181,9 @@ def cancel_plan(plan_id: str, desk: Desk) -> Response:
     summary="Delete a finished plan",
     responses={**NOT_FOUND, 409: {**PROBLEM, "description": "Not finished"}},
 )
-def delete_plan(plan_id: str, desk: Desk) -> None:
+def delete_plan(plan_id: str, plans: Plans) -> None:
     """Remove a finished plan with its document and events."""
-    desk.delete(plan_id)
+    plans.delete(plan_id)
 
 
 def _plan_response(plan: PlanResource, status: int, headers: dict[str, str]) -> Response:

@@ -7,10 +7,10 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 
 from app.errors import NotReady
 from app.metrics import PROCESS_METRICS, ServiceMetrics
-from app.plan_desk import PlanDesk
-from workers.database import Database
-from workers.database_loss import DATABASE_GONE
-from workers.supervisor import Supervisor
+from app.resources.plan_collection import PlanCollection
+from workers.engine.supervisor import Supervisor
+from workers.stores.database import Database
+from workers.stores.database_loss import DATABASE_GONE
 
 router = APIRouter(tags=["operations"])
 
@@ -38,10 +38,10 @@ def readyz(request: Request) -> dict[str, str]:
 @router.get("/metrics", summary="Prometheus metrics", response_class=Response)
 def metrics(request: Request) -> Response:
     """Tell the queue's depth, what has become of jobs and how long their stages took, of all workers together."""
-    desk: PlanDesk = request.app.state.desk
+    plans: PlanCollection = request.app.state.plans
     registry = CollectorRegistry()
-    depth = desk.queue.depth(request.app.state.settings.max_queued)
-    registry.register(ServiceMetrics(depth, desk.store.outcome_counts(), desk.store.totals()))
+    depth = plans.queue.depth(request.app.state.settings.max_queued)
+    registry.register(ServiceMetrics(depth, plans.store.outcome_counts(), plans.store.totals()))
     for collector in PROCESS_METRICS:
         registry.register(collector)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -7,15 +7,13 @@ from typing import Annotated, Any
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Query, Request, Response
 
-from app.form import FORM
-from app.page_token import read_page_token, write_page_token
-from app.resources import ProblemDocument, SceneList, SceneResource, scene_resource, scene_summary
-from app.routes.given import Scenes, Settings
-from app.scan_upload import DESCRIPTION, read_scan_form
-from app.upload_gate import UploadGate
+from app.resources.queries import read_page_token, write_page_token
+from app.resources.schemas import PROBLEM, SceneList, SceneResource, scene_resource, scene_summary
+from app.routes.dependencies import Scenes, Settings
+from app.uploads.form import FORM
+from app.uploads.uploads import DESCRIPTION, UploadLimits, read_scan_form
 from planners.perception.perceive import PARTS
 
-PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such scene"}}
 BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
 FORM_SCHEMA = {
@@ -30,11 +28,11 @@ FORM_SCHEMA = {
 router = APIRouter(prefix="/v1/scenes", tags=["scenes"])
 
 
-def _scan_gate(request: Request) -> UploadGate:
-    return request.app.state.scan_gate
+def _scan_limits(request: Request) -> UploadLimits:
+    return request.app.state.scan_limits
 
 
-ScanGateGiven = Annotated[UploadGate, Depends(_scan_gate)]
+Limits = Annotated[UploadLimits, Depends(_scan_limits)]
 
 
 @router.post(
@@ -51,14 +49,14 @@ ScanGateGiven = Annotated[UploadGate, Depends(_scan_gate)]
     },
 )
 async def post_scene(
-    request: Request, response: Response, scenes: Scenes, settings: Settings, gate: ScanGateGiven
+    request: Request, response: Response, scenes: Scenes, settings: Settings, limits: Limits
 ) -> SceneResource:
     """Find the tool and the objects in pictures, depth images or clouds. The same scan again gives the same scene."""
     # Whole scans are held in memory: only so many are let in, and of these only so many worked on.
-    async with gate.held:
+    async with limits.held:
         description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
         scene = await to_thread.run_sync(
-            scenes.perceive, description, files, request.app.state.cells, limiter=gate.worked
+            scenes.perceive, description, files, request.app.state.cells, limiter=limits.worked
         )
     resource = scene_resource(scene)
     response.headers["Location"] = resource.links.self
@@ -70,9 +68,8 @@ def list_scenes(
     scenes: Scenes, page_size: Annotated[int, Query(ge=1, le=200)] = 50, page_token: str | None = None
 ) -> SceneList:
     """Return one page of scenes."""
-    shown, next_page = scenes.page(page_size, None if page_token is None else read_page_token(page_token))
-    token = None if next_page is None else write_page_token(next_page)
-    return SceneList(scenes=[scene_summary(scene) for scene in shown], next_page_token=token)
+    shown, next_page = scenes.page(page_size, read_page_token(page_token))
+    return SceneList(scenes=[scene_summary(scene) for scene in shown], next_page_token=write_page_token(next_page))
 
 
 @router.get("/{scene_id}", summary="One perceived scene", responses=NOT_FOUND)

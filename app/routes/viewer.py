@@ -11,15 +11,14 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, HTTPException, Request, WebSocket
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 
-from app.access.gate import admit
-from app.resources import ProblemDocument
-from app.routes.given import Desk, Scenes
+from app.access.access_control import admit
+from app.resources.schemas import PROBLEM
+from app.routes.dependencies import Plans, Scenes
 from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
 from app.viewer.theatre import Theatre
 from app.viewer.watch import POLICY_VIOLATION, Desks, relay_scene, watch
 
 FILES = frozenset({*STYLES, *LIVE_SCRIPTS})
-PROBLEM = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 
 router = APIRouter(tags=["viewer"])
 
@@ -35,9 +34,9 @@ def _theatre(request: Request) -> Theatre:
     summary="Watch a plan",
     responses={307: {"description": "`Location` is the viewer with this plan loaded"}, 404: PROBLEM},
 )
-def view_plan(plan_id: str, desk: Desk) -> Response:
+def view_plan(plan_id: str, plans: Plans) -> Response:
     """Go to the viewer with this plan loaded; if its job still runs, the viewer waits for it."""
-    return RedirectResponse(f"/viewer/?plan={desk.plan(plan_id).id}")
+    return RedirectResponse(f"/viewer/?plan={plans.plan(plan_id).id}")
 
 
 @router.get(
@@ -58,9 +57,9 @@ def view_scene(scene_id: str, scenes: Scenes) -> Response:
     summary="Fetch a recording",
     responses={404: PROBLEM},
 )
-async def get_recording(plan_id: str, desk: Desk, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
+async def get_recording(plan_id: str, plans: Plans, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
     """Return one page that plays the plan with its curves, offline; it takes some seconds to make."""
-    page = await to_thread.run_sync(theatre.record, desk, plan_id, limiter=theatre.recorders)
+    page = await to_thread.run_sync(theatre.record, plans, plan_id, limiter=theatre.recorders)
     name = f"liftwright-{plan_id}.html"
     return HTMLResponse(page, headers={"Content-Disposition": f'inline; filename="{name}"'})
 
@@ -110,7 +109,7 @@ async def _desks_now(socket: WebSocket) -> Desks:
     """Return what the watcher may see now: the key of a page that is open may have been revoked since."""
     caller = await admit(socket)
     assert caller is not None, "the viewer's websockets are not public"
-    return Desks(socket.app.state.desk.seen_by(caller), socket.app.state.scenes.seen_by(caller))
+    return Desks(socket.app.state.plans.seen_by(caller), socket.app.state.scenes.seen_by(caller))
 
 
 @cache

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
-from app.intake import read_body
-from app.page_token import read_page_token, write_page_token
-from app.resources import ProblemDocument, Resource
-from app.routes.given import Settings, Webhooks
+from app.resources.queries import read_page_token, write_page_token
+from app.resources.schemas import PROBLEM, Resource, moment
+from app.routes.dependencies import Settings, Webhooks
+from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
-from workers.webhook_store import Attempt, Delivery, Webhook
-from workers.webhook_target import LONGEST_URL
+from workers.stores.webhook_store import Attempt, Delivery, Webhook
+from workers.webhooks.target import LONGEST_URL
 
-PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such webhook"}}
 
 router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"])
@@ -114,39 +113,38 @@ PageSize = Annotated[int, Query(ge=1, le=200)]
         422: {**PROBLEM, "description": "A webhook that leads where none may"},
     },
 )
-async def post_webhook(request: Request, response: Response, desk: Webhooks, settings: Settings) -> WebhookResource:
+async def post_webhook(request: Request, response: Response, webhooks: Webhooks, settings: Settings) -> WebhookResource:
     """Register an address that is told when jobs end. Keep the secret: it is told once."""
     body = await read_body(request, settings.max_body_bytes, settings)
     spec = WebhookSpec.model_validate(parse_json(body))
-    resource = _resource(await run_in_threadpool(desk.register, spec.url, spec.plans), tell=True)
+    resource = _resource(await run_in_threadpool(webhooks.register, spec.url, spec.plans), tell=True)
     response.headers["Location"] = resource.links.self
     return resource
 
 
 @router.get("", summary="List webhooks, newest first", responses={400: {**PROBLEM, "description": "A foreign token"}})
-def list_webhooks(desk: Webhooks, page_size: PageSize = 50, page_token: str | None = None) -> WebhookList:
+def list_webhooks(webhooks: Webhooks, page_size: PageSize = 50, page_token: str | None = None) -> WebhookList:
     """Return one page of webhooks."""
-    webhooks, position = desk.page(page_size, None if page_token is None else read_page_token(page_token))
-    token = None if position is None else write_page_token(position)
-    return WebhookList(webhooks=[_resource(webhook) for webhook in webhooks], next_page_token=token)
+    page, position = webhooks.page(page_size, read_page_token(page_token))
+    return WebhookList(webhooks=[_resource(webhook) for webhook in page], next_page_token=write_page_token(position))
 
 
 @router.get("/{webhook_id}", summary="Look at a webhook", responses=NOT_FOUND)
-def get_webhook(webhook_id: str, desk: Webhooks) -> WebhookResource:
+def get_webhook(webhook_id: str, webhooks: Webhooks) -> WebhookResource:
     """Return a webhook, without its secret."""
-    return _resource(desk.webhook(webhook_id))
+    return _resource(webhooks.webhook(webhook_id))
 
 
 @router.delete("/{webhook_id}", status_code=204, summary="Delete a webhook", responses=NOT_FOUND)
-def delete_webhook(webhook_id: str, desk: Webhooks) -> None:
+def delete_webhook(webhook_id: str, webhooks: Webhooks) -> None:
     """Remove a webhook with its log."""
-    desk.delete(webhook_id)
+    webhooks.delete(webhook_id)
 
 
 @router.post("/{webhook_id}/rotate", summary="Replace a webhook's secret", responses=NOT_FOUND)
-def rotate_webhook(webhook_id: str, desk: Webhooks) -> WebhookResource:
+def rotate_webhook(webhook_id: str, webhooks: Webhooks) -> WebhookResource:
     """Return a new secret; for a day messages are signed with the old one as well."""
-    return _resource(desk.rotate(webhook_id), tell=True)
+    return _resource(webhooks.rotate(webhook_id), tell=True)
 
 
 @router.get(
@@ -155,14 +153,13 @@ def rotate_webhook(webhook_id: str, desk: Webhooks) -> WebhookResource:
     responses={**NOT_FOUND, 400: {**PROBLEM, "description": "A foreign token"}},
 )
 def list_deliveries(
-    webhook_id: str, desk: Webhooks, page_size: PageSize = 50, page_token: str | None = None
+    webhook_id: str, webhooks: Webhooks, page_size: PageSize = 50, page_token: str | None = None
 ) -> DeliveryList:
     """Return one page of messages with how each try went."""
-    before = None if page_token is None else read_page_token(page_token)
-    deliveries, position = desk.deliveries(webhook_id, page_size, before)
+    deliveries, position = webhooks.deliveries(webhook_id, page_size, read_page_token(page_token))
     return DeliveryList(
         deliveries=[_delivery(delivery, attempts) for delivery, attempts in deliveries],
-        next_page_token=None if position is None else write_page_token(position),
+        next_page_token=write_page_token(position),
     )
 
 
@@ -172,8 +169,8 @@ def _resource(webhook: Webhook, *, tell: bool = False) -> WebhookResource:
         id=webhook.id,
         url=webhook.url,
         plans=webhook.plans,
-        created_at=_time(webhook.created_us),
-        disabled_at=None if webhook.disabled_us is None else _time(webhook.disabled_us),
+        created_at=moment(webhook.created_us),
+        disabled_at=None if webhook.disabled_us is None else moment(webhook.disabled_us),
         secret=webhook.secret if tell else None,
         links=WebhookLinks(self=address, deliveries=f"{address}/deliveries", rotate=f"{address}/rotate"),
     )
@@ -184,13 +181,9 @@ def _delivery(delivery: Delivery, attempts: list[Attempt]) -> DeliveryResource:
         id=f"msg_{delivery.id}",
         plan_id=delivery.plan_id,
         state=delivery.state.value,
-        created_at=_time(delivery.created_us),
+        created_at=moment(delivery.created_us),
         attempts=[
-            AttemptResource(number=tried.number, at=_time(tried.at_us), status=tried.status, failure=tried.failure)
+            AttemptResource(number=tried.number, at=moment(tried.at_us), status=tried.status, failure=tried.failure)
             for tried in attempts
         ],
     )
-
-
-def _time(microseconds: int) -> datetime:
-    return datetime.fromtimestamp(microseconds / 1e6, UTC)

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from app.cause_words import figures_of, reason_of
-from app.least_reserve import least_reserve
+from app.summary import figures_of, least_reserve, reason_of
 from app.viewer.considered import tell_considered
 from app.viewer.curves import PERCENT, Chart, Span
 from app.viewer.kind_story import DIGITS, KindStory

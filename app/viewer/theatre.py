@@ -12,8 +12,8 @@ from anyio import CapacityLimiter
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import CellNotDrawn, TheatreFull
-from app.plan_desk import PlanDesk
-from app.scene_desk import SceneDesk
+from app.resources.plan_collection import PlanCollection
+from app.resources.scene_collection import SceneCollection
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.perceived_words import tell_perceived
 from app.viewer.recording import record
@@ -56,7 +56,7 @@ class Theatre:
         """Return the room of a key."""
         return self._rooms.get(key)
 
-    def open(self, room: Room, desk: PlanDesk, plan_id: str) -> dict[str, Any]:
+    def open(self, room: Room, desk: PlanCollection, plan_id: str) -> dict[str, Any]:
         """Put a plan into a room and return its story. Blocks.
 
         Raises:
@@ -68,7 +68,7 @@ class Theatre:
         room.open(document, sources, cell, self._meshes)
         return tell_story(document, sources)
 
-    def open_perceived(self, room: Room, scenes: SceneDesk, scene_id: str) -> dict[str, Any]:
+    def open_perceived(self, room: Room, scenes: SceneCollection, scene_id: str) -> dict[str, Any]:
         """Put a perceived scene into a room and return what the page tells of it. Blocks.
 
         Raises:
@@ -79,7 +79,7 @@ class Theatre:
         room.open_perceived(document, points, self._cell(document.cell), self._meshes)
         return tell_perceived(scene_id, document, points)
 
-    def record(self, desk: PlanDesk, plan_id: str) -> str:
+    def record(self, desk: PlanCollection, plan_id: str) -> str:
         """Return a page that plays a plan without any server. Blocks for some seconds.
 
         Raises:
@@ -102,7 +102,7 @@ class Theatre:
         for room in list(self._rooms.values()):
             await self.leave(room)
 
-    def _load(self, desk: PlanDesk, plan_id: str) -> tuple[dict[str, Any], Sources, Cell]:
+    def _load(self, desk: PlanCollection, plan_id: str) -> tuple[dict[str, Any], Sources, Cell]:
         document = json.loads(gzip.decompress(desk.document(plan_id).gzip))
         cell = self._cell(document["cell"]["name"])
         start = document["task"]["start_positions"]

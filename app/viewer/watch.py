@@ -24,14 +24,14 @@ from app.errors import (
     TheatreFull,
     TooManyRequests,
 )
-from app.plan_desk import PlanDesk
-from app.scene_desk import SceneDesk
+from app.resources.plan_collection import PlanCollection
+from app.resources.scene_collection import SceneCollection
 from app.viewer import perceived_stage, stage
 from app.viewer.room import VIEWS, Room
 from app.viewer.sources import SourceName
 from app.viewer.theatre import Theatre
 from planners.errors import LiftwrightError
-from workers.database_loss import DATABASE_GONE, said_by
+from workers.stores.database_loss import DATABASE_GONE, said_by
 
 TRY_AGAIN_LATER, INTERNAL_ERROR, POLICY_VIOLATION, BAD_DATA, UNSUPPORTED_DATA = 1013, 1011, 1008, 1007, 1003
 """Close codes of RFC 6455, and of its registry."""
@@ -108,8 +108,8 @@ REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 class Desks:
     """What a watcher may see."""
 
-    plans: PlanDesk
-    scenes: SceneDesk
+    plans: PlanCollection
+    scenes: SceneCollection
 
 
 async def watch(socket: WebSocket, theatre: Theatre, desks_now: Callable[[], Awaitable[Desks]]) -> None:

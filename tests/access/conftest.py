@@ -10,8 +10,8 @@ import pytest
 from support.service import FAKE_SOLVER
 from support.serving import served
 
-from app.access.scope import Scope
-from app.keys_command import issue_key
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
 
 

@@ -9,9 +9,9 @@ import pytest
 from support.service import FAKE_SOLVER
 from support.serving import served
 
+from app.access.caller import Scope
 from app.access.rate_limiter import RateLimiter
-from app.access.scope import Scope
-from app.keys_command import NoSuchKey, issue_key, revoke_key
+from app.cli.keys_command import NoSuchKey, issue_key, revoke_key
 from app.serve import NoKeys, serve
 from app.settings import ServiceSettings
 

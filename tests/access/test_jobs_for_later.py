@@ -9,8 +9,8 @@ import httpx
 from support.service import FAKE_SOLVER, task
 from support.serving import served
 
-from app.access.scope import Scope
-from app.keys_command import issue_key
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
 
 MAX_QUEUED, MAX_DELAYED = 4, 3

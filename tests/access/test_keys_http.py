@@ -16,10 +16,10 @@ from support.service import task
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from app.access.gate import PUBLIC
-from app.access.scope import Scope
+from app.access.access_control import PUBLIC
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key, list_keys, revoke_key
 from app.create_app import PARTS
-from app.keys_command import issue_key, list_keys, revoke_key
 from tests.support.scan_frames import shipped
 
 PROBLEM = "application/problem+json"

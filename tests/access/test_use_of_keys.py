@@ -12,13 +12,13 @@ import sqlalchemy as sa
 from sqlalchemy import event
 
 from app.access.audit_log import AuditLog
-from app.access.door import Credentials, Door
+from app.access.authenticator import Authenticator, Credentials
+from app.access.caller import Scope
 from app.access.key_store import KeyStore
 from app.access.rate_limiter import RateLimiter
-from app.access.scope import Scope
 from app.access.session_store import SessionStore
-from workers.database import Database, open_database
 from workers.settings import WorkerSettings
+from workers.stores.database import Database, open_database
 
 
 @pytest.fixture
@@ -28,8 +28,8 @@ def database(tmp_path: Path) -> Iterator[Database]:
     database.close()
 
 
-def door_of(database: Database) -> Door:
-    return Door(KeyStore(database), SessionStore(database), AuditLog(database), RateLimiter(1000.0, 1000))
+def door_of(database: Database) -> Authenticator:
+    return Authenticator(KeyStore(database), SessionStore(database), AuditLog(database), RateLimiter(1000.0, 1000))
 
 
 class Disk:
@@ -50,23 +50,23 @@ class Disk:
 
 
 def test_a_key_opens_the_door_while_nothing_can_be_written_and_not_each_time_is_that_tried(database: Database) -> None:
-    door, disk = door_of(database), Disk(database)
-    key = door.keys.issue("mes", Scope.READ).text
+    authenticator, disk = door_of(database), Disk(database)
+    key = authenticator.keys.issue("mes", Scope.READ).text
     disk.full = True
     for _ in range(5):
-        door.forget(key)
-        assert asyncio.run(door.admit(Credentials(key, None), "")).owner == "mes"
+        authenticator.forget(key)
+        assert asyncio.run(authenticator.admit(Credentials(key, None), "")).owner == "mes"
     assert len(disk.refused) == 1
     assert "last_used_us" in disk.refused[0]
 
 
 def test_uses_are_noted_again_after_a_while(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.access.door.UNNOTED_SECONDS", 0.0)
-    door, disk = door_of(database), Disk(database)
-    key = door.keys.issue("mes", Scope.READ)
+    monkeypatch.setattr("app.access.authenticator.UNNOTED_SECONDS", 0.0)
+    authenticator, disk = door_of(database), Disk(database)
+    key = authenticator.keys.issue("mes", Scope.READ)
     for disk.full in (True, False):
-        door.forget(key.text)
-        asyncio.run(door.admit(Credentials(key.text, None), ""))
-    record = door.keys.get(key.id)
+        authenticator.forget(key.text)
+        asyncio.run(authenticator.admit(Credentials(key.text, None), ""))
+    record = authenticator.keys.get(key.id)
     assert record is not None
     assert record.last_used_us is not None

@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from app.scan_files import ScanFiles, read_scan_files
+from app.cli.scene_command import ScanFiles, read_scan_files
 from planners.cell.cell import load_cell
 from planners.contract.scan_spec import read_scan
 from planners.contract.strict_json import parse_json

@@ -16,9 +16,9 @@ import sqlalchemy as sa
 
 from tests.benchmarks.tasks import Note, task_body
 from tests.support.service import ServiceProcess, finished, running_service, wait_for
-from workers.database import open_database
 from workers.settings import WorkerSettings
-from workers.tables import PLANS
+from workers.stores.database import open_database
+from workers.stores.tables import PLANS
 
 ROWS_A_TIME = 500
 

@@ -25,10 +25,10 @@ from tests.benchmarks.tasks import Note
 from tests.support.postgres import PostgresServer, running_postgres
 from tests.support.service import ServiceProcess
 from tests.support.worker import WorkerProcess
-from workers.database import Database, open_database
-from workers.engine_table import workflow_table
 from workers.settings import WorkerSettings
-from workers.tables import DOCUMENTS, PLANS
+from workers.stores.database import Database, open_database
+from workers.stores.jobs import workflow_table
+from workers.stores.tables import DOCUMENTS, PLANS
 
 TAG = "LIFTWRIGHT_SOAK"
 """Environment variable by which every process of a fleet is found, whoever started it."""

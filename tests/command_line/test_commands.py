@@ -13,10 +13,10 @@ import pytest
 from support.service import FAKE_SOLVER, ROOT, TASKS, task
 from support.serving import served
 
-from app.access.scope import Scope
-from app.cli import main
-from app.keys_command import issue_key
-from app.service_client import KEY_VARIABLE, ServiceClient
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
+from app.cli.main import main
+from app.cli.service_client import KEY_VARIABLE, ServiceClient
 from app.settings import ServiceSettings
 from app.summary import contact_states, is_certified, largest_load, summarise
 from planners.contract.scene_document import SceneDocument
@@ -99,7 +99,7 @@ def test_an_option_that_cannot_be_followed_is_3_and_named(capsys: pytest.Capture
 @pytest.mark.parametrize("command", [[], ["serve"], ["api"], ["worker"], ["plan"], ["scene"], ["warmup"]])
 def test_every_command_explains_itself(command: list[str]) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "app.cli", *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-m", "app.cli.main", *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert "usage: liftwright" in done.stdout
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from support.service import ROOT, task
 
-from app.cli import main
+from app.cli.main import main
 from planners.progress import Progress
 from planners.scene.suction_tool import load_tool
 from tests.support.scan_frames import SHIPPED

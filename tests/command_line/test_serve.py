@@ -13,9 +13,10 @@ import pytest
 import structlog
 
 from app import serve
-from app.cli import main
-from app.listening import CannotListen, bind
+from app.cli.main import main
+from app.serve import CannotListen, bind
 from workers.settings import WorkerSettings
+from workers.solver import warm_up
 
 IDLE = (sys.executable, "-c", "import sys; sys.exit(0)")
 """A solver that has nothing to compile."""
@@ -74,7 +75,7 @@ def test_an_address_that_is_not_this_machines_is_told() -> None:
 def test_warming_up_is_told_as_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serve, "forget_stale_kernels", lambda: None)
+    monkeypatch.setattr(warm_up, "forget_stale_kernels", lambda: None)
     monkeypatch.setenv("LIFTWRIGHT_DATA_DIR", str(tmp_path))
     monkeypatch.setenv("LIFTWRIGHT_SOLVER_COMMAND", json.dumps(IDLE))
     assert main(["warmup"]) == 0

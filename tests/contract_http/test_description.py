@@ -13,10 +13,9 @@ import pytest
 from support.service import FAKE_SOLVER, ROOT
 from support.serving import served
 
-from app.access.scope import Scope
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
 from app.create_app import create_app
-from app.keys_command import issue_key
-from app.openapi import CHECKED_IN
 from app.settings import ServiceSettings
 from planners.contract.scan_spec import scan_schema
 from planners.contract.scene_document import SceneDocument
@@ -24,6 +23,7 @@ from planners.contract.task_spec import task_schema
 from planners.plan.plan import plan_schema
 
 HERE = Path(__file__).parent
+CHECKED_IN = ROOT / "docs" / "openapi.json"
 FIRST_VERSION = HERE / "openapi-0.1.json"
 """As the first clients know it: never to be changed."""
 RENAMED = {"Simulation": "LiftSimulation"}

@@ -14,12 +14,12 @@ from geometry.mesh_shapes import angle, file_of
 from support.service import FAKE_SOLVER, task
 from support.serving import served
 
-from app import intake
+from app import task_intake
 from app.settings import ServiceSettings
 from planners.contract.task_spec import read_task, write_task
 from planners.errors import SceneError
-from workers.database import SQLITE_FILE
-from workers.tables import PLANS
+from workers.stores.database import SQLITE_FILE
+from workers.stores.tables import PLANS
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_an_upgrade_that_adds_a_member_with_a_default_does_not_make_it_another_t
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = post(client, task(), "upgrade").raise_for_status().json()
-    monkeypatch.setattr(intake, "write_task", with_a_new_member)
+    monkeypatch.setattr(task_intake, "write_task", with_a_new_member)
     again = post(client, task(), "upgrade")
     assert (again.status_code, again.json().get("id")) == (202, first["id"])
 
@@ -70,7 +70,7 @@ def test_what_a_task_names_may_be_gone_when_it_is_repeated(
     def nothing_is_there(*_: Any, **__: Any) -> None:
         raise SceneError("/scene_id", "there is no such scene")
 
-    monkeypatch.setattr(intake, "build_scene", nothing_is_there)
+    monkeypatch.setattr(task_intake, "build_scene", nothing_is_there)
     assert post(client, task(), "another").status_code == 422
     again = post(client, task(), "gone")
     assert (again.status_code, again.json().get("id")) == (202, first["id"])

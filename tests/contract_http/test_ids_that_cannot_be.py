@@ -12,9 +12,9 @@ from support.places import on_both_databases
 from support.service import FAKE_SOLVER, task
 from support.serving import served
 
-from app.access.scope import Scope
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
 from app.create_app import create_app
-from app.keys_command import issue_key
 from app.settings import ServiceSettings
 
 IDS = ("%00", "a%00b", "x" * 200, "%F0%9F%A4%96", "%0A", "%FF", "unknown")

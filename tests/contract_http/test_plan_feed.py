@@ -8,11 +8,10 @@ from typing import Any
 
 from sqlalchemy.exc import OperationalError
 
-from app import plan_feed
-from app.events import wait_for_end
-from app.plan_feed import PlanFeed
-from workers.job_state import Job, JobState
-from workers.supervisor import Supervisor
+from app.resources import plan_feed
+from app.resources.plan_feed import PlanFeed, wait_for_end
+from workers.engine.supervisor import Supervisor
+from workers.stores.jobs import Job, JobState
 
 
 class CountedDatabase:

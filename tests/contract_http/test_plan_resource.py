@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from app.resources import plan_resource
-from workers.job_state import Job, JobState
-from workers.plan_store import PlanRecord
+from app.resources.schemas import plan_resource
+from workers.stores.jobs import Job, JobState
+from workers.stores.plan_store import PlanRecord
 
 CREATED_US = 1_700_000_000_500_000
 STARTED_US = CREATED_US + 200_000

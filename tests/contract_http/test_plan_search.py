@@ -9,9 +9,9 @@ import pytest
 from support.places import on_both_databases
 from support.service import finished, task
 
-from app.plan_query import PlanQuery
+from app.resources.queries import PlanQuery
 from planners.contract.task_spec import KINDS
-from workers.job_state import JobState
+from workers.stores.jobs import JobState
 
 TOOL_TASK = "domino_pile.json"
 PARAMETERS = sorted(PlanQuery.model_fields)

@@ -11,21 +11,19 @@ import pytest
 from support.service import FAKE_SOLVER, task, wait_for
 from support.serving import served
 
-from app.plan_feed import PlanFeed
+from app.resources.plan_feed import PlanFeed
 from app.settings import ServiceSettings
-from workers import supervisor
-from workers.expiry import Expiry
-from workers.failure_watch import FailureWatch
-from workers.fleet_watch import FleetWatch
-from workers.retention import Retention
-from workers.webhook_runner import WebhookRunner
-from workers.worker import Worker
+from workers.engine import supervisor, worker
+from workers.engine.takeover import Takeover
+from workers.engine.worker import Worker
+from workers.webhooks.runner import WebhookRunner
 
 
 def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken, loops = True, ((PlanFeed, "look"), (Expiry, "sweep"), (FailureWatch, "sweep"), (FleetWatch, "look"))
+    broken, loops = True, ((PlanFeed, "look"), (Takeover, "look"), (WebhookRunner, "look"))
+    housekeeping = ((worker, name) for name in ("cancel_overdue", "count_failures", "delete_old"))
 
     def breakable(work: Callable[..., Any]) -> Callable[..., Any]:
         def wrapped(*arguments: Any) -> Any:
@@ -35,7 +33,7 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
 
         return wrapped
 
-    for owner, name in (*loops, (WebhookRunner, "look"), (Retention, "sweep"), (Worker, "_leave_lost_jobs")):
+    for owner, name in (*loops, *housekeeping, (Worker, "_leave_lost_jobs")):
         monkeypatch.setattr(owner, name, breakable(getattr(owner, name)))
     monkeypatch.setattr(supervisor, "STUCK_SECONDS", 0.0)
     settings = ServiceSettings(

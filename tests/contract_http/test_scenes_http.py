@@ -12,8 +12,8 @@ import httpx
 import numpy as np
 import pytest
 
+from app.cli.service_client import ServiceClient
 from app.demo import post_scan
-from app.service_client import ServiceClient
 from tests.support.scan_frames import SHIPPED, shipped
 
 SCAN = shipped()

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from app.cli import _parser
+from app.cli.main import _parser
 from app.settings import ServiceSettings
 
 ROOT = Path(__file__).resolve().parents[2]

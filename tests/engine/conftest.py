@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from workers.database import Database, open_database
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ import sqlalchemy as sa
 from sqlalchemy import exc
 from support.postgres import needs_postgres, running_postgres
 
-from workers import database_loss
-from workers.database import open_database
-from workers.database_loss import DATABASE_GONE, once_it_is_there
 from workers.settings import WorkerSettings
-from workers.tables import TOTALS
+from workers.stores import database_loss
+from workers.stores.database import open_database
+from workers.stores.database_loss import DATABASE_GONE, once_it_is_there
+from workers.stores.tables import TOTALS
 
 
 def test_a_call_is_repeated_until_the_database_is_there(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,21 +10,19 @@ import pytest
 import sqlalchemy as sa
 from support.service import task
 
-from workers.database import Database, open_database
-from workers.engine_table import workflow_table
-from workers.expiry import BATCH, Expiry
-from workers.job_order import JobOrder
-from workers.job_queue import JobQueue
-from workers.job_state import JobState
-from workers.plan_store import PlanStore
+from workers.engine.housekeeping import BATCH, cancel_overdue
 from workers.settings import WorkerSettings
-from workers.time_stamp import now_us
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import JobOrder, JobState, workflow_table
+from workers.stores.plan_store import PlanStore
+from workers.stores.tables import now_us
 
 HOUR_US = 3_600_000_000
 
 
 @dataclass(frozen=True)
-class Desk:
+class Stores:
     database: Database
     store: PlanStore
     queue: JobQueue
@@ -45,53 +43,53 @@ class Desk:
         return self.queue.jobs([plan_id])[plan_id].state
 
     def sweep(self) -> None:
-        Expiry(self.store, self.queue).sweep()
+        cancel_overdue(self.store, self.queue)
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
+def stores(tmp_path: Path) -> Iterator[Stores]:
     database = open_database(WorkerSettings(data_dir=tmp_path))
     queue = JobQueue(database)
-    yield Desk(database, PlanStore(database), queue)
+    yield Stores(database, PlanStore(database), queue)
     queue.close()
     database.close()
 
 
-def test_only_what_is_overdue_is_cancelled_queued_delayed_or_running(desk: Desk) -> None:
-    waiting, running = desk.accept(-1), desk.accept(-1)
-    delayed = desk.accept(-1, start_in_us=HOUR_US)
-    kept = [desk.accept(None), desk.accept(HOUR_US)]
-    desk.become(running, "PENDING")
-    desk.sweep()
+def test_only_what_is_overdue_is_cancelled_queued_delayed_or_running(stores: Stores) -> None:
+    waiting, running = stores.accept(-1), stores.accept(-1)
+    delayed = stores.accept(-1, start_in_us=HOUR_US)
+    kept = [stores.accept(None), stores.accept(HOUR_US)]
+    stores.become(running, "PENDING")
+    stores.sweep()
     for plan_id in (waiting, running, delayed):
-        record = desk.store.get(plan_id)
-        assert desk.state(plan_id) is JobState.CANCELLED
+        record = stores.store.get(plan_id)
+        assert stores.state(plan_id) is JobState.CANCELLED
         assert record is not None
         assert record.end_us is not None
         assert record.finished_us is not None
         assert record.finished_us >= record.end_us
-    assert [desk.state(plan_id) for plan_id in kept] == [JobState.QUEUED] * 2
+    assert [stores.state(plan_id) for plan_id in kept] == [JobState.QUEUED] * 2
 
 
 @pytest.mark.parametrize("status", ["SUCCESS", "ERROR", "CANCELLED"])
-def test_what_has_ended_before_stays_as_it_is(desk: Desk, status: str) -> None:
-    plan_id = desk.accept(-1)
-    desk.become(plan_id, status)
-    before = desk.store.get(plan_id)
-    desk.sweep()
-    assert desk.store.get(plan_id) == before
+def test_what_has_ended_before_stays_as_it_is(stores: Stores, status: str) -> None:
+    plan_id = stores.accept(-1)
+    stores.become(plan_id, status)
+    before = stores.store.get(plan_id)
+    stores.sweep()
+    assert stores.store.get(plan_id) == before
 
 
-def test_more_than_a_batch_is_cancelled(desk: Desk) -> None:
-    plans = [desk.accept(-1) for _ in range(BATCH + 1)]
-    desk.sweep()
-    desk.sweep()
-    assert {job.state for job in desk.queue.jobs(plans).values()} == {JobState.CANCELLED}
+def test_more_than_a_batch_is_cancelled(stores: Stores) -> None:
+    plans = [stores.accept(-1) for _ in range(BATCH + 1)]
+    stores.sweep()
+    stores.sweep()
+    assert {job.state for job in stores.queue.jobs(plans).values()} == {JobState.CANCELLED}
 
 
-def test_an_end_that_was_seen_stays(desk: Desk) -> None:
-    plan_id = desk.accept(-1)
-    desk.sweep()
-    before = desk.store.get(plan_id)
-    desk.store.mark_overdue([plan_id])
-    assert desk.store.get(plan_id) == before
+def test_an_end_that_was_seen_stays(stores: Stores) -> None:
+    plan_id = stores.accept(-1)
+    stores.sweep()
+    before = stores.store.get(plan_id)
+    stores.store.mark_overdue([plan_id])
+    assert stores.store.get(plan_id) == before

@@ -7,13 +7,13 @@ import sqlalchemy as sa
 from support.service import task
 
 from app.access.caller import ANYBODY
-from app.plan_desk import PlanDesk
-from workers.database import Database
-from workers.engine_table import workflow_table
-from workers.failure_watch import FailureWatch
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
-from workers.totals import FAILURE
+from app.resources.plan_collection import PlanCollection
+from workers.engine.housekeeping import count_failures
+from workers.stores.database import Database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import workflow_table
+from workers.stores.plan_store import PlanStore
+from workers.stores.totals import FAILURE
 
 JOBS = workflow_table("sqlite")
 LONG_AGO_MS, LATER_MS = 1_700_000_000_000, 32_000_000_000_000
@@ -37,13 +37,12 @@ def test_jobs_that_the_engine_gave_up_or_saw_end_by_an_error_are_counted_once(
     statuses = ("ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS", "CANCELLED")
     for plan_id, status in zip(plans, statuses, strict=False):
         end(database, plan_id, status)
-    watch = FailureWatch(store)
     for _ in range(2):
-        watch.sweep()
+        count_failures(store)
         assert counted(store) == {"error": 1, "interruptions": 2}
     store.delete(plans[0])
     queue.forget(plans[0])
-    watch.sweep()
+    count_failures(store)
     assert counted(store) == {"error": 1, "interruptions": 2}
 
 
@@ -53,7 +52,7 @@ def test_a_job_that_failed_by_a_solvers_word_is_not_counted_again(
     plan_id = store.accept(task(), None, queue).id
     assert store.mark_failed(plan_id, 0, "fault")
     end(database, plan_id, "ERROR")
-    FailureWatch(store).sweep()
+    count_failures(store)
     assert counted(store) == {"fault": 1}
 
 
@@ -63,9 +62,9 @@ def test_a_plan_looks_the_same_before_and_after_it_is_counted(
 ) -> None:
     plan_id = store.accept(task(), None, queue).id
     end(database, plan_id, "MAX_RECOVERY_ATTEMPTS_EXCEEDED", ended_ms)
-    desk = PlanDesk(store, queue, 10, 10, ANYBODY)
+    desk = PlanCollection(store, queue, 10, 10, ANYBODY)
     before = desk.plan(plan_id)
     assert before.finished_at is not None
-    FailureWatch(store).sweep()
+    count_failures(store)
     assert counted(store) == {"interruptions": 1}
     assert desk.plan(plan_id) == before

@@ -7,14 +7,13 @@ import re
 import sqlalchemy as sa
 from support.service import task
 
-from workers.database import Database
-from workers.engine_table import workflow_table
-from workers.job_order import JobOrder
-from workers.job_queue import APPLICATION_VERSION, Depth, JobQueue
-from workers.packed_document import PackedDocument
-from workers.plan_store import PlanStore
-from workers.time_stamp import now_us
-from workers.totals import DOCUMENT, STAGE, TAKEOVER
+from workers.solver.protocol import PackedDocument
+from workers.stores.database import Database
+from workers.stores.job_queue import APPLICATION_VERSION, Depth, JobQueue
+from workers.stores.jobs import JobOrder, workflow_table
+from workers.stores.plan_store import PlanStore
+from workers.stores.tables import now_us
+from workers.stores.totals import DOCUMENT, STAGE, TAKEOVER
 
 JOBS = workflow_table("sqlite")
 DOCUMENT_MADE = PackedDocument("solved", "0" * 64, b"first", {"search": 0.5, "certify": 0.25})

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from workers.kernel_cache import forget_stale_kernels
+from workers.solver.warm_up import forget_stale_kernels
 
 
 def written(path: Path, seconds: int, text: str = "") -> Path:

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
-from workers.database import Database
-from workers.mesh_store import MeshStore
+from workers.stores.database import Database
+from workers.stores.mesh_store import MeshStore
 
 
 @pytest.fixture

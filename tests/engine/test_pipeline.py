@@ -22,7 +22,7 @@ from planners.plan.simulation import LiftSimulation
 from planners.plan.verdicts import StageTime, Statistics
 from planners.progress import silent
 from workers.pipeline import CertificateFailed, Pipeline
-from workers.solver_protocol import REJECTED_VARIABLE, Request
+from workers.solver.protocol import REJECTED_VARIABLE, Request
 
 CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
 SURFACES = load_surfaces()

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from support.service import task
 
-from workers.database import open_database
-from workers.job_queue import JobQueue
-from workers.job_state import JobState
-from workers.packed_document import PackedDocument
-from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
+from workers.solver.protocol import PackedDocument
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import JobState
+from workers.stores.plan_store import PlanStore
 
 
 def packed(content: bytes) -> PackedDocument:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from workers.progress_scale import STAGE_SHARES, ProgressScale
+from workers.solver.progress import STAGE_SHARES, ProgressScale
 
 TASKS = [{"kind": "plate_lift"}, {"kind": "suction_tool", "objects": [{}, {}, {}]}]
 STAGES = sorted({stage for shares in STAGE_SHARES.values() for stage in shares})

@@ -9,14 +9,14 @@ from support.service import task
 
 from planners.contract.scene_document import SceneDocument
 from planners.perception.perceive import PerceivedScene
-from workers.database import Database
-from workers.engine_table import workflow_table
-from workers.job_queue import JobQueue
-from workers.packed_document import PackedDocument
-from workers.plan_store import PlanStore, now_us
-from workers.retention import BATCH, US_PER_DAY, Retention
-from workers.scene_store import SceneStore
-from workers.tables import DOCUMENTS, EVENTS, PLANS, SCENES
+from workers.engine.housekeeping import BATCH, US_PER_DAY, delete_old
+from workers.solver.protocol import PackedDocument
+from workers.stores.database import Database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import workflow_table
+from workers.stores.plan_store import PlanStore, now_us
+from workers.stores.scene_store import SceneStore
+from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, SCENES
 
 
 def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: float | None) -> str:
@@ -43,9 +43,8 @@ def test_only_what_ended_before_is_deleted_with_all_that_belongs_to_it(database:
         make(database, queue, age_days=1, ended_days=1),
     ]
     store = PlanStore(database)
-    retention = Retention(store, SceneStore(database), queue, days=10)
-    assert retention.sweep() == 1
-    assert retention.sweep() == 0
+    assert delete_old(store, SceneStore(database), queue, days=10) == 1
+    assert delete_old(store, SceneStore(database), queue, days=10) == 0
     assert store.get(old) is None
     assert old not in queue.jobs([old])
     with database.engine.connect() as connection:
@@ -76,11 +75,11 @@ def test_scenes_go_that_were_last_posted_before_and_that_no_plan_names(database:
         for plan_id, scene_id in ((ended, of_finished), (waits, of_unfinished)):
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(scene_id=scene_id))
     scenes = SceneStore(database)
-    assert Retention(PlanStore(database), scenes, queue, days=10).sweep() == 1
+    assert delete_old(PlanStore(database), scenes, queue, days=10) == 1
     assert {scene.id for scene in scenes.newest(10, None)} == {posted_again, of_unfinished}
     assert scenes.get(gone) is None
     scenes.touch(posted_again)
-    assert Retention(PlanStore(database), scenes, queue, days=1).sweep() == 0
+    assert delete_old(PlanStore(database), scenes, queue, days=1) == 0
     assert scenes.get(posted_again) is not None
 
 
@@ -97,4 +96,4 @@ def test_more_than_a_batch_is_deleted(database: Database, queue: JobQueue) -> No
         row = dict(transaction.execute(sa.select(PLANS).where(PLANS.c.id == first)).mappings().one())
         transaction.execute(sa.insert(PLANS), [{**row, "id": f"{n:032x}"} for n in range(BATCH + 5)])
         assert transaction.scalar(sa.select(sa.func.count()).select_from(jobs)) == 1
-    assert Retention(PlanStore(database), SceneStore(database), queue, days=1).sweep() == BATCH + 6
+    assert delete_old(PlanStore(database), SceneStore(database), queue, days=1) == BATCH + 6

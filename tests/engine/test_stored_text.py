@@ -14,22 +14,19 @@ from support.places import database_at, on_both_databases
 from support.service import task
 
 from app.access.audit_log import AuditLog
-from app.access.caller import Caller
-from app.access.scope import Scope
-from workers.database import Database, open_database
-from workers.engine_table import workflow_table
-from workers.job_queue import JobQueue
-from workers.job_runner import JobRunner
-from workers.mesh_store import MeshStore
-from workers.packed_document import PackedDocument
-from workers.plan_store import PlanStore
-from workers.scene_store import SceneStore
+from app.access.caller import Caller, Scope
+from workers.engine.job_runner import JobRunner
 from workers.settings import WorkerSettings
-from workers.solver_protocol import Report
-from workers.stored_text import StoredText
-from workers.tables import METADATA
-from workers.totals import STAGE
-from workers.webhook_store import WebhookStore
+from workers.solver.protocol import PackedDocument, Report
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import workflow_table
+from workers.stores.mesh_store import MeshStore
+from workers.stores.plan_store import PlanStore
+from workers.stores.scene_store import SceneStore
+from workers.stores.tables import METADATA, StoredText
+from workers.stores.totals import STAGE
+from workers.stores.webhook_store import WebhookStore
 
 LONGEST_NAME = "n" * 64
 

@@ -9,8 +9,8 @@ import pytest
 from sqlalchemy import exc
 from structlog.testing import capture_logs
 
-from workers import supervisor as module
-from workers.supervisor import Supervisor
+from workers.engine import supervisor as module
+from workers.engine.supervisor import Supervisor
 
 
 @pytest.fixture(autouse=True)

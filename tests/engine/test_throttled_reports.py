@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from workers.solver_process import REPORT_SECONDS, Channel, ThrottledReports
-from workers.solver_protocol import Message
+from workers.solver.process import REPORT_SECONDS, Channel, ThrottledReports
+from workers.solver.protocol import Message
 
 
 class Sent(Channel):

@@ -7,12 +7,11 @@ from pathlib import Path
 
 from support.postgres import needs_postgres, running_postgres
 
-from workers.database import open_database
-from workers.executor_lock import AdvisoryLock
-from workers.fleet_watch import FleetWatch
-from workers.job_queue import JobQueue
+from workers.engine.executor_lock import AdvisoryLock, worker_lives
+from workers.engine.takeover import Takeover
 from workers.settings import WorkerSettings
-from workers.worker_check import worker_lives
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
 
 
 @needs_postgres
@@ -21,7 +20,7 @@ def test_a_worker_is_well_while_it_has_its_name_and_nothing_in_it_is_stuck(tmp_p
         settings = WorkerSettings(data_dir=tmp_path, database_url=server.url, worker_name="only")
         database = open_database(settings)
         queue, stuck = JobQueue(database), list[str]()
-        fleet = FleetWatch(settings, queue, AdvisoryLock(database, "only"), frozenset, lambda: stuck)
+        fleet = Takeover(settings, queue, AdvisoryLock(database, "only"), frozenset, lambda: stuck)
 
         async def look(times: int) -> bool:
             for _ in range(times):

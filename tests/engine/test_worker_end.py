@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from support.service import FAKE_SOLVER
 
-from workers.database import open_database
-from workers.executor_lock import FileLock
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
+from workers.engine.executor_lock import FileLock
+from workers.engine.supervisor import Supervisor
+from workers.engine.worker import Worker
 from workers.settings import WorkerSettings
-from workers.solver import SolverPool
-from workers.supervisor import Supervisor
-from workers.worker import Worker
+from workers.solver.pool import SolverPool
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
 
 
 def test_the_name_is_free_for_the_next_worker_even_if_solvers_could_not_be_ended(

@@ -10,12 +10,12 @@ from pathlib import Path
 from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import task
 
-from workers.database import SQLITE_FILE, Database, open_database
-from workers.job_queue import JobQueue
-from workers.job_state import JobState
-from workers.packed_document import PackedDocument
-from workers.plan_store import PlanRecord, PlanStore
 from workers.settings import WorkerSettings
+from workers.solver.protocol import PackedDocument
+from workers.stores.database import SQLITE_FILE, Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import JobState
+from workers.stores.plan_store import PlanRecord, PlanStore
 
 
 def fill(database: Database) -> tuple[PlanRecord, PlanRecord]:

@@ -12,7 +12,7 @@ import psutil
 import pytest
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
-from workers.job_queue import INTERRUPTED_TOO_OFTEN
+from workers.stores.job_queue import INTERRUPTED_TOO_OFTEN
 
 LONGEST_CANCEL_SECONDS = 1.0
 LONGEST_ORPHAN_SECONDS = 2.0

@@ -17,7 +17,7 @@ from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 from support.worker import WorkerProcess
 
-from workers.job_queue import INTERRUPTED_TOO_OFTEN
+from workers.stores.job_queue import INTERRUPTED_TOO_OFTEN
 
 pytestmark = needs_postgres
 SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 1.0}

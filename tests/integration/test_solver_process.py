@@ -20,12 +20,11 @@ import psutil
 import pytest
 from support.service import FAKE_SOLVER, ROOT, wait_for
 
-from workers import solver
-from workers.kernel_cache import CACHE_VARIABLE
-from workers.packed_document import PackedDocument
-from workers.solver import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
-from workers.solver_process import COMPILE
-from workers.solver_protocol import Report, Request
+from workers.solver import pool as pool_module
+from workers.solver.pool import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
+from workers.solver.process import COMPILE
+from workers.solver.protocol import PackedDocument, Report, Request
+from workers.solver.warm_up import CACHE_VARIABLE
 
 COMMAND = SolverCommand(FAKE_SOLVER, {})
 
@@ -69,8 +68,8 @@ def test_reports_are_few_enough_not_to_slow_the_work_and_tell_the_end_of_each_st
 
 
 BUSY = """
-from workers.solver_process import main
-from workers.solver_protocol import Answer
+from workers.solver.process import main
+from workers.solver.protocol import Answer
 def solve(request, progress):
     for step in range(100_000):
         progress("graph", step + 1, 100_000)
@@ -80,8 +79,8 @@ main(lambda: solve)
 
 NOISY = """
 import os
-from workers.solver_process import main
-from workers.solver_protocol import Answer
+from workers.solver.process import main
+from workers.solver.protocol import Answer
 def solve(request, progress):
     print("a library says hello")
     os.write(1, b"and another one")
@@ -113,7 +112,7 @@ def test_what_is_no_message_is_a_death() -> None:
 
 
 def test_a_pool_whose_solvers_cannot_be_started_tells_each_job_so_and_closes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solver, "START_PAUSES_SECONDS", (0.0,))
+    monkeypatch.setattr(pool_module, "START_PAUSES_SECONDS", (0.0,))
 
     async def run() -> None:
         pool = SolverPool(SolverCommand(("/no/such/solver",), {}), slots=2)
@@ -127,7 +126,7 @@ def test_a_pool_whose_solvers_cannot_be_started_tells_each_job_so_and_closes(mon
 
 
 def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solver, "START_PAUSES_SECONDS", (0.05, 0.05))
+    monkeypatch.setattr(pool_module, "START_PAUSES_SECONDS", (0.05, 0.05))
     start, refusals = asyncio.create_subprocess_exec, 3
 
     async def refuse_some(*words: str, **options: Any) -> asyncio.subprocess.Process:
@@ -190,7 +189,7 @@ from pathlib import Path
 gate = Path(sys.argv.pop())
 sys.path.insert(0, "tests")
 from support.fake_solver import solve
-from workers.solver_process import main
+from workers.solver.process import main
 def prepare():
     while not gate.exists():
         time.sleep(0.02)
@@ -313,7 +312,7 @@ def test_a_solver_dies_with_the_process_that_started_it() -> None:
 
 def test_the_compiler_dies_with_the_process_that_waits_for_it(tmp_path: Path) -> None:
     environment = {**os.environ, CACHE_VARIABLE: str(tmp_path)}  # where nothing is compiled yet: there is much to do
-    command = [sys.executable, "-m", "app.cli", "warmup"]
+    command = [sys.executable, "-m", "app.cli.main", "warmup"]
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
     try:
         (compiler,) = wait_for(lambda: compilers(process.pid), 60)

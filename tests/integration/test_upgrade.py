@@ -10,8 +10,8 @@ from support.old_tables import back_to_the_first_version
 from support.postgres import needs_postgres, running_postgres
 from support.service import FAKE_SOLVER, ServiceProcess, finished, task, wait_for
 
-from workers.database import open_database
 from workers.settings import WorkerSettings
+from workers.stores.database import open_database
 
 
 @pytest.mark.parametrize(

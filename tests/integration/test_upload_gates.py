@@ -13,13 +13,12 @@ import pytest
 from fastapi import FastAPI
 from geometry.mesh_shapes import angle, file_of
 
-import app.mesh_upload
-import app.scan_upload
+import app.uploads.uploads
 from app.errors import install_error_handlers
-from app.form import FormPart, form_parts
-from app.routes import given, meshes, scenes
+from app.routes import dependencies, meshes, scenes
 from app.settings import ServiceSettings
-from app.upload_gate import UploadGate
+from app.uploads.form import FormPart, form_parts
+from app.uploads.uploads import UploadLimits
 from planners.geometry.solid_mesh import SolidMesh
 
 HELD, WORKED, SENDERS = 3, 2, 10
@@ -69,8 +68,8 @@ def service(store: SlowStore) -> FastAPI:
     asgi = FastAPI()
     asgi.state.settings = ServiceSettings()
     asgi.state.meshes, asgi.state.cells = store, {}
-    asgi.dependency_overrides[given._scenes] = lambda: None
-    asgi.state.mesh_gate = asgi.state.scan_gate = UploadGate(HELD, WORKED)
+    asgi.dependency_overrides[dependencies.scenes_of] = lambda: None
+    asgi.state.mesh_limits = asgi.state.scan_limits = UploadLimits(HELD, WORKED)
     install_error_handlers(asgi)
     asgi.include_router(meshes.router)
     asgi.include_router(scenes.router)
@@ -100,8 +99,8 @@ def test_so_many_meshes_are_received_and_so_many_worked_on_at_once() -> None:
     assert store.working.most == WORKED
 
 
-@pytest.mark.parametrize(("path", "intake"), [("/v1/meshes", app.mesh_upload), ("/v1/scenes", app.scan_upload)])
-def test_a_form_is_parsed_beside_the_event_loop(path: str, intake: object, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("path", ["/v1/meshes", "/v1/scenes"])
+def test_a_form_is_parsed_beside_the_event_loop(path: str, monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[threading.Thread] = []
 
     def noted(*given: object) -> list[FormPart]:
@@ -113,7 +112,7 @@ def test_a_form_is_parsed_beside_the_event_loop(path: str, intake: object, monke
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return await client.post(path, content=b"--a\r\n\r\n\r\n--a--", headers=FORM)
 
-    monkeypatch.setattr(intake, "form_parts", noted)
+    monkeypatch.setattr(app.uploads.uploads, "form_parts", noted)
     assert asyncio.run(post()).status_code == 422
     assert threads
     assert threading.main_thread() not in threads

@@ -11,7 +11,7 @@ import pytest
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
-from workers.handover_store import HandoverStore
+from workers.solver.handover_store import HandoverStore
 
 SMALL = HandoverSettings(
     ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1

@@ -58,6 +58,46 @@ def test_a_folder_imports_only_what_lies_below_it(folder: str) -> None:
     assert bad == {}
 
 
+def _imports_of_each_module() -> dict[str, set[str]]:
+    """Which modules of the service each of them imports, wherever in its file."""
+    paths = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for folder in ("app", "workers")
+        for path in (ROOT / folder).rglob("*.py")
+    }
+    found: dict[str, set[str]] = {}
+    for name, path in paths.items():
+        tree = ast.parse(path.read_text())
+        named = set(_imported_modules(tree))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module is not None:
+                named |= {f"{node.module}.{each.name}" for each in node.names}
+        found[name] = (named & paths.keys()) - {name}
+    return found
+
+
+def test_no_module_imports_itself_by_way_of_others() -> None:
+    imports = _imports_of_each_module()
+    # Whoever imports nothing that is left is taken away, until only circles and what leads to them are left.
+    left = imports
+    while free := {name for name, needed in left.items() if not needed & left.keys()}:
+        left = {name: needed for name, needed in left.items() if name not in free}
+    assert {name: sorted(needed & left.keys()) for name, needed in left.items()} == {}
+
+
+def test_within_the_workers_what_keeps_knows_nothing_of_what_runs() -> None:
+    order = ("workers.solver", "workers.stores", "workers.webhooks", "workers.engine")
+    bad = [
+        f"{name} imports {each}"
+        for name, needed in _imports_of_each_module().items()
+        for place, folder in enumerate(order)
+        if name.startswith(f"{folder}.")
+        for each in sorted(needed)
+        if each.startswith(tuple(f"{higher}." for higher in order[place + 1 :]))
+    ]
+    assert bad == []
+
+
 def plainly_installed() -> set[str]:
     """What `pip install liftwright[postgres]` brings: the run-time dependencies and what they need in turn."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

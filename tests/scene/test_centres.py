@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from geometry.mesh_shapes import angle, file_of
 
-from app.intake import accept_task
+from app.task_intake import accept_task
 from planners.cell.cell import known_cells, load_cell
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import read_task

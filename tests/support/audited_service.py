@@ -51,6 +51,6 @@ if __name__ == "__main__":
     words = sys.argv[1:]
     file = os.open(os.environ[NOTES], os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     watch(Path(words[words.index("--data-dir") + 1]), file)
-    from app.cli import main
+    from app.cli.main import main
 
     sys.exit(main(words))

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from workers.solver_process import COMPILE, main
-from workers.solver_protocol import Answer, Request
+from workers.solver.process import COMPILE, main
+from workers.solver.protocol import Answer, Request
 
 
 def solve(request: Request, _: Callable[[str, int, int], None]) -> Answer:

@@ -16,8 +16,8 @@ import sys
 import time
 from collections.abc import Callable
 
-from workers.solver_process import COMPILE, main
-from workers.solver_protocol import Answer, Request
+from workers.solver.process import COMPILE, main
+from workers.solver.protocol import Answer, Request
 
 STEP_SECONDS = 0.05
 

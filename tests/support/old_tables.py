@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sqlalchemy as sa
 
-from workers.migrations import VERSION_TABLE
+from workers.stores.migrations import REVISION_TABLE, VERSION_TABLE
 
 NEWER = (
+    f"DROP TABLE {REVISION_TABLE}",
     "DROP INDEX liftwright_plans_external_id",
     "DROP INDEX liftwright_plans_newest_of_kind",
     "DROP INDEX liftwright_plans_newest_of_owner",

@@ -40,7 +40,7 @@ class ServiceProcess:
         data_dir: Path,
         solver: tuple[str, ...] | None,
         command: str = "serve",
-        module: str = "app.cli",
+        module: str = "app.cli.main",
         **settings: Any,
     ) -> None:
         self._command, self._module = command, module

@@ -43,7 +43,7 @@ class WorkerProcess:
         self._lives = self.log.count(READY.decode())
         with self._log.open("ab") as told:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli", *words],
+                [sys.executable, "-m", "app.cli.main", *words],
                 cwd=ROOT, env={**os.environ, **self._environment}, stderr=told, stdout=told,
             )  # fmt: skip
 

@@ -13,17 +13,17 @@ import sqlalchemy as sa
 from sqlalchemy import event
 from support.service import task
 
-from workers.database import Database, open_database
-from workers.engine_table import workflow_table
-from workers.job_queue import JobQueue
-from workers.plan_store import PlanStore
 from workers.settings import WorkerSettings
-from workers.webhook_runner import BATCH, WebhookRunner
-from workers.webhook_store import DeliveryState, WebhookStore
+from workers.stores.database import Database, open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import workflow_table
+from workers.stores.plan_store import PlanStore
+from workers.stores.webhook_store import DeliveryState, WebhookStore
+from workers.webhooks.runner import BATCH, WebhookRunner
 
 
 @dataclass(frozen=True)
-class Desk:
+class Stores:
     database: Database
     plans: PlanStore
     queue: JobQueue
@@ -56,42 +56,42 @@ class Desk:
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
+def stores(tmp_path: Path) -> Iterator[Stores]:
     settings = WorkerSettings(data_dir=tmp_path)
     database = open_database(settings)
     queue, plans, webhooks = JobQueue(database), PlanStore(database), WebhookStore(database)
-    yield Desk(database, plans, queue, webhooks, WebhookRunner(settings, queue, plans, webhooks))
+    yield Stores(database, plans, queue, webhooks, WebhookRunner(settings, queue, plans, webhooks))
     queue.close()
     database.close()
 
 
-def test_jobs_that_have_not_ended_are_one_question_however_many_messages_wait_for_them(desk: Desk) -> None:
+def test_jobs_that_have_not_ended_are_one_question_however_many_messages_wait_for_them(stores: Stores) -> None:
     for _ in range(3):
-        desk.webhooks.add(None, "https://mes.example/", "all")
-    plans = desk.accept(10)
-    desk.become(plans[:3], "PENDING")
-    desk.become(plans[3:5], "DELAYED")
-    with desk.statements() as asked:
-        desk.runner.look()
+        stores.webhooks.add(None, "https://mes.example/", "all")
+    plans = stores.accept(10)
+    stores.become(plans[:3], "PENDING")
+    stores.become(plans[3:5], "DELAYED")
+    with stores.statements() as asked:
+        stores.runner.look()
     assert len(asked) == 1
 
 
 @pytest.mark.parametrize("status", ["SUCCESS", "ERROR", "CANCELLED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED"])
-def test_messages_about_jobs_that_have_ended_are_begun_and_no_others(desk: Desk, status: str) -> None:
-    webhook = desk.webhooks.add(None, "https://mes.example/", "all")
-    ended, waiting = desk.accept(2), desk.accept(3)
-    desk.become(ended, status)
+def test_messages_about_jobs_that_have_ended_are_begun_and_no_others(stores: Stores, status: str) -> None:
+    webhook = stores.webhooks.add(None, "https://mes.example/", "all")
+    ended, waiting = stores.accept(2), stores.accept(3)
+    stores.become(ended, status)
     for _ in range(2):
-        desk.runner.look()
-    states = desk.states(webhook.id)
+        stores.runner.look()
+    states = stores.states(webhook.id)
     assert {states[plan_id] for plan_id in ended} == {DeliveryState.PENDING}
     assert {states[plan_id] for plan_id in waiting} == {DeliveryState.WAITING}
 
 
-def test_many_at_once_are_begun_batch_by_batch(desk: Desk) -> None:
-    webhook = desk.webhooks.add(None, "https://mes.example/", "all")
-    plans = desk.accept(BATCH + 5)
-    desk.become(plans, "SUCCESS")
+def test_many_at_once_are_begun_batch_by_batch(stores: Stores) -> None:
+    webhook = stores.webhooks.add(None, "https://mes.example/", "all")
+    plans = stores.accept(BATCH + 5)
+    stores.become(plans, "SUCCESS")
     for begun in (BATCH, BATCH + 5):
-        desk.runner.look()
-        assert list(desk.states(webhook.id).values()).count(DeliveryState.PENDING) == begun
+        stores.runner.look()
+        assert list(stores.states(webhook.id).values()).count(DeliveryState.PENDING) == begun

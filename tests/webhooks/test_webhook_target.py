@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+import base64
+import hashlib
+import hmac
 import socket
 import ssl
-import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from datetime import UTC, datetime
 from ipaddress import ip_address, ip_network
 from typing import Any
 
+import httpcore
 import pytest
 from standardwebhooks.webhooks import Webhook, WebhookVerificationError
 
-from workers.webhook_post import post
-from workers.webhook_signature import make_secret, signed_headers
-from workers.webhook_target import Target, TargetRefused, TargetRules
+from workers.stores.webhook_store import make_secret
+from workers.webhooks.post import post
+from workers.webhooks.runner import signed_headers
+from workers.webhooks.target import Target, TargetRefused, TargetRules
 
 PUBLIC_ONLY = TargetRules((), ())
 LOOPBACK = TargetRules((), (ip_network("127.0.0.0/8"),))
@@ -149,13 +156,13 @@ def posted(monkeypatch: pytest.MonkeyPatch, answers: list[list[str]], rules: Tar
         asked += 1
         return [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (address, 443)) for address in next(lookups)]
 
-    async def open_connection(host: str, *_: Any, **__: Any) -> Any:
+    async def connect(_: httpcore.AnyIOBackend, host: str, *__: Any, **___: Any) -> Any:
         connected.append(host)
-        raise ConnectionRefusedError("nobody there")
+        raise httpcore.ConnectError("nobody there")
 
     async def run() -> Any:
         monkeypatch.setattr(asyncio.get_running_loop(), "getaddrinfo", getaddrinfo)
-        monkeypatch.setattr(asyncio, "open_connection", open_connection)
+        monkeypatch.setattr(httpcore.AnyIOBackend, "connect_tcp", connect)
         return await post("https://mes.example/", {}, b"{}", rules, ssl.create_default_context(), 5.0)
 
     return asyncio.run(run()), connected, asked
@@ -216,7 +223,8 @@ def test_a_name_that_has_no_encoding_is_told_and_not_raised(monkeypatch: pytest.
     ],
 )
 def test_a_receiver_may_ask_for_a_day_at_most_in_as_many_digits_as_it_likes(header: str, seconds: float) -> None:
-    async def answer(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n{}")
         writer.write(f"HTTP/1.1 503 Busy\r\nRetry-After: {header}\r\nContent-Length: 0\r\n\r\n".encode())
         await writer.drain()
         writer.close()
@@ -230,18 +238,100 @@ def test_a_receiver_may_ask_for_a_day_at_most_in_as_many_digits_as_it_likes(head
     assert (result.status, result.retry_after) == (503, seconds)
 
 
-def test_a_message_is_verified_by_the_standards_own_library() -> None:
-    secret, body = make_secret(), b'{"type":"plan.succeeded"}'
-    headers = signed_headers("msg_1", int(time.time()), body, [secret])
+def test_a_receiver_is_told_where_and_what_by_the_url_alone() -> None:
+    """The request as it goes over the wire: the Host header, the path with its query, and all of the body."""
+    got: list[bytes] = []
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        got.append(await reader.readuntil(b"\r\n\r\n"))
+        got.append(await reader.readexactly(2))
+        writer.write(b"HTTP/1.1 204 Thanks\r\n\r\n")
+        await writer.drain()
+        writer.close()
+
+    async def run() -> tuple[Any, int]:
+        async with await asyncio.start_server(answer, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            url = f"http://127.0.0.1:{port}/hook?a=b%20c"
+            return await post(url, {"X-A": "1"}, b"{}", LOOPBACK, ssl.create_default_context(), 5.0), port
+
+    result, port = asyncio.run(run())
+    assert (result.status, result.failure) == (204, None)
+    first, *lines = got[0].decode().split("\r\n")
+    assert first == "POST /hook?a=b%20c HTTP/1.1"
+    assert {"host: 127.0.0.1:" + str(port), "content-length: 2", "connection: close", "x-a: 1"} <= {
+        line.lower() for line in lines
+    }
+    assert got[1] == b"{}"
+
+
+def posted_to(answer: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]], seconds: float) -> Any:
+    """Return the result of a post to a receiver that hangs up only after the sender has."""
+
+    async def run() -> Any:
+        gone = asyncio.Event()
+
+        async def answer_and_go(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            with suppress(ConnectionError):
+                await answer(reader, writer)
+            writer.transport.abort()
+            gone.set()
+
+        async with await asyncio.start_server(answer_and_go, "127.0.0.1", 0) as server:
+            url = f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/"
+            result = await post(url, {}, b"{}", LOOPBACK, ssl.create_default_context(), seconds)
+            async with asyncio.timeout(20.0):
+                await gone.wait()
+            return result
+
+    return asyncio.run(run())
+
+
+def test_an_answer_that_never_ends_is_read_no_further_than_its_head() -> None:
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n{}")
+        writer.write(b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n")
+        while True:
+            writer.write(b"10000\r\n" + b"x" * 0x10000 + b"\r\n")
+            await writer.drain()
+
+    result = posted_to(answer, 30.0)
+    assert (result.status, result.failure) == (200, None)
+
+
+def test_a_receiver_that_does_not_answer_is_given_up() -> None:
+    async def say_nothing(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+        await reader.read()
+
+    result = posted_to(say_nothing, 0.3)
+    assert (result.status, result.failure) == (None, "no answer within 0.3 s")
+
+
+def test_a_message_is_signed_as_the_standard_says() -> None:
+    """By its text: HMAC-SHA256 of `id.timestamp.body` with the decoded secret."""
+    secret, body, at = make_secret(), '{"outcome":"größer"}', datetime(2026, 11, 22, 6, 0, 0, 900_000, UTC)
+    key = base64.b64decode(secret.removeprefix("whsec_"))
+    assert len(key) == 32
+    signed = hmac.new(key, f"msg_1.{int(at.timestamp())}.{body}".encode(), hashlib.sha256).digest()
+    assert signed_headers("msg_1", at, body, [secret]) == {
+        "webhook-id": "msg_1",
+        "webhook-timestamp": str(int(at.timestamp())),
+        "webhook-signature": "v1," + base64.b64encode(signed).decode(),
+    }
+
+
+def test_a_receiver_that_checks_signatures_takes_the_message_and_no_other() -> None:
+    secret, body = make_secret(), '{"type":"plan.succeeded"}'
+    headers = signed_headers("msg_1", datetime.now(UTC), body, [secret])
     assert Webhook(secret).verify(body, headers) == {"type": "plan.succeeded"}
     with pytest.raises(WebhookVerificationError):
-        Webhook(secret).verify(body + b" ", headers)
+        Webhook(secret).verify(body + " ", headers)
     with pytest.raises(WebhookVerificationError):
         Webhook(make_secret()).verify(body, headers)
 
 
 def test_while_a_secret_is_replaced_both_verify() -> None:
     old, new = make_secret(), make_secret()
-    headers = signed_headers("msg_1", int(time.time()), b"{}", [new, old])
+    headers = signed_headers("msg_1", datetime.now(UTC), "{}", [new, old])
     for secret in (old, new):
         assert Webhook(secret).verify(b"{}", headers) == {}

@@ -13,8 +13,8 @@ from support.receiver import Receiver, running_receiver
 from support.service import FAKE_SOLVER, task, wait_for
 from support.serving import served
 
-from app.access.scope import Scope
-from app.keys_command import issue_key
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
 
 

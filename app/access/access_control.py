@@ -1,0 +1,157 @@
+"""Every request and every websocket passes here first, so that no route can forget to ask who calls."""
+
+from __future__ import annotations
+
+from ipaddress import ip_address
+from urllib.parse import quote, urlsplit
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection
+from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Send
+from starlette.types import Scope as Connection
+from starlette.websockets import WebSocketClose
+
+from app.access.authenticator import Authenticator, Credentials
+from app.access.caller import Caller, Scope
+from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response
+
+LOGIN = "/viewer/login"
+PUBLIC = frozenset({"/livez", "/readyz", LOGIN, "/viewer/viewer.css"})
+"""What a machine that has no key may ask for: whether the service lives, and how to show a key."""
+ADMIN = frozenset({"/v1/audit"})
+SAFE = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
+POLICY_VIOLATION = 1008
+"""Close code of RFC 6455."""
+log = structlog.get_logger(__name__)
+
+
+def needed_scope(method: str, path: str) -> Scope | None:
+    """Return what a request needs; None: nothing at all."""
+    if path in PUBLIC:
+        return None
+    if path in ADMIN:
+        return Scope.ADMIN
+    return Scope.READ if method in SAFE else Scope.WRITE
+
+
+class AccessControl:
+    """ASGI middleware: refuses who may not, tells the routes who calls, and keeps who changed what.
+
+    Routes find the `Caller` in the state of the request.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, connection: Connection, receive: Receive, send: Send) -> None:
+        """Handle one connection."""
+        if connection["type"] not in ("http", "websocket"):
+            await self._app(connection, receive, send)
+            return
+        authenticator: Authenticator = connection["app"].state.authenticator
+        request = HTTPConnection(connection)
+        method = connection.get("method", "GET")
+        try:
+            caller = await admit(request)
+        except ANSWERED as error:
+            await _refuse(request, method, error, receive, send)
+            return
+        connection.setdefault("state", {})["caller"] = caller
+        if caller is not None and method not in SAFE:
+            send = _audited(authenticator, caller, request, method, send)
+        await self._app(connection, receive, send)
+
+
+async def admit(request: HTTPConnection) -> Caller | None:
+    """Return who calls, by what a request or websocket has shown; None where nobody is asked.
+
+    A websocket outlives the key it was opened with: who serves one asks again whenever something is opened by it.
+
+    Raises:
+        WrongHost, ForeignPage: It was sent by a page of another site.
+        KeyNeeded, ScopeNeeded: It shows no key that opens what it wants, or none that does so any more.
+        TooManyRequests: The key was used too often, or too many wrong ones came from the address.
+    """
+    authenticator: Authenticator = request.app.state.authenticator
+    method = request.scope.get("method", "GET")
+    if authenticator.open and not _is_loopback_name(request.headers.get("host", "")):
+        raise WrongHost(request.headers.get("host", ""))
+    if (method not in SAFE or request.scope["type"] == "websocket") and not is_from_here(request.headers):
+        raise ForeignPage
+    needed = needed_scope(method, request.url.path)
+    if needed is None:
+        return None
+    caller = await authenticator.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
+    if not caller.scope.allows(needed):
+        if method not in SAFE:
+            await write_audit(
+                authenticator, caller, request, method, error_response(ScopeNeeded(needed.value)).status_code
+            )
+        raise ScopeNeeded(needed.value)
+    return caller
+
+
+def is_from_here(headers: Headers) -> bool:
+    """Tell whether a request comes from a page of this service, or from no page at all."""
+    origin = headers.get("origin")
+    return origin is None or urlsplit(origin).netloc == headers.get("host")
+
+
+def address_of(request: HTTPConnection) -> str | None:
+    """Return the address that a request comes from."""
+    return None if request.client is None else request.client.host
+
+
+async def write_audit(
+    authenticator: Authenticator, caller: Caller, request: HTTPConnection, action: str, status: int, target: str = ""
+) -> None:
+    """Write into the audit log; where that fails the entry is in the log of events, and the answer is given."""
+    target = target or request.url.path
+    try:
+        await run_in_threadpool(authenticator.audit.add, caller, address_of(request), action, target, status)
+    except SQLAlchemyError as error:
+        log.error("audit entry not kept", key_id=caller.key_id, action=action, target=target, error=repr(error))
+
+
+def _audited(authenticator: Authenticator, caller: Caller, request: HTTPConnection, method: str, send: Send) -> Send:
+    """Keep what a request did before the caller learns of it."""
+
+    async def send_and_keep(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            made = Headers(raw=message["headers"]).get("location", "")
+            await write_audit(authenticator, caller, request, method, message["status"], made)
+        await send(message)
+
+    return send_and_keep
+
+
+async def _refuse(request: HTTPConnection, method: str, error: Exception, receive: Receive, send: Send) -> None:
+    response = error_response(error)
+    if request.scope["type"] == "websocket":
+        # The server makes a 403 of it.
+        await WebSocketClose(POLICY_VIOLATION)(request.scope, receive, send)
+        return
+    if isinstance(error, KeyNeeded) and method in SAFE and "text/html" in request.headers.get("accept", ""):
+        response = _to_login(request)
+    await response(request.scope, receive, send)
+
+
+def _to_login(request: HTTPConnection) -> Response:
+    """Send a browser to where a person can show a key, and then back."""
+    wanted = request.url.path + (f"?{request.url.query}" if request.url.query else "")
+    return RedirectResponse(f"{LOGIN}?next={quote(wanted, safe='/')}", 303)
+
+
+def _is_loopback_name(host: str) -> bool:
+    """Tell whether a Host header names this machine: another name would be a page's trick (DNS rebinding)."""
+    name = urlsplit(f"//{host}").hostname or ""
+    if name == "localhost":
+        return True
+    try:
+        return ip_address(name).is_loopback
+    except ValueError:
+        return False

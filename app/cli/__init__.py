@@ -1,0 +1,1 @@
+"""The command `liftwright`, one file a subcommand that does more than start something."""

@@ -1,0 +1,140 @@
+"""A client of the service for commands and the demo: what any client would do."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+from httpx_sse import connect_sse
+
+from app.cli.output import ProgressBar
+from planners.errors import LiftwrightError
+
+KEY_VARIABLE = "LIFTWRIGHT_KEY"
+"""Environment variable with the key that a service asks for: not an argument, which others on the machine can see."""
+PATIENCE = httpx.Timeout(None, connect=30.0)
+"""Perceiving a scan takes as long as it takes, and a job may say nothing for long [s]."""
+JSON = {"Content-Type": "application/json"}
+
+
+class ServiceRefused(LiftwrightError):
+    """The service answered with a problem."""
+
+    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
+        self.status = status
+        detail = problem.get("detail") or problem.get("title") or "no reason given"
+        self.problems = problem.get("errors") or [{"pointer": "", "detail": detail}]
+        super().__init__(f"the service answered {status}: {detail}")
+
+    @property
+    def is_about_the_input(self) -> bool:
+        """Whether what was sent is to blame."""
+        return self.status in (400, 413, 415, 422)
+
+
+class KeyNeeded(LiftwrightError):
+    """The service asks for a key, and none was given."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__(f"the service at {address} asks for a key: set the environment variable {KEY_VARIABLE}")
+
+
+class ServiceAway(LiftwrightError):
+    """Nobody answers at an address."""
+
+    def __init__(self, address: str, why: object) -> None:
+        super().__init__(f"no service answers at {address}: {why}")
+
+
+class ServiceClient:
+    """Talks to the service at one address."""
+
+    def __init__(self, address: str, key: str | None = None) -> None:
+        """Take an address, "http://127.0.0.1:8040", and a key; by default that of `KEY_VARIABLE`."""
+        if urlsplit(address).scheme not in ("http", "https"):
+            raise ServiceAway(address, "an address begins with http:// or https://")
+        self.address = address.rstrip("/")
+        self._key = key or os.environ.get(KEY_VARIABLE)
+
+    def get(self, path: str) -> dict[str, Any]:
+        """Return the JSON at a path.
+
+        Raises:
+            KeyNeeded, ServiceRefused, ServiceAway: There is none.
+        """
+        return json.loads(self.read(path))
+
+    def read(self, path: str) -> bytes:
+        """Return the bytes at a path.
+
+        Raises:
+            KeyNeeded, ServiceRefused, ServiceAway: There are none.
+        """
+        with self._connected() as client:
+            return self._accepted(client.get(path)).content
+
+    def post_plan(self, task: bytes) -> dict[str, Any]:
+        """Post a task and return its plan.
+
+        Raises:
+            KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
+        """
+        with self._connected() as client:
+            return self._accepted(client.post("/v1/plans", content=task, headers=JSON)).json()
+
+    def post_scene(self, description: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
+        """Post a scan, its description and its files by their parts, and return the scene it became.
+
+        Raises:
+            KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
+        """
+        with self._connected() as client:
+            return self._accepted(client.post("/v1/scenes", files={"scan": description, **files})).json()
+
+    def follow(self, plan: Mapping[str, Any]) -> dict[str, Any]:
+        """Show a job's progress until it has ended, and return the plan as it is then.
+
+        Raises:
+            KeyNeeded, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
+        """
+        events = plan["links"]["events"]
+        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
+            self._accepted(source.response)
+            for event in source.iter_sse():
+                data = event.json()
+                if event.event == "finished":
+                    bar.show("done", data["progress"]["fraction"])
+                    return data
+                bar.show(data["stage"], data["fraction"])
+        raise ServiceAway(self.address, "it closed the event stream before the job ended")
+
+    @contextmanager
+    def _connected(self) -> Iterator[httpx.Client]:
+        headers = {} if self._key is None else {"Authorization": f"Bearer {self._key}"}
+        try:
+            with httpx.Client(
+                base_url=self.address, headers=headers, timeout=PATIENCE, follow_redirects=True
+            ) as client:
+                yield client
+        except (httpx.TransportError, httpx.InvalidURL) as error:
+            raise ServiceAway(self.address, error) from error
+
+    def _accepted(self, answer: httpx.Response) -> httpx.Response:
+        if answer.is_success:
+            return answer
+        if answer.status_code == httpx.codes.UNAUTHORIZED and self._key is None:
+            raise KeyNeeded(self.address)
+        raise ServiceRefused(answer.status_code, _problem(answer.read()))
+
+
+def _problem(content: bytes) -> Mapping[str, Any]:
+    try:
+        problem = json.loads(content)
+    except ValueError:
+        return {}
+    return problem if isinstance(problem, dict) else {}

@@ -1,0 +1,96 @@
+"""What all requests pass: HEAD wherever there is GET, and the log, with an id by which all of a request is found."""
+
+from __future__ import annotations
+
+import re
+import time
+import uuid
+
+import anyio
+import structlog
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.metrics import REQUEST_SECONDS
+
+HEADER = "X-Request-ID"
+UNKNOWN_ROUTE = "none"
+METHODS = frozenset({"CONNECT", "DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT", "TRACE"})
+OTHER_METHOD = "other"
+"""Counts together what anybody may make up: each label is kept for as long as the process lives."""
+LONGEST_METHOD = 20
+"""In the log [characters]."""
+PROBES = ("/livez", "/readyz", "/metrics")
+"""Asked every few seconds: measured, and not logged while all is well."""
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+
+log = structlog.get_logger(__name__)
+
+
+class HeadAsGet:
+    """ASGI middleware; the body is not even made where it would be a stream."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one connection."""
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            await self._app(scope, receive, send)
+            return
+        with anyio.CancelScope() as rest:
+
+            async def send_start(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    await send(message)
+                    await send({"type": "http.response.body", "body": b""})
+                    rest.cancel()
+
+            await self._app({**scope, "method": "GET"}, receive, send_start)
+
+
+class RequestLog:
+    """ASGI middleware. Takes the caller's request id, or makes one, and answers with it."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        given = Headers(scope=scope).get(HEADER, "")
+        request_id = given if _ID.fullmatch(given) else uuid.uuid4().hex
+        begun, status = time.perf_counter(), 500
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                MutableHeaders(scope=message)[HEADER] = request_id
+            await send(message)
+
+        with structlog.contextvars.bound_contextvars(request_id=request_id):
+            try:
+                await self._app(scope, receive, send_with_id)
+            finally:
+                _tell(scope, status, time.perf_counter() - begun)
+
+
+def _tell(scope: Scope, status: int, seconds: float) -> None:
+    route = getattr(scope.get("route"), "path", UNKNOWN_ROUTE)
+    method = scope["method"] if scope["method"] in METHODS else OTHER_METHOD
+    REQUEST_SECONDS.labels(method, route, str(status)).observe(seconds)
+    if scope["path"] in PROBES and status < 400:
+        return
+    plan_id = scope.get("path_params", {}).get("plan_id")
+    told = log if plan_id is None else log.bind(job_id=plan_id)
+    told.info(
+        "request",
+        method=scope["method"][:LONGEST_METHOD],
+        # Never the query: it may hold what its sender would not want to read here.
+        path=scope["path"][:200],
+        status=status,
+        milliseconds=round(1000.0 * seconds, 1),
+    )

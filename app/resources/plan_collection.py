@@ -1,0 +1,161 @@
+"""Plans with their jobs: what the routes ask for, put together from the store and the queue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from app.access.caller import ANYBODY, Caller, Scope
+from app.errors import (
+    AlreadyFinished,
+    DocumentNotReady,
+    KeyUsedForAnotherTask,
+    NotFinished,
+    PlanNotFound,
+    QueueFull,
+    TooManyDelayed,
+)
+from app.resources.queries import PlanQuery, page_of
+from app.resources.schemas import PlanResource, plan_resource
+from planners.contract.task_spec import read_task, write_task
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import Job, JobOrder, JobState
+from workers.stores.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
+from workers.stores.tables import Position, now_us
+
+
+class PlanCollection:
+    """What one caller sees of all plans: what belongs to somebody else does not exist.
+
+    All methods block on the database: call them from a thread.
+    """
+
+    def __init__(
+        self, store: PlanStore, queue: JobQueue, max_queued: int, max_delayed: int, caller: Caller = ANYBODY
+    ) -> None:
+        self.store, self.queue, self._caller = store, queue, caller
+        self._max_queued, self._max_delayed = max_queued, max_delayed
+
+    def seen_by(self, caller: Caller) -> PlanCollection:
+        """Return what another caller sees."""
+        return PlanCollection(self.store, self.queue, self._max_queued, self._max_delayed, caller)
+
+    def submit(
+        self,
+        sent: Any,
+        accepted: Callable[[], Mapping[str, Any]],
+        idempotency_key: str | None,
+        order: JobOrder = NO_ORDER,
+    ) -> PlanResource:
+        """Accept a task, or find the plan that the same key made; then its first order stands.
+
+        Args:
+            sent: the task as JSON data, as it came.
+            accepted: fills defaults in, or raises what is wrong with the task; not asked about one that came before,
+                which may name what is gone since.
+            idempotency_key: of the caller, if it has one.
+            order: what it says about the job.
+
+        Raises:
+            QueueFull: There are too many unfinished jobs.
+            TooManyDelayed: Too many of the caller's wait for their start.
+            KeyUsedForAnotherTask: The key was used for another task.
+        """
+        sent_fingerprint = fingerprint(sent)
+        record = self.store.by_key(idempotency_key, self._caller.owner)
+        if record is None:
+            task = accepted()
+            self._require_room(order)
+            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order, sent_fingerprint)
+        # The same may be sent in other words, and of old plans only what they were taken for is known.
+        if record.sent_fingerprint != sent_fingerprint and not self._asks_for(record, accepted()):
+            raise KeyUsedForAnotherTask
+        return self._with_job(record)
+
+    def _asks_for(self, record: PlanRecord, task: Mapping[str, Any]) -> bool:
+        """Tell whether a plan's task is the same as another one, with the defaults of today filled in both."""
+        stored = self.store.task(record.id)
+        return stored is not None and write_task(read_task(stored)) == task
+
+    def _require_room(self, order: JobOrder) -> None:
+        if self.queue.depth(self._max_queued).due >= self._max_queued:
+            raise QueueFull(self._max_queued)
+        # Jobs for later are in nobody's way, so they are no reason to refuse those of others.
+        if order.pause(now_us()) > 0.0:
+            delayed = self.store.delayed(self._caller.owner, self._max_delayed)
+            if delayed >= self._max_delayed:
+                raise TooManyDelayed(self._max_delayed)
+
+    def plan(self, plan_id: str) -> PlanResource:
+        """Return one plan.
+
+        Raises:
+            PlanNotFound: There is none of that id.
+        """
+        record = self.store.get(plan_id)
+        if record is None or not self._caller.may_see(record.owner):
+            raise PlanNotFound(plan_id)
+        return self._with_job(record)
+
+    def page(self, query: PlanQuery) -> tuple[list[PlanResource], Position | None]:
+        """Return the plans that are asked for, newest first, and where the next page begins, if there is one."""
+        size = query.page_size
+        owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
+        shown, position = page_of(self.store.newest(size + 1, query.position, query.filter(owner)), size)
+        jobs = self.queue.jobs([record.id for record in shown])
+        plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]
+        # A job may have gone on since it was found.
+        return [plan for plan in plans if query.state in (None, plan.state)], position
+
+    def document(self, plan_id: str) -> StoredDocument:
+        """Return the document of a plan whose job has succeeded.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+        """
+        plan = self.plan(plan_id)
+        document = self.store.document(plan_id) if plan.state == JobState.SUCCEEDED.value else None
+        if document is None:
+            raise DocumentNotReady(plan.state, done=plan.done)
+        return document
+
+    def cancel(self, plan_id: str) -> PlanResource:
+        """Cancel a plan's job.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            AlreadyFinished: Its job has ended, be it just now.
+        """
+        plan = self.plan(plan_id)
+        if not plan.done:
+            self.queue.cancel(plan_id)
+            plan = self.plan(plan_id)
+            if plan.state == JobState.CANCELLED.value:
+                self.store.mark_finished(plan_id)
+                return self.plan(plan_id)
+        raise AlreadyFinished(plan.state)
+
+    def delete(self, plan_id: str) -> None:
+        """Remove a plan and all that belongs to it.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            NotFinished: Its job has not ended.
+        """
+        plan = self.plan(plan_id)
+        if not plan.done:
+            raise NotFinished(plan.state)
+        self.store.delete(plan_id)
+        self.queue.forget(plan_id)
+
+    def _with_job(self, record: PlanRecord) -> PlanResource:
+        job = self.queue.jobs([record.id]).get(record.id)
+        if job is None:
+            raise PlanNotFound(record.id)
+        return self._resource(record, job)
+
+    def _resource(self, record: PlanRecord, job: Job) -> PlanResource:
+        # What was stored between the two reads belongs to the state that was read last.
+        fresh = self.store.get(record.id) if job.state.done and record.finished_us is None else record
+        return plan_resource(fresh or record, job)

@@ -1,0 +1,276 @@
+"""What the service answers with, as JSON."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from planners.contract.scene_document import SceneDocument
+from workers.stores.jobs import Job, JobState
+from workers.stores.plan_store import PlanRecord
+from workers.stores.scene_store import StoredScene
+
+JOB_ORDER_STATES = {
+    JobState.QUEUED: "AllowedToStart",
+    JobState.RUNNING: "Running",
+    JobState.SUCCEEDED: "Ended",
+    JobState.FAILED: "Aborted",
+    JobState.CANCELLED: "Aborted",
+}
+
+
+PlanState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+Outcome = Literal["solved", "infeasible", "not_found"]
+
+
+class Resource(BaseModel):
+    """Base of all answers."""
+
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
+
+
+class MeshLinks(Resource):
+    """Where to find it again."""
+
+    self: str
+
+
+class MeshResource(Resource):
+    """An uploaded mesh, as tasks can name it."""
+
+    id: str
+    """Of the file's content: the same file has the same id."""
+    triangles: int
+    size: tuple[float, float, float]
+    """Full lengths, in the unit of the file."""
+    centroid: tuple[float, float, float]
+    """Centre of mass where a task states none: that of the solid, evenly filled. In the frame and the unit of the file,
+    that is before `scale`."""
+    convex_parts: int
+    """How many convex parts stand for it where collision is checked."""
+    excess: float
+    """How far these reach beyond it at most, in the unit of the file."""
+    hint: str | None
+    """What to mind when it is used."""
+    links: MeshLinks
+
+
+class SceneLinks(Resource):
+    """Where to go from here."""
+
+    self: str
+    preview: str
+    view: str
+
+
+class SceneResource(Resource):
+    """What was perceived, as tasks can name it."""
+
+    id: str
+    """Of the scan: the same scan has the same id."""
+    created_at: datetime
+    scene: SceneDocument
+    links: SceneLinks
+
+
+class SceneSummary(Resource):
+    """A perceived scene as a list has it."""
+
+    id: str
+    created_at: datetime
+    external_id: str | None
+    """The caller's own name for it."""
+    cell: str
+    tool: str | None
+    """The tool that was seen."""
+    objects: int
+    unrecognised: int
+    links: SceneLinks
+
+
+class SceneList(Resource):
+    """One page of scenes, newest first."""
+
+    scenes: list[SceneSummary]
+    next_page_token: str | None
+    """Give it as `page_token` for the next page; None on the last one."""
+
+
+class PlanProgress(Resource):
+    """How far a job is."""
+
+    stage: str | None
+    fraction: float
+    """0 … 1; never falls."""
+
+
+class PlanError(Resource):
+    """Why a job failed. The fault is ours: a task without a solution is a success with a document."""
+
+    detail: str
+
+
+class PlanLinks(Resource):
+    """Where to go from here."""
+
+    self: str
+    document: str
+    events: str
+    cancel: str
+    view: str
+    recording: str
+
+
+class PlanResource(Resource):
+    """A plan: a task that was accepted, its job, and what came of it."""
+
+    id: str
+    kind: str
+    external_id: str | None
+    """The caller's own name for it; ISA-95's JobOrderID."""
+    work_master: str | None
+    """The recipe by which the caller made the task; ISA-95's WorkMasterID."""
+    priority: int
+    """0 … 9; the highest goes first."""
+    start_time: datetime | None
+    """The job is not begun before."""
+    end_time: datetime | None
+    """A job that has not ended by then is cancelled."""
+    state: PlanState
+    done: bool
+    """Whether it will never change again."""
+    job_order_state: Literal["AllowedToStart", "Running", "Ended", "Aborted"]
+    """The state as an MES names it (ISA-95, OPC 10031-4)."""
+    outcome: Outcome | None
+    """Once succeeded."""
+    progress: PlanProgress
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    attempts: int
+    """How often a solver process began."""
+    error: PlanError | None
+    cancelled_by: Literal["request", "end_time"] | None
+    """Why a job was cancelled: somebody asked for it, or it had not ended by its `end_time`."""
+    links: PlanLinks
+
+
+class PlanList(Resource):
+    """One page of plans, newest first."""
+
+    plans: list[PlanResource]
+    next_page_token: str | None
+    """Give it as `page_token` for the next page; None on the last one."""
+
+
+class ProblemItem(Resource):
+    """One thing that is wrong with a body."""
+
+    pointer: str
+    """RFC 6901, from the body's root."""
+    detail: str
+    allowed: list[str] | None = None
+    """The valid choices, where they can be listed."""
+
+
+class ProblemDocument(Resource):
+    """An error, by RFC 9457."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    errors: list[ProblemItem] = []
+
+
+PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}
+"""An answer that is an error, as the description of an operation has it."""
+
+
+def scene_resource(scene: StoredScene) -> SceneResource:
+    """Return the resource of a perceived scene."""
+    return SceneResource(
+        id=scene.id, created_at=moment(scene.created_us), scene=scene.document, links=_scene_links(scene.id)
+    )
+
+
+def scene_summary(scene: StoredScene) -> SceneSummary:
+    """Return a perceived scene as a list has it."""
+    document = scene.document
+    return SceneSummary(
+        id=scene.id,
+        created_at=moment(scene.created_us),
+        external_id=document.external_id,
+        cell=document.cell,
+        tool=None if document.tool is None else document.tool.name,
+        objects=len(document.objects),
+        unrecognised=len(document.unrecognised),
+        links=_scene_links(scene.id),
+    )
+
+
+def _scene_links(scene_id: str) -> SceneLinks:
+    address = f"/v1/scenes/{scene_id}"
+    return SceneLinks(self=address, preview=f"{address}/preview.png", view=f"{address}/view")
+
+
+def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
+    """Return the resource of a plan and its job."""
+    address = f"/v1/plans/{record.id}"
+    succeeded = job.state is JobState.SUCCEEDED
+    return PlanResource.model_validate(
+        {
+            "id": record.id,
+            "kind": record.kind,
+            "external_id": record.external_id,
+            "work_master": record.work_master,
+            "priority": record.priority,
+            "start_time": _time(record.start_us),
+            "end_time": _time(record.end_us),
+            "state": job.state.value,
+            "job_order_state": JOB_ORDER_STATES[job.state],
+            "done": job.state.done,
+            "outcome": record.outcome if succeeded else None,
+            "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},
+            "created_at": _time(record.created_us),
+            "started_at": _time(record.started_us),
+            "finished_at": _time(_finished_us(record, job)),
+            "attempts": record.attempts,
+            "error": None if job.error is None else {"detail": job.error},
+            "cancelled_by": _cancelled_by(record, job),
+            "links": {
+                "self": address,
+                "document": f"{address}/document",
+                "events": f"{address}/events",
+                "cancel": f"{address}/cancel",
+                "view": f"{address}/view",
+                "recording": f"{address}/recording.html",
+            },
+        }
+    )
+
+
+def _cancelled_by(record: PlanRecord, job: Job) -> str | None:
+    if job.state is not JobState.CANCELLED:
+        return None
+    ended = _finished_us(record, job)
+    return "end_time" if ended is not None and record.end_us is not None and ended >= record.end_us else "request"
+
+
+def _finished_us(record: PlanRecord, job: Job) -> int | None:
+    """Return when a job ended: our own time, or the engine's where we had no chance to note it."""
+    if not job.state.done or record.finished_us is not None or job.ended_us is None:
+        return record.finished_us if job.state.done else None
+    # The engine's is in whole seconds on SQLite.
+    return max(job.ended_us, record.started_us or record.created_us)
+
+
+def _time(microseconds: int | None) -> datetime | None:
+    return None if microseconds is None else moment(microseconds)
+
+
+def moment(microseconds: int) -> datetime:
+    """Return a time of our tables [microseconds since 1970, UTC]."""
+    return datetime.fromtimestamp(microseconds / 1e6, UTC)

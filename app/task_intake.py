@@ -1,0 +1,71 @@
+"""From the bytes of a request to a task that can be planned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from planners.cell.cell import Cell
+from planners.contract.scene_document import SceneDocument
+from planners.contract.task_spec import read_task, write_task
+from planners.errors import SceneError
+from planners.perception.scene_task import fill_from_scene
+from planners.scene.scene import build_scene, with_centres
+from planners.scene.shape_source import Uploads, no_uploads
+from planners.scene.suction_tool import NO_TOOLS, SuctionTool
+
+Scenes = Callable[[str], SceneDocument | None]
+"""Finds what was perceived in a scene, by its id; None if there is none."""
+
+
+class NeedsScene(SceneError):
+    """A task takes an object from a scene and names none."""
+
+    def __init__(self) -> None:
+        super().__init__("/scene_id", 'is required: an object has a "detection", which is looked up in a scene')
+
+
+def no_scenes(scene_id: str) -> SceneDocument | None:
+    """Know of no scene."""
+    return None
+
+
+def accept_task(
+    sent: Any,
+    cells: Mapping[str, Cell],
+    uploads: Uploads = no_uploads,
+    scenes: Scenes = no_scenes,
+    tools: Mapping[str, SuctionTool] = NO_TOOLS,
+) -> dict[str, Any]:
+    """Return a task with every default filled in, once it is known that it can be begun.
+
+    Args:
+        sent: the task as JSON data.
+        cells: that there are, by name.
+        uploads: finds meshes.
+        scenes: finds perceived scenes, which a task may name in place of poses.
+        tools: that were loaded before, by name; others are read from their files.
+
+    Raises:
+        pydantic.ValidationError, SceneError: What is wrong with it.
+    """
+    task = read_task(_with_scene(sent, cells, scenes))
+    scene = build_scene(task, cells, uploads=uploads, tools=tools)
+    return write_task(with_centres(task, scene))
+
+
+def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: Scenes) -> Any:
+    if not isinstance(body, dict) or body.get("kind") != "suction_tool":
+        return body
+    scene_id = body.get("scene_id")
+    if scene_id is None:
+        objects = body.get("objects")
+        if isinstance(objects, list) and any(isinstance(each, dict) and "detection" in each for each in objects):
+            raise NeedsScene
+        return body
+    scene = scenes(scene_id) if isinstance(scene_id, str) else None
+    if scene is None:
+        raise SceneError("/scene_id", "there is no such scene; POST a scan to /v1/scenes")
+    if scene.cell not in cells:
+        raise SceneError("/scene_id", f"the scene was perceived in the cell {scene.cell}, which there is not")
+    return fill_from_scene(body, scene, cells[scene.cell])

@@ -1,0 +1,65 @@
+"""What every worker does now and then for all of them: cancels what is overdue, counts failures, forgets what is old.
+
+Any number of workers may do so at once: what is done is done.
+"""
+
+from __future__ import annotations
+
+import structlog
+
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
+from workers.stores.scene_store import SceneStore
+from workers.stores.tables import now_us
+
+BATCH = 100
+DELETION_PAUSE_SECONDS = 3600.0
+"""Between two rounds of deletion [s]."""
+US_PER_DAY = 86_400_000_000
+
+log = structlog.get_logger(__name__)
+
+
+def cancel_overdue(store: PlanStore, queue: JobQueue) -> None:
+    """Cancel jobs that have not ended by the end of their order: whoever ordered them has no use for their plans."""
+    overdue = store.overdue(now_us(), BATCH)
+    if not overdue:
+        return
+    # First, so that a job which is seen to be cancelled is seen with what it was cancelled by.
+    store.mark_overdue(overdue)
+    for plan_id in overdue:
+        queue.cancel(plan_id)
+    # A worker may have begun it in between, and taken its end away.
+    store.mark_overdue(overdue)
+    log.info("jobs cancelled at the end of their time", job_ids=overdue)
+
+
+def count_failures(store: PlanStore) -> None:
+    """Count jobs that the engine has given up or seen end by an error, with nobody there to say so."""
+    failed = store.count_failures(BATCH)
+    if failed:
+        log.error("jobs failed without a solver's word", job_ids=failed)
+
+
+def delete_old(store: PlanStore, scenes: SceneStore, queue: JobQueue, days: float) -> int:
+    """Delete every plan that ended more than so many days ago, and return how many there were.
+
+    Scenes that were last posted before then go too, unless a plan that is left names them. Meshes stay, since tasks may
+    name them for ever.
+    """
+    before = now_us() - round(days * US_PER_DAY)
+    position, gone = (0, ""), 0
+    while batch := store.created_before(before, position, BATCH):
+        position = batch[-1]
+        jobs = queue.jobs([plan_id for _, plan_id in batch])
+        for _, plan_id in batch:
+            job = jobs.get(plan_id)
+            if job is None or (job.state.done and (job.ended_us or 0) < before):
+                # In this order: a plan without a job is found again by the next round.
+                queue.forget(plan_id)
+                store.delete(plan_id)
+                gone += 1
+    scenes_gone = scenes.delete_before(before)
+    if gone or scenes_gone:
+        log.info("old plans deleted", plans=gone, scenes=scenes_gone, days=days)
+    return gone

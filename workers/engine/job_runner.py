@@ -1,0 +1,171 @@
+"""One job from its begin to its end, whatever dies in between: solver, database, or the right to do it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import structlog
+from dbos import error
+from sqlalchemy.exc import SQLAlchemyError
+
+from planners.contract.uploads import named_uploads
+from planners.errors import LiftwrightError
+from workers.settings import WorkerSettings
+from workers.solver.pool import SolverDied, SolverFault, SolverPool
+from workers.solver.progress import ProgressScale
+from workers.solver.protocol import PackedDocument, Report, Request
+from workers.stores.database_loss import once_it_is_there, said_by
+from workers.stores.job_queue import JobQueue
+from workers.stores.mesh_store import MeshStore
+from workers.stores.plan_store import PlanStore
+
+log = structlog.get_logger(__name__)
+
+
+class JobFailed(LiftwrightError):
+    """A job ended without a document; the message is what the caller is told."""
+
+    def __init__(self, sentence: str, why: str) -> None:
+        """`why` is one of few words, for counting."""
+        super().__init__(sentence)
+        self.why = why
+
+
+class JobLeft(error.DBOSWorkflowCancelledError):
+    """This process must not go on with a job: it was cancelled or deleted, or somebody else has it.
+
+    The engine takes it as the end of this run and not of the job: it writes no result.
+    """
+
+    def __init__(self, plan_id: str) -> None:
+        super().__init__(f"plan {plan_id} is not this worker's any more")
+
+
+class JobRunner:
+    """Runs jobs on the running event loop, at most `worker_slots` at a time."""
+
+    def __init__(
+        self, settings: WorkerSettings, queue: JobQueue, store: PlanStore, meshes: MeshStore, pool: SolverPool
+    ) -> None:
+        self._settings, self._queue, self._store, self._meshes, self._pool = settings, queue, store, meshes, pool
+        self._slots = asyncio.Semaphore(settings.worker_slots)
+        self._solving: dict[str, asyncio.Task[PackedDocument]] = {}
+        self._left: set[asyncio.Task[PackedDocument]] = set()
+        self._stopping = False
+
+    @property
+    def solving(self) -> list[str]:
+        """The jobs that have a solver process now."""
+        return list(self._solving)
+
+    def stop(self) -> None:
+        """End all solver processes; the jobs stay begun, and are begun anew by whoever takes them up."""
+        self._stopping = True
+        for solving in self._solving.values():
+            solving.cancel()
+
+    def leave(self, plan_id: str) -> None:
+        """Stop working on a job, if that is still going on; its processes are gone soon."""
+        solving = self._solving.get(plan_id)
+        if solving is not None:
+            self._left.add(solving)
+            solving.cancel()
+
+    async def run(self, plan_id: str) -> str:
+        """Run one job to its end and return its outcome.
+
+        Raises:
+            JobFailed: It has ended without a document.
+            JobLeft: It is not this worker's any more.
+        """
+        outcome = await once_it_is_there(self._store.outcome, plan_id)
+        if outcome is not None:
+            # An earlier run stored its document and died before it could say so.
+            return outcome
+        task = await once_it_is_there(self._store.task, plan_id)
+        if task is None:
+            raise JobLeft(plan_id)
+        meshes = await once_it_is_there(self._meshes.documents, named_uploads(task))
+        request: Request = {"id": plan_id, "task": task, "meshes": meshes}
+        async with self._slots:
+            return await self._solve_despite_crashes(plan_id, request)
+
+    async def _solve_despite_crashes(self, plan_id: str, request: Request) -> str:
+        while True:
+            if await once_it_is_there(self._queue.not_with, self._settings.executor_name, [plan_id]):
+                raise JobLeft(plan_id)
+            record = await once_it_is_there(self._store.begin_attempt, plan_id)
+            if record is None:
+                raise JobLeft(plan_id)
+            scale = ProgressScale.of(request["task"], record.fraction)
+            try:
+                document = await self._attempt(plan_id, request, record.attempts, scale)
+            except JobFailed as failure:
+                if not await once_it_is_there(self._store.mark_failed, plan_id, record.attempts, failure.why):
+                    raise JobLeft(plan_id) from failure
+                log.warning("job failed", job_id=plan_id, why=failure.why, error=str(failure))
+                raise
+            if document is not None:
+                if not await once_it_is_there(self._store.save_document, plan_id, record.attempts, document):
+                    raise JobLeft(plan_id)
+                log.info("job solved", job_id=plan_id, outcome=document.outcome, bytes=len(document.gzip))
+                return document.outcome
+
+    async def _attempt(
+        self, plan_id: str, request: Request, attempt: int, scale: ProgressScale
+    ) -> PackedDocument | None:
+        """Have a solver process try; None if it died and another one may try."""
+
+        async def show(report: Report) -> None:
+            fraction = scale.advance(report["stage"], report["done"], report["total"])
+            event: dict[str, Any] = {"attempt": attempt, **report, "fraction": round(fraction, 4)}
+            try:
+                await asyncio.to_thread(self._store.add_event, plan_id, event)
+            except SQLAlchemyError as loss:
+                # Whatever the database says, it is no reason to end a job: what the solver reports next tells more.
+                log.warning("progress not kept", job_id=plan_id, error=said_by(loss))
+
+        limit = self._settings.solver_seconds
+        try:
+            async with asyncio.timeout(limit):
+                return await self._solve(plan_id, request, show)
+        except TimeoutError:
+            raise JobFailed(
+                f"the solver was stopped after {limit:g} s, the longest it may take (LIFTWRIGHT_SOLVER_SECONDS)", "time"
+            ) from None
+        except SolverFault as fault:
+            raise JobFailed(str(fault), "fault") from fault
+        except SolverDied as death:
+            crashes = await once_it_is_there(self._store.count_crash, plan_id)
+            log.warning("solver died", job_id=plan_id, crashes=crashes, ending=str(death))
+            if crashes >= self._settings.crash_limit:
+                raise JobFailed(f"given up after {crashes} attempts: {death}", "crashes") from death
+            return None
+
+    async def _solve(self, plan_id: str, request: Request, show: Any) -> PackedDocument:
+        if self._stopping:
+            await self._wait_for_the_end()
+        # An earlier run of the same job in this process has lost it: only the newest may have a solver.
+        self.leave(plan_id)
+        solving = asyncio.create_task(self._pool.solve(request, show))
+        self._solving[plan_id] = solving
+        try:
+            return await solving
+        except asyncio.CancelledError:
+            if self._stopping:
+                await self._wait_for_the_end()
+            if solving in self._left:
+                raise JobLeft(plan_id) from None
+            solving.cancel()
+            # The process must be gone before anybody is told that the time was up.
+            await asyncio.wait([solving])
+            raise
+        finally:
+            self._left.discard(solving)
+            if self._solving.get(plan_id) is solving:
+                del self._solving[plan_id]
+
+    async def _wait_for_the_end(self) -> None:
+        """Stopping is not an end of the job: it stays begun, and is begun anew when a worker of this name starts."""
+        await asyncio.Event().wait()

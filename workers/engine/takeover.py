@@ -1,0 +1,117 @@
+"""How jobs of a dead worker are taken over: each worker proves that it lives, and looks for those that do not."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence, Set
+
+import structlog
+
+from workers.engine.executor_lock import AdvisoryLock, FileLock, WorkerRuns
+from workers.settings import WorkerSettings
+from workers.stores.database_loss import DATABASE_GONE, said_by
+from workers.stores.job_queue import JobQueue
+
+FORMER_LIFE_SECONDS = 20.0
+"""So long a worker that starts waits for the server to notice that its own last life has ended [s]."""
+FIRST_LOOK_SECONDS = 0.5
+
+log = structlog.get_logger(__name__)
+
+
+class Takeover:
+    """Holds the worker's name, and looks around every few seconds.
+
+    On PostgreSQL the lock on the name belongs to a connection. If the connection is lost, so is the proof of life:
+    after `patience_seconds` the worker stops its jobs. If it is back sooner, those that nobody has taken go on.
+    """
+
+    def __init__(
+        self,
+        settings: WorkerSettings,
+        queue: JobQueue,
+        lock: AdvisoryLock | None,
+        at_work: Callable[[], Set[str]],
+        stuck: Callable[[], Sequence[str]],
+    ) -> None:
+        """`at_work` tells the ids of the jobs that this process has, `stuck` what in it does not get on.
+
+        `lock` is None on SQLite, where the API of the same process tells what is stuck.
+        """
+        self._settings, self._queue, self._lock, self._at_work = settings, queue, lock, at_work
+        self._stuck = stuck
+        self._name = settings.executor_name
+        self._file: FileLock | None = None
+        self._strays: set[str] = set()
+        """Jobs of ours that nobody had at the last look."""
+        self._lost_at: float | None = None
+
+    @property
+    def alone(self) -> bool:
+        """Whether the name has been lost for so long that others may have our jobs."""
+        return self._lost_at is not None and time.monotonic() - self._lost_at > self._settings.patience_seconds
+
+    async def start(self) -> None:
+        """Take the name.
+
+        Raises:
+            WorkerRuns: Another worker has it, and keeps it.
+        """
+        if self._lock is None:
+            self._file = FileLock(self._settings.data_dir, self._name)
+            return
+        deadline = time.monotonic() + FORMER_LIFE_SECONDS
+        while not await asyncio.to_thread(self._lock.hold):
+            if time.monotonic() > deadline:
+                await asyncio.to_thread(self._lock.close)
+                raise WorkerRuns(self._name, "this database")
+            await asyncio.sleep(FIRST_LOOK_SECONDS)
+
+    def stop(self) -> None:
+        """Give the name back. Blocks, for a moment: the engine takes the loop's threads along when it ends."""
+        if self._file is not None:
+            self._file.release()
+        if self._lock is not None:
+            self._lock.close()
+
+    async def look(self) -> None:
+        """Look around once; a database that is gone is for the worker to know."""
+        try:
+            await asyncio.to_thread(self._look, stuck=bool(self._stuck()))
+        except DATABASE_GONE as error:
+            self._lose(said_by(error))
+
+    def _look(self, *, stuck: bool) -> None:
+        if self._lock is not None and not self._lock.hold():
+            self._lose("another connection has this worker's name")
+            return
+        if self._lost_at is not None:
+            log.info("worker is itself again", worker=self._name, seconds=round(time.monotonic() - self._lost_at, 1))
+            self._lost_at = None
+        if self._lock is not None:
+            self._lock.show_stuck(stuck=stuck)
+        running = self._queue.running()
+        self._begin_strays_anew(running.pop(self._name, set()))
+        if self._lock is None:
+            return
+        for other, jobs in running.items():
+            with self._lock.borrowed(other) as dead:
+                if dead:
+                    self._begin_anew(other, jobs)
+
+    def _begin_strays_anew(self, ours: set[str]) -> None:
+        """A job may be ours without our knowing: the connection broke as it was handed to us, or as it ended."""
+        strays = ours - self._at_work()
+        self._begin_anew(self._name, strays & self._strays)
+        self._strays = strays
+
+    def _begin_anew(self, worker: str, jobs: set[str]) -> None:
+        taken = self._queue.begin_anew(worker, jobs)
+        if taken:
+            log.warning("jobs begun anew", of_worker=worker, by_worker=self._name, jobs=taken)
+
+    def _lose(self, why: str) -> None:
+        if self._lost_at is None:
+            self._lost_at = time.monotonic()
+            log.warning("worker cannot prove that it lives", worker=self._name, error=why)

@@ -1,0 +1,174 @@
+"""Takes jobs from the queue and has them solved. The engine (DBOS) remembers which job is whose across any death."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+
+import structlog
+from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
+
+from workers.engine.executor_lock import AdvisoryLock
+from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, count_failures, delete_old
+from workers.engine.job_runner import JobFailed, JobRunner
+from workers.engine.supervisor import Supervisor
+from workers.engine.takeover import Takeover
+from workers.settings import WorkerSettings
+from workers.solver.pool import SolverCommand, SolverPool
+from workers.solver.protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
+from workers.stores.database import Database
+from workers.stores.database_loss import DATABASE_GONE
+from workers.stores.job_queue import (
+    APPLICATION,
+    APPLICATION_VERSION,
+    DELIVERY_WORKFLOW,
+    WORKFLOW,
+    JobQueue,
+    delivery_workflow_id,
+)
+from workers.stores.mesh_store import MeshStore
+from workers.stores.plan_store import PlanStore
+from workers.stores.scene_store import SceneStore
+from workers.stores.webhook_store import WebhookStore
+from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
+
+REJECTED_FOLDER = "rejected"
+GOODBYE_SECONDS = 10.0
+"""How long the engine may take to end [s]."""
+
+log = structlog.get_logger(__name__)
+
+
+class Worker:
+    """Runs jobs on the running event loop. One per process: the engine is a process-wide thing."""
+
+    def __init__(
+        self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore, supervisor: Supervisor
+    ) -> None:
+        self._settings, self._database, self._queue, self._store = settings, database, queue, store
+        self._supervisor = supervisor
+        rejected = settings.data_dir.resolve() / REJECTED_FOLDER
+        folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
+        memory = settings.solver_memory_mb * 2**20
+        command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
+        self._pool = SolverPool(command, settings.worker_slots)
+        self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
+        self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
+        self._at_work: set[str] = set()
+        """The jobs that the engine has given to this process and has no result of yet."""
+        lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
+        self._takeover = Takeover(settings, queue, lock, lambda: frozenset(self._at_work), lambda: supervisor.stuck)
+
+    async def start(self) -> None:
+        """Get the solver processes ready, then take up the jobs an earlier life left, then new ones.
+
+        Raises:
+            WorkerRuns: Another worker of this name is alive.
+        """
+        await self._takeover.start()
+        await self._pool.open()
+        self._watch()
+        config: DBOSConfig = {
+            "name": APPLICATION,
+            "system_database_url": self._database.engine_url,
+            "application_version": APPLICATION_VERSION,
+            "executor_id": self._settings.executor_name,
+            "log_level": "WARNING",
+            "enable_otlp": False,
+        }
+        logging.getLogger("dbos").addFilter(_is_news)
+        DBOS(config=config)
+        self._register()
+        # Before the launch: the engine looks for new queues only once a second.
+        await asyncio.to_thread(self._queue.open, self._settings.worker_slots, self._settings.poll_seconds)
+        DBOS.launch()
+
+    async def stop(self) -> None:
+        """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker.
+
+        The supervisor must have stopped before.
+        """
+        self._runner.stop()
+        try:
+            await self._pool.close()
+        finally:
+            # Whatever is wrong with solvers: the name must be free for the next worker.
+            await self._leave_engine()
+            self._takeover.stop()
+
+    def _watch(self) -> None:
+        """Have everything looked after that no request and no job would see to."""
+        settings, repeat, store, queue = self._settings, self._supervisor.repeat, self._store, self._queue
+        repeat("jobs", self._leave_lost_jobs, settings.cancel_poll_seconds)
+        repeat("fleet", self._takeover.look, settings.watch_seconds)
+        repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
+        repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
+        repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
+        if settings.retention_days is not None:
+            delete = partial(delete_old, store, SceneStore(self._database), queue, settings.retention_days)
+            repeat("retention", partial(asyncio.to_thread, delete), DELETION_PAUSE_SECONDS, at_once=True)
+
+    async def _leave_engine(self) -> None:
+        with suppress(TimeoutError):
+            # Without a database the engine's threads wait for it, and cannot be told not to.
+            async with asyncio.timeout(GOODBYE_SECONDS):
+                await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
+        logging.getLogger("dbos").removeFilter(_is_news)
+
+    def _register(self) -> None:
+        """Tell the engine what a job is. The step's result is stored, so a finished one is not run again."""
+
+        @DBOS.step(name="solve")
+        async def solve(plan_id: str) -> str:
+            return await self._runner.run(plan_id)
+
+        @DBOS.workflow(
+            name=WORKFLOW,
+            serialization_type=WorkflowSerializationFormat.PORTABLE,
+            max_recovery_attempts=self._settings.interruption_limit,
+        )
+        async def plan(plan_id: str) -> str:
+            with self._working_on(plan_id):
+                return await solve(plan_id)
+
+        @DBOS.step(name="post")
+        async def post(delivery_id: str, number: int) -> str:
+            return await self._webhooks.attempt(delivery_id, number)
+
+        @DBOS.workflow(name=DELIVERY_WORKFLOW, serialization_type=WorkflowSerializationFormat.PORTABLE)
+        async def deliver(plan_id: str, delivery_id: str, number: int) -> str:
+            with self._working_on(delivery_workflow_id(plan_id, delivery_id, number)):
+                return await post(delivery_id, number)
+
+        self._workflows: tuple[Callable[..., Awaitable[str]], ...] = (plan, deliver)
+
+    @contextmanager
+    def _working_on(self, workflow_id: str) -> Iterator[None]:
+        self._at_work.add(workflow_id)
+        try:
+            yield
+        finally:
+            self._at_work.discard(workflow_id)
+
+    async def _leave_lost_jobs(self) -> None:
+        """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""
+        solving = self._runner.solving
+        if not solving:
+            return
+        try:
+            lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
+        except DATABASE_GONE:
+            lost = set(solving) if self._takeover.alone else set()
+        for plan_id in lost:
+            self._runner.leave(plan_id)
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    """The engine logs jobs that were cancelled, deleted or failed as they should as errors with tracebacks."""
+    raised = record.exc_info[1] if record.exc_info else None
+    cancelled = error.DBOSWorkflowCancelledError | error.DBOSAwaitedWorkflowCancelledError
+    expected = cancelled | error.DBOSNonExistentWorkflowError | JobFailed
+    return not isinstance(raised, expected)

@@ -1,0 +1,147 @@
+"""What is compiled and computed once, before the first job: kernels, and the handovers of the shipped tools.
+
+Compiled kernels that no longer match their sources are removed; while nothing has changed, a start compiles nothing.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import platform
+import subprocess
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+import structlog
+from llvmlite import binding
+
+from planners.errors import LiftwrightError
+from workers.settings import WorkerSettings
+from workers.solver.process import COMPILE
+from workers.solver.protocol import HANDOVERS_VARIABLE
+
+ROOT = Path(__file__).resolve().parents[2]
+KERNEL_FOLDERS = (ROOT / "planners", ROOT / "workers")
+SOURCES = (ROOT / "assets", *KERNEL_FOLDERS)
+CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+"""Tells the compiler where to keep compiled kernels."""
+COMPILER = "numba"
+COMPILERS = ("llvmlite", "numba", "numpy")
+VARIABLES = (CACHE_VARIABLE, "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""Where compiled kernels are kept, and what processor they are for."""
+MARK = "warm"
+"""File beside the handovers, with a hash of all that they and compiled kernels depend on. Whoever removes the handovers
+has them computed again."""
+_SUFFIXES = (".nbi", ".nbc")
+
+log = structlog.get_logger(__name__)
+
+
+class WarmUpFailed(LiftwrightError):
+    """The solver cannot solve its reference task, so it would solve nothing else."""
+
+    def __init__(self, return_code: int) -> None:
+        super().__init__(f"the solver cannot start (exit code {return_code}); what it wrote stands above")
+
+
+def warm_up(settings: WorkerSettings) -> None:
+    """Compile and compute what is not there yet, with a message, so that no job has to wait for it.
+
+    Raises:
+        WarmUpFailed: The solver does not work.
+    """
+    forget_stale_kernels()
+    log.info(
+        "loading kernels and handovers of the shipped tools; the first start compiles and computes them, "
+        "which takes minutes",
+        handovers=str(settings.handovers_dir),
+    )
+    command = (*settings.solver_command, COMPILE)
+    # It ends when its stdin does: with this process, however that ends.
+    environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}
+    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
+        return_code = compiler.wait()
+    if return_code != 0:
+        raise WarmUpFailed(return_code)
+    mark_warm(settings)
+
+
+def is_warm(settings: WorkerSettings) -> bool:
+    """Whether nothing has changed since everything was compiled and computed for a data directory.
+
+    It is a shortcut and no promise: a kernel that is missing all the same is compiled by the solver that needs it.
+    """
+    try:
+        return (settings.handovers_dir / MARK).read_text() == _digest(settings)
+    except FileNotFoundError:
+        return False
+
+
+def mark_warm(settings: WorkerSettings) -> None:
+    """Keep that everything has been compiled and computed."""
+    settings.handovers_dir.mkdir(parents=True, exist_ok=True)
+    (settings.handovers_dir / MARK).write_text(_digest(settings))
+
+
+def _digest(settings: WorkerSettings) -> str:
+    """Return the hash of compiler, processor, sources and assets as they are now."""
+    facts = [*settings.solver_command, platform.python_version(), binding.get_host_cpu_name()]
+    facts += [version(name) for name in COMPILERS] + [os.environ.get(name, "") for name in VARIABLES]
+    return hashlib.sha256("\n".join([*facts, *_files()]).encode()).hexdigest()
+
+
+def _files() -> Iterator[str]:
+    """Yield name, size and time of each source and asset, as the kernels' own cache looks at them."""
+    for folder in SOURCES:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                facts = path.stat()
+                yield f"{path} {facts.st_size} {facts.st_mtime_ns}"
+
+
+def forget_stale_kernels(packages: tuple[Path, ...] = KERNEL_FOLDERS, cache_dir: str | None = None) -> int:
+    """Remove compiled kernels that are older than any source of kernels, and return how many files that were.
+
+    The compiler compares a kernel with its own file only. What it inlines from other files may have changed since: a
+    kernel of old parts gives wrong answers, or writes where it should not. Sources of kernels are the files that use
+    the compiler, and those that they import: functions and constants are taken from there.
+
+    Args:
+        packages: folders of sources.
+        cache_dir: where compiled kernels are kept; None: where the compiler is told to, else beside the sources.
+    """
+    newest = max((path.stat().st_mtime_ns for path in _sources_of_kernels(packages)), default=0)
+    kept_apart = os.environ.get(CACHE_VARIABLE) if cache_dir is None else cache_dir
+    folders = (Path(kept_apart),) if kept_apart else packages
+    stale = [path for folder in folders for path in _compiled(folder) if path.stat().st_mtime_ns < newest]
+    for path in stale:
+        path.unlink(missing_ok=True)
+    return len(stale)
+
+
+def _sources_of_kernels(packages: tuple[Path, ...]) -> set[Path]:
+    roots = {package.parent for package in packages}
+    sources: set[Path] = set()
+    for path in (path for package in packages for path in package.rglob("*.py")):
+        modules = _imported(path)
+        if COMPILER in modules:
+            files = (root.joinpath(*module.split(".")).with_suffix(".py") for root in roots for module in modules)
+            sources |= {path, *(file for file in files if file.is_file())}
+    return sources
+
+
+def _imported(path: Path) -> set[str]:
+    """Return the modules that a file imports by name."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            found.add(node.module)
+        elif isinstance(node, ast.Import):
+            found |= {each.name for each in node.names}
+    return found
+
+
+def _compiled(folder: Path) -> Iterator[Path]:
+    return (path for path in folder.rglob("*.nb[ic]") if path.suffix in _SUFFIXES)

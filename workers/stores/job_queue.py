@@ -1,0 +1,199 @@
+"""The engine as seen from outside: enqueue, look, cancel, forget. Works without running any job itself."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
+
+from workers.stores.database import Database
+from workers.stores.jobs import (
+    DELAYED,
+    ENQUEUED,
+    HIGHEST_PRIORITY,
+    RUNNING,
+    STATE_OF_STATUS,
+    Job,
+    JobState,
+    workflow_table,
+)
+from workers.stores.totals import TAKEOVER, add_to_total
+
+QUEUE = "plans"
+WORKFLOW = "plan"
+DELIVERY_QUEUE = "webhooks"
+DELIVERY_WORKFLOW = "deliver"
+DELIVERIES_AT_ONCE = 16
+DELIVERY_POLL_SECONDS = 0.5
+APPLICATION = "liftwright"
+APPLICATION_VERSION = "1"
+"""Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
+INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
+
+
+@dataclass(frozen=True)
+class Depth:
+    """How many jobs have not ended."""
+
+    queued: int
+    """That may be begun."""
+    delayed: int
+    """That wait for their start."""
+    running: int
+
+    @property
+    def due(self) -> int:
+        """How many of them want a worker now."""
+        return self.queued + self.running
+
+
+class JobQueue:
+    """Jobs are named by their plan's id. A database that is gone is an error at once, never a wait."""
+
+    def __init__(self, database: Database) -> None:
+        self._client = DBOSClient(
+            system_database_url=database.engine_url, application_name=APPLICATION, retry_connection_errors=False
+        )
+        self._database = database
+        self._jobs = workflow_table(database.engine.dialect.name)
+
+    def close(self) -> None:
+        """Give all connections back."""
+        self._client.destroy()
+
+    def open(self, worker_slots: int, poll_seconds: float) -> None:
+        """Have every worker take at most `worker_slots` jobs at a time, and look for new ones so often [s]."""
+        self._client.register_queue(
+            QUEUE,
+            worker_concurrency=worker_slots,
+            polling_interval_sec=poll_seconds,
+            on_conflict="always_update",
+        )
+        self._client.register_queue(
+            DELIVERY_QUEUE,
+            worker_concurrency=DELIVERIES_AT_ONCE,
+            polling_interval_sec=DELIVERY_POLL_SECONDS,
+            on_conflict="always_update",
+        )
+
+    def enqueue(self, transaction: sa.Connection, plan_id: str, priority: int = 0, pause: float = 0.0) -> None:
+        """Enqueue a job, to be begun after a pause [s]; it exists when `transaction` commits."""
+        options: EnqueueOptions = {
+            "workflow_name": WORKFLOW,
+            "queue_name": QUEUE,
+            "workflow_id": plan_id,
+            "app_version": APPLICATION_VERSION,
+            "serialization_type": WorkflowSerializationFormat.PORTABLE,
+            # The engine's count goes the other way, from 1.
+            "priority": 1 + HIGHEST_PRIORITY - priority,
+        }
+        if pause > 0.0:
+            options["delay_seconds"] = pause
+        self._client.enqueue_in_transaction(transaction, options, plan_id)
+
+    def enqueue_delivery(
+        self, transaction: sa.Connection, plan_id: str, delivery_id: str, number: int, pause: float
+    ) -> None:
+        """Enqueue one try to deliver a message about a plan, to be made after a pause [s]."""
+        options: EnqueueOptions = {
+            "workflow_name": DELIVERY_WORKFLOW,
+            "queue_name": DELIVERY_QUEUE,
+            "workflow_id": delivery_workflow_id(plan_id, delivery_id, number),
+            "app_version": APPLICATION_VERSION,
+            "serialization_type": WorkflowSerializationFormat.PORTABLE,
+        }
+        if pause > 0.0:
+            options["delay_seconds"] = pause
+        self._client.enqueue_in_transaction(transaction, options, plan_id, delivery_id, number)
+
+    def jobs(self, plan_ids: Sequence[str]) -> dict[str, Job]:
+        """Return the jobs of `plan_ids`; one that does not exist is left out."""
+        if not plan_ids:
+            return {}
+        columns = (self._jobs.c.workflow_uuid, self._jobs.c.status, self._jobs.c.updated_at)
+        rows = self._database.rows(sa.select(*columns).where(self._jobs.c.workflow_uuid.in_(plan_ids)))
+        states = {row.workflow_uuid: STATE_OF_STATUS[row.status] for row in rows}
+        errors = self._errors([plan_id for plan_id, state in states.items() if state is JobState.FAILED])
+        return {
+            row.workflow_uuid: _job(states[row.workflow_uuid], row.updated_at, errors.get(row.workflow_uuid))
+            for row in rows
+        }
+
+    def not_with(self, worker: str, plan_ids: Collection[str]) -> set[str]:
+        """Return those of `plan_ids` that `worker` is not running: cancelled, deleted, or with somebody else."""
+        query = sa.select(self._jobs.c.workflow_uuid).where(
+            self._jobs.c.workflow_uuid.in_(sorted(plan_ids)),
+            self._jobs.c.status == RUNNING,
+            self._jobs.c.executor_id == worker,
+        )
+        return set(plan_ids) - set(self._database.column(query))
+
+    def cancel(self, plan_id: str) -> None:
+        """Cancel a job; one that has ended stays as it is."""
+        self._client.cancel_workflow(plan_id)
+
+    def forget(self, plan_id: str) -> None:
+        """Remove all the engine knows of a job, and of messages about it."""
+        found = self._client.list_workflows(workflow_id_prefix=plan_id, load_input=False, load_output=False)
+        for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
+            self._client.delete_workflow(workflow_id)
+
+    def depth(self, most: int) -> Depth:
+        """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
+        counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
+        return Depth(*self._database.rows(sa.select(*counts))[0])
+
+    def running(self) -> dict[str, set[str]]:
+        """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
+        query = sa.select(self._jobs.c.executor_id, self._jobs.c.workflow_uuid).where(
+            self._jobs.c.queue_name.in_((QUEUE, DELIVERY_QUEUE)), self._jobs.c.status == RUNNING
+        )
+        found: dict[str, set[str]] = {}
+        for row in self._database.rows(query):
+            found.setdefault(row.executor_id, set()).add(row.workflow_uuid)
+        return found
+
+    def begin_anew(self, worker: str, plan_ids: Collection[str]) -> int:
+        """Put running jobs back into the queue if they still belong to `worker`, and return how many did.
+
+        Whoever runs one of them at that moment no longer owns it: the engine refuses its result.
+        """
+        if not plan_ids:
+            return 0
+        taken = (
+            sa.update(self._jobs)
+            .where(
+                self._jobs.c.workflow_uuid.in_(sorted(plan_ids)),
+                self._jobs.c.status == RUNNING,
+                self._jobs.c.executor_id == worker,
+            )
+            .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=time.time_ns() // 1_000_000)
+        )
+        with self._database.engine.begin() as transaction:
+            number = transaction.execute(taken).rowcount
+            if number:
+                add_to_total(transaction, TAKEOVER, count=number)
+        return number
+
+    def _errors(self, plan_ids: Sequence[str]) -> dict[str, str]:
+        """Return what the engine has stored as the errors of jobs that have failed, by the plan's id."""
+        if not plan_ids:
+            return {}
+        found = self._client.list_workflows(workflow_ids=list(plan_ids), load_input=False)
+        return {each.workflow_id: INTERRUPTED_TOO_OFTEN if each.error is None else str(each.error) for each in found}
+
+    def _count(self, state: sa.ColumnElement[bool], most: int) -> sa.ScalarSelect[int]:
+        found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
+        return sa.select(sa.func.count()).select_from(found.limit(most).subquery()).scalar_subquery()
+
+
+def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:
+    """Return the name of a try: it begins with the plan's, so that both are forgotten together."""
+    return f"{plan_id}-{delivery_id}-{number}"
+
+
+def _job(state: JobState, updated_ms: int | None, error: str | None) -> Job:
+    return Job(state, error, None if not state.done or updated_ms is None else updated_ms * 1000)

@@ -1,0 +1,102 @@
+"""A job: what its caller orders, the states it goes through, and how the job engine's own table has them.
+
+The engine's own calls fetch whole rows where a count is wanted, and hand over the jobs of a dead worker only with a
+service that is sold separately; so we read, and repair, its table of workflows ourselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import sqlalchemy as sa
+
+HIGHEST_PRIORITY = 9
+
+POSTGRES_SCHEMA = "dbos"
+ENQUEUED = "ENQUEUED"
+DELAYED = "DELAYED"
+"""Until the start of its order."""
+QUEUED = (ENQUEUED, DELAYED)
+RUNNING = "PENDING"
+SUCCEEDED = "SUCCESS"
+FAILED = "ERROR"
+GIVEN_UP = "MAX_RECOVERY_ATTEMPTS_EXCEEDED"
+CANCELLED = "CANCELLED"
+
+
+@dataclass(frozen=True)
+class JobOrder:
+    """What an MES says about a job beside its task: when it is to be done, and who is told. The names are ISA-95's.
+
+    Times are microseconds since 1970, UTC.
+    """
+
+    webhook_id: str | None = None
+    """Of the owner's webhook that is told when the job ends, beside those that want to know of all."""
+    work_master: str | None = None
+    """The recipe by which the caller made the task, in its own words."""
+    priority: int = 0
+    """0 … 9; the highest goes first, and of equal ones the oldest."""
+    start_us: int | None = None
+    """The job is not begun before."""
+    end_us: int | None = None
+    """A job that has not ended by then is cancelled."""
+
+    def pause(self, time_us: int) -> float:
+        """Return how long the job must wait, at a time, before it may be begun [s]."""
+        return 0.0 if self.start_us is None else max(0.0, (self.start_us - time_us) / 1e6)
+
+
+class JobState(Enum):
+    """Where a job stands. The value is what the outside sees."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def done(self) -> bool:
+        """Whether the job will never change again."""
+        return self not in (JobState.QUEUED, JobState.RUNNING)
+
+
+STATE_OF_STATUS = {
+    ENQUEUED: JobState.QUEUED,
+    DELAYED: JobState.QUEUED,
+    RUNNING: JobState.RUNNING,
+    SUCCEEDED: JobState.SUCCEEDED,
+    FAILED: JobState.FAILED,
+    GIVEN_UP: JobState.FAILED,
+    CANCELLED: JobState.CANCELLED,
+}
+"""What the engine's words for the status of a workflow mean."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a task, as the engine knows it."""
+
+    state: JobState
+    error: str | None
+    """A sentence, if the job failed."""
+    ended_us: int | None
+    """When it ended, as coarsely as the engine knows [microseconds since 1970, UTC]."""
+
+
+def workflow_table(dialect: str) -> sa.TableClause:
+    """Return the engine's table of workflows as it is named on `sqlite` or `postgresql`."""
+    return sa.table(
+        "workflow_status",
+        sa.column("workflow_uuid", sa.Text),
+        sa.column("status", sa.Text),
+        sa.column("queue_name", sa.Text),
+        sa.column("executor_id", sa.Text),
+        sa.column("owner_xid", sa.Text),
+        sa.column("started_at_epoch_ms", sa.BigInteger),
+        sa.column("updated_at", sa.BigInteger),
+        sa.column("completed_at", sa.BigInteger),
+        schema=POSTGRES_SCHEMA if dialect == "postgresql" else None,
+    )

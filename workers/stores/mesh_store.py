@@ -1,0 +1,43 @@
+"""Uploaded meshes, named by their content. Nothing is ever changed or removed, so that accepted jobs keep theirs."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.exc import IntegrityError
+
+from planners.geometry.solid_mesh import SolidMesh
+from workers.stores.database import Database
+from workers.stores.tables import MESHES, now_us
+
+GZIP_LEVEL = 6
+
+
+class MeshStore:
+    """Reads and writes meshes that were taken in. Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(self, mesh_id: str, mesh: SolidMesh) -> None:
+        """Store a mesh; nothing happens if it is there already."""
+        body = json.dumps(mesh.document(), separators=(",", ":"), allow_nan=False).encode()
+        row = {"id": mesh_id, "created_us": now_us(), "gzip": gzip.compress(body, GZIP_LEVEL, mtime=0)}
+        try:
+            self._database.write(sa.insert(MESHES).values(row))
+        except IntegrityError:
+            pass  # The same content has the same id.
+
+    def get(self, mesh_id: str) -> SolidMesh | None:
+        """Return a mesh."""
+        document = self.documents([mesh_id]).get(mesh_id)
+        return None if document is None else SolidMesh.from_document(document)
+
+    def documents(self, mesh_ids: Iterable[str]) -> dict[str, dict[str, Any]]:
+        """Return those meshes of some ids that there are, as JSON data, by id."""
+        query = sa.select(MESHES.c.id, MESHES.c.gzip).where(MESHES.c.id.in_(sorted(mesh_ids)))
+        return {row.id: json.loads(gzip.decompress(row.gzip)) for row in self._database.rows(query)}

@@ -1,0 +1,395 @@
+"""What is kept of a plan: its task, its progress, its events and its document."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.exc import IntegrityError
+
+from workers.solver.protocol import PackedDocument
+from workers.stores.database import Database
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import (
+    DELAYED,
+    FAILED,
+    GIVEN_UP,
+    QUEUED,
+    RUNNING,
+    STATE_OF_STATUS,
+    JobOrder,
+    JobState,
+    workflow_table,
+)
+from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, TOTALS, Position, newest_first, now_us
+from workers.stores.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document
+from workers.stores.webhook_store import expect_deliveries, forget_deliveries
+
+
+@dataclass(frozen=True)
+class PlanRecord:
+    """One plan without its task and its document."""
+
+    id: str
+    kind: str
+    owner: str | None
+    """Whose key it was posted with; None where no keys were asked for."""
+    external_id: str | None
+    sent_fingerprint: str | None
+    """Hash of the task as sent; None: it was accepted by software that kept none."""
+    created_us: int
+    """Microseconds since 1970, UTC."""
+    started_us: int | None
+    finished_us: int | None
+    attempts: int
+    """How often a solver process began."""
+    stage: str | None
+    fraction: float
+    """How much is done, 0 … 1; never falls."""
+    outcome: str | None
+    """Of the document, if there is one; it counts once the job has succeeded."""
+    work_master: str | None
+    priority: int
+    start_us: int | None
+    end_us: int | None
+
+
+@dataclass(frozen=True)
+class PlanFilter:
+    """What a plan must be to be listed; None: anything."""
+
+    owner: str | None = None
+    kind: str | None = None
+    external_id: str | None = None
+    work_master: str | None = None
+    state: JobState | None = None
+    outcome: str | None = None
+    """Of a job that has succeeded."""
+
+    def conditions(self, dialect: str) -> Iterator[sa.ColumnElement[bool]]:
+        """Yield what must hold in a query of plans joined with their documents, on `sqlite` or `postgresql`."""
+        wishes = {
+            PLANS.c.owner: self.owner,
+            PLANS.c.kind: self.kind,
+            PLANS.c.external_id: self.external_id,
+            PLANS.c.work_master: self.work_master,
+            DOCUMENTS.c.outcome: self.outcome,
+        }
+        yield from (column == wanted for column, wanted in wishes.items() if wanted is not None)
+        state = JobState.SUCCEEDED if self.outcome is not None and self.state is None else self.state
+        if state is not None:
+            jobs = workflow_table(dialect)
+            statuses = [status for status, meant in STATE_OF_STATUS.items() if meant is state]
+            job = sa.select(jobs.c.workflow_uuid).where(jobs.c.workflow_uuid == PLANS.c.id)
+            yield job.where(jobs.c.status.in_(statuses)).exists()
+
+
+@dataclass(frozen=True, eq=False)
+class StoredDocument:
+    """A plan document, compressed."""
+
+    gzip: bytes
+    sha256: str
+    """Of the uncompressed JSON."""
+
+
+WHY_OF_STATUS = MappingProxyType({FAILED: "error", GIVEN_UP: "interruptions"})
+"""Why a job has failed if no solver said so and none was stopped, by the engine's word for its end."""
+EVERYTHING = PlanFilter()
+NO_ORDER = JobOrder()
+_COLUMNS: list[sa.ColumnElement[Any]] = [
+    *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in ("outcome", "priority")),
+    DOCUMENTS.c.outcome,
+    sa.func.coalesce(PLANS.c.priority, 0).label("priority"),
+]
+_RECORDS = sa.select(*_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
+
+
+class PlanStore:
+    """Reads and writes plans. Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._jobs = workflow_table(database.engine.dialect.name)
+
+    def accept(
+        self,
+        task: Mapping[str, Any],
+        idempotency_key: str | None,
+        queue: JobQueue,
+        owner: str | None = None,
+        order: JobOrder = NO_ORDER,
+        sent_fingerprint: str | None = None,
+    ) -> PlanRecord:
+        """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
+
+        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named by
+        the order. The caller compares `sent_fingerprint`, of what it was sent before defaults were filled in, to
+        learn whether the key was used for another task.
+        """
+        known = self.by_key(idempotency_key, owner)
+        if known is not None:
+            return known
+        values = {
+            "id": uuid.uuid4().hex,
+            "created_us": now_us(),
+            "kind": task["kind"],
+            "external_id": task.get("external_id"),
+            "owner": owner,
+            "idempotency_key": _stored_key(idempotency_key, owner),
+            # For the version before, which compares this one.
+            "fingerprint": fingerprint(task),
+            "sent_fingerprint": sent_fingerprint,
+            "task": json.dumps(task),
+            "scene_id": task.get("scene_id"),
+            "work_master": order.work_master,
+            "priority": order.priority,
+            "start_us": order.start_us,
+            "end_us": order.end_us,
+        }
+        try:
+            with self._database.engine.begin() as transaction:
+                transaction.execute(sa.insert(PLANS).values(values))
+                queue.enqueue(transaction, values["id"], order.priority, order.pause(now_us()))
+                expect_deliveries(transaction, values["id"], owner, order.webhook_id)
+        except IntegrityError:
+            known = self.by_key(idempotency_key, owner)
+            if known is None:
+                raise
+            return known
+        record = self.get(values["id"])
+        assert record is not None
+        return record
+
+    def get(self, plan_id: str) -> PlanRecord | None:
+        """Return one plan."""
+        return self._one(_RECORDS.where(PLANS.c.id == plan_id))
+
+    def by_key(self, idempotency_key: str | None, owner: str | None = None) -> PlanRecord | None:
+        """Return the plan that a key of an owner made; None without a key."""
+        if idempotency_key is None:
+            return None
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
+
+    def newest(self, most: int, before: Position | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
+        """Return at most `most` of the wanted plans, newest first, from behind the one at `before`."""
+        query = newest_first(_RECORDS, PLANS, most, before)
+        query = query.where(*wanted.conditions(self._database.engine.dialect.name))
+        return [PlanRecord(**row) for row in self._database.mappings(query)]
+
+    def naming_scene(self, scene_id: str) -> list[str]:
+        """Return the ids of the plans whose tasks name a scene."""
+        return self._database.column(sa.select(PLANS.c.id).where(PLANS.c.scene_id == scene_id))
+
+    def task(self, plan_id: str) -> dict[str, Any] | None:
+        """Return a plan's task as accepted."""
+        text = self._database.scalar(sa.select(PLANS.c.task).where(PLANS.c.id == plan_id))
+        return None if text is None else json.loads(text)
+
+    def begin_attempt(self, plan_id: str) -> PlanRecord | None:
+        """Count one more attempt; None if the plan was deleted.
+
+        Its number is the right to write: what an earlier attempt still says, on a worker that was given up for dead, is
+        dropped.
+        """
+        begun = (
+            sa.update(PLANS)
+            .where(PLANS.c.id == plan_id)
+            .values(
+                attempts=PLANS.c.attempts + 1,
+                started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
+                finished_us=None,
+            )
+        )
+        with self._database.engine.begin() as transaction:
+            transaction.execute(begun)
+            # Inside: another worker may begin the next attempt as soon as this is over.
+            row = transaction.execute(_RECORDS.where(PLANS.c.id == plan_id)).mappings().one_or_none()
+        return None if row is None else PlanRecord(**row)
+
+    def count_crash(self, plan_id: str) -> int:
+        """Count one more death of the plan's solver process, and return how many there were."""
+        with self._database.engine.begin() as transaction:
+            add_to_total(transaction, SOLVER_DEATH)
+            transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(crashes=PLANS.c.crashes + 1))
+            return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
+
+    def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
+        """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
+        next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
+        with self._database.engine.begin() as transaction:
+            shown = transaction.execute(
+                _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
+            )
+            if shown.rowcount == 0:
+                return
+            sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
+            row = {"plan_id": plan_id, "sequence": sequence, "event": json.dumps(event)}
+            transaction.execute(sa.insert(EVENTS).values(row))
+
+    def events_after(self, plan_id: str, sequence: int) -> list[tuple[int, dict[str, Any]]]:
+        """Return the events behind `sequence`, oldest first."""
+        query = (
+            sa.select(EVENTS.c.sequence, EVENTS.c.event)
+            .where(EVENTS.c.plan_id == plan_id, EVENTS.c.sequence > sequence)
+            .order_by(EVENTS.c.sequence)
+        )
+        return [(row.sequence, json.loads(row.event)) for row in self._database.rows(query)]
+
+    def last_event(self, plan_id: str) -> int:
+        """Return the number of the newest event; 0 if there is none."""
+        return self.last_events([plan_id]).get(plan_id, 0)
+
+    def last_events(self, plan_ids: Sequence[str]) -> dict[str, int]:
+        """Return the number of the newest event of each of some plans; one without events is left out."""
+        newest = sa.func.max(EVENTS.c.sequence).label("newest")
+        query = sa.select(EVENTS.c.plan_id, newest).where(EVENTS.c.plan_id.in_(plan_ids)).group_by(EVENTS.c.plan_id)
+        return {row.plan_id: row.newest for row in self._database.rows(query)}
+
+    def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
+        """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
+
+        All of it or nothing: a document that can be read is whole. What an earlier life of the same attempt stored is
+        replaced.
+        """
+        with self._database.engine.begin() as transaction:
+            finished = _attempt(plan_id, attempt).values(finished_us=now_us())
+            if transaction.execute(finished).rowcount == 0:
+                return False
+            known = transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id)).rowcount
+            row = {"plan_id": plan_id, "outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
+            transaction.execute(sa.insert(DOCUMENTS).values(row))
+            if not known:
+                count_document(transaction, document.outcome, document.stages)
+        return True
+
+    def outcome(self, plan_id: str) -> str | None:
+        """Return the outcome of a plan's document, if there is one."""
+        return self._database.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
+
+    def overdue(self, time_us: int, most: int) -> list[str]:
+        """Return the ids of plans whose jobs have not ended and should have by a time, most overdue first."""
+        jobs = self._jobs
+        late = (
+            sa.select(PLANS.c.id)
+            .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
+            .where(jobs.c.status.in_((*QUEUED, RUNNING)), PLANS.c.end_us <= time_us)
+        )
+        return self._database.column(late.order_by(PLANS.c.end_us).limit(most))
+
+    def delayed(self, owner: str | None, most: int) -> int:
+        """Return how many jobs of an owner wait for their start, counted up to `most`."""
+        jobs = self._jobs
+        waiting = (
+            sa.select(sa.literal(1))
+            .select_from(PLANS.join(jobs, jobs.c.workflow_uuid == PLANS.c.id))
+            .where(jobs.c.status == DELAYED, PLANS.c.owner.is_not_distinct_from(owner))
+        )
+        return self._database.scalar(sa.select(sa.func.count()).select_from(waiting.limit(most).subquery())) or 0
+
+    def mark_overdue(self, plan_ids: Sequence[str]) -> None:
+        """Keep the time as the end of those that have none."""
+        ending = sa.update(PLANS).where(PLANS.c.id.in_(plan_ids), PLANS.c.finished_us.is_(None))
+        self._database.write(ending.values(finished_us=now_us()))
+
+    def mark_finished(self, plan_id: str) -> None:
+        """Keep the time: the engine's own, on SQLite, is a whole second."""
+        self._database.write(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
+
+    def mark_failed(self, plan_id: str, attempt: int, why: str) -> bool:
+        """Keep the time and count the failure; False if the plan was deleted or a newer attempt has begun."""
+        with self._database.engine.begin() as transaction:
+            if transaction.execute(_attempt(plan_id, attempt).values(finished_us=now_us())).rowcount == 0:
+                return False
+            add_to_total(transaction, FAILURE, why)
+        return True
+
+    def count_failures(self, most: int) -> list[str]:
+        """Count jobs that the engine has ended as failed with no word from here, and return the ids of their plans.
+
+        Each is counted once, however often it is asked: a plan whose end is kept has been counted.
+        """
+        jobs = self._jobs
+        begun = sa.func.coalesce(PLANS.c.started_us, PLANS.c.created_us)
+        uncounted = (
+            sa.select(PLANS.c.id, jobs.c.status, jobs.c.updated_at, begun.label("begun_us"))
+            .join(jobs, jobs.c.workflow_uuid == PLANS.c.id)
+            .where(jobs.c.status.in_(tuple(WHY_OF_STATUS)), PLANS.c.finished_us.is_(None))
+            # In one order everywhere, so that two workers never wait for each other.
+            .order_by(PLANS.c.id)
+            .limit(most)
+        )
+        counted: list[str] = []
+        with self._database.engine.begin() as transaction:
+            for row in transaction.execute(uncounted).all():
+                ending = sa.update(PLANS).where(PLANS.c.id == row.id, PLANS.c.finished_us.is_(None))
+                # As the engine has it, which on SQLite is a whole second: the plan is shown as before.
+                ended_us = max(row.updated_at * 1000, row.begun_us)
+                if transaction.execute(ending.values(finished_us=ended_us)).rowcount:
+                    add_to_total(transaction, FAILURE, WHY_OF_STATUS[row.status])
+                    counted.append(row.id)
+        return counted
+
+    def document(self, plan_id: str) -> StoredDocument | None:
+        """Return a plan's document."""
+        query = sa.select(DOCUMENTS.c.gzip, DOCUMENTS.c.sha256).where(DOCUMENTS.c.plan_id == plan_id)
+        found = self._database.mappings(query)
+        return StoredDocument(**found[0]) if found else None
+
+    def outcome_counts(self) -> dict[str, int]:
+        """Return how many documents there are of each outcome."""
+        query = sa.select(DOCUMENTS.c.outcome, sa.func.count().label("number")).group_by(DOCUMENTS.c.outcome)
+        return {row.outcome: row.number for row in self._database.rows(query)}
+
+    def totals(self) -> list[Total]:
+        """Return what all workers have counted."""
+        query = sa.select(TOTALS).order_by(TOTALS.c.name, TOTALS.c.label)
+        return [Total(**row) for row in self._database.mappings(query)]
+
+    def created_before(self, time_us: int, after: tuple[int, str], most: int) -> list[tuple[int, str]]:
+        """Return (created_us, id) of plans accepted before a time, oldest first, from behind `after`."""
+        query = (
+            sa.select(PLANS.c.created_us, PLANS.c.id)
+            .where(
+                PLANS.c.created_us < time_us,
+                sa.tuple_(PLANS.c.created_us, PLANS.c.id) > sa.tuple_(*map(sa.literal, after)),
+            )
+            .order_by(PLANS.c.created_us, PLANS.c.id)
+            .limit(most)
+        )
+        return [(row.created_us, row.id) for row in self._database.rows(query)]
+
+    def delete(self, plan_id: str) -> None:
+        """Remove a plan with all that belongs to it."""
+        with self._database.engine.begin() as transaction:
+            transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
+            transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
+            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            forget_deliveries(transaction, plan_id)
+
+    def _one(self, query: sa.Select[Any]) -> PlanRecord | None:
+        found = self._database.mappings(query)
+        return PlanRecord(**found[0]) if found else None
+
+
+def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
+    """Return what stands for a key in the database: two owners may choose the same one."""
+    if idempotency_key is None or owner is None:
+        return idempotency_key
+    return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
+
+
+def _attempt(plan_id: str, attempt: int) -> sa.Update:
+    """Return an update of a plan that touches nothing once a newer attempt has begun."""
+    return sa.update(PLANS).where(PLANS.c.id == plan_id, PLANS.c.attempts == attempt)
+
+
+def fingerprint(task: Any) -> str:
+    """Return a hash that two tasks as JSON data share only if they are equal, in whatever order their members are."""
+    return hashlib.sha256(json.dumps(task, sort_keys=True).encode()).hexdigest()
