@@ -15,7 +15,7 @@ from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.convex import CollisionBody
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
-from planners.plan import lift_settings
+from planners.planning import lift_settings
 from planners.scene.scene import build_scene
 from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm

@@ -6,7 +6,7 @@ import pytest
 from support.tool_plans import Document, answered, block, few_handovers, planned
 
 from planners.cell.cell import load_cell
-from planners.plan import HandoverSource
+from planners.planning import HandoverSource
 from planners.regrasp.grasps.handovers import HandoverSettings
 from planners.scene.suction_tool import load_tool
 
