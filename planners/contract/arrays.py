@@ -70,7 +70,7 @@ class Rows:
         if self.gaps:
             number = {"anyOf": [number, {"type": "null"}]}
         if self.columns is not None:
-            number = {"items": number, "type": "array"}
+            number = {"items": number, "maxItems": self.columns, "minItems": self.columns, "type": "array"}
         counted = {} if self.count is None else {"minItems": self.count, "maxItems": self.count}
         return {"items": number, "type": "array", **counted}
 

@@ -18,7 +18,7 @@ from tests.benchmarks.attempt_file import AttemptFile, repeated
 from tests.benchmarks.certified_plan import BROKEN
 from tests.benchmarks.reserve_draws import Deviation
 from tests.benchmarks.tasks import SOLVABLE, Note, task_body
-from workers.simulation.simulate import simulate
+from tests.support.documents import simulated
 
 RUNS = 100
 RESERVES = (0.0, 0.1, 0.2)
@@ -127,7 +127,7 @@ def _run(name: str, reserve: float, seed: int) -> ReserveRun:
         return ReserveRun(name, reserve, seed, NO_PLAN, document["explanation"]["summary"], deviation.multiple)
     scene, actual = build_scene(task), build_scene(deviation.actual(task))
     begun = process_time()
-    simulation = simulate(document, scene, silent, seed, deviation.settings(), actual)
+    simulation = simulated(document, scene, silent, seed, deviation.settings(), actual)
     told = document["statistics"].get("reserve")
     return ReserveRun(
         name,

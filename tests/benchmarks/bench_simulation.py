@@ -18,8 +18,8 @@ from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.tasks import SOLVABLE, Note, task_body
 from tests.simulation.node_tolerance import largest_excess
+from tests.support.documents import simulated
 from workers.simulation.settings import SimulationSettings
-from workers.simulation.simulate import simulate
 
 LIFTERS = 20
 PROCESSES = 2
@@ -140,9 +140,9 @@ def measure(note: Note, tasks: Sequence[str] = SOLVABLE, lifters: int = LIFTERS)
 def _lift(name: str, document: Mapping[str, Any], seed: int) -> LiftFigures:
     scene, settings = build_scene(_task(name)), SimulationSettings()
     begun = process_time()
-    controlled = simulate(document, scene, silent, seed, settings)
+    controlled = simulated(document, scene, silent, seed, settings)
     spent = process_time() - begun
-    blind = simulate(document, scene, silent, seed, replace(settings, controlled=False))
+    blind = simulated(document, scene, silent, seed, replace(settings, controlled=False))
     return LiftFigures(seed, _kept(controlled), _kept(blind), spent / controlled["time"])
 
 

@@ -28,7 +28,7 @@ def contacts_of(lift: Lift) -> list[ContactView]:
     ) -> None:
         finger = len(found) if kind == "soft_finger" else None
         x = np.zeros(3) if x_axis is None else R @ x_axis
-        view = ContactView(0, "plate", by, finger, kind, R @ point, R @ normal, np.zeros(3), np.zeros(3), values, x)
+        view = ContactView(0, "plate", by, finger, kind, R @ point, R @ normal, np.zeros(3), np.zeros(3), x, **values)
         found.append(view)
 
     if lift.grip is not None:
@@ -38,7 +38,7 @@ def contacts_of(lift: Lift) -> list[ContactView]:
     if lift.push is not None:
         add("left", "point", lift.push.point, lift.push.normal, mu=friction.push, limit=limits.pushing)
     for point in lift.environment_points:
-        add("table", "environment", point, R[2], mu=friction.environment, limit=None)
+        add("table", "environment", point, R[2], mu=friction.environment)
     cup = plate.cup
     T, values = cup.T_plate_cup, {"mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force}
     add("cup", "suction", T[:3, 3], T[:3, 2], T[:3, 0], suction_force=0.0, **values)

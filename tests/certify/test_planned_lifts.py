@@ -257,7 +257,7 @@ def test_a_lie_fails_the_check_that_it_is_about(
 
 def test_both_load_programs_agree_on_the_contact_sets_of_a_planned_lift(planned_lift: Document) -> None:
     view = read_plan(sent(planned_lift))
-    bounds = read_lift_task(view.task).bounds(view)
+    bounds = read_lift_task(view.stated.task).bounds(view)
     sets = [one for motion in motions_of(view) for one in contact_sets(motion)]
     rng = np.random.default_rng(11)
     for number in rng.permutation(len(sets))[:15]:

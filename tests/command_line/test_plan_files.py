@@ -11,6 +11,8 @@ import pytest
 from support.service import ROOT, task
 
 from app.cli.main import main
+from planners.plan.plan import Plan
+from planners.plan.verdicts import Explanation
 from planners.progress import Progress
 from planners.scene.suction_tool import load_tool
 from tests.support.scan_frames import SHIPPED
@@ -99,9 +101,10 @@ def test_a_place_that_cannot_be_written_is_called_as_it_was_given(refusal: Said)
 def needs_handovers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have planning ask for handovers, few of them, and find no plan."""
 
-    def solve(pipeline: Pipeline, _: object, progress: Progress) -> dict[str, Any]:
+    def solve(pipeline: Pipeline, _: object, progress: Progress) -> Plan:
         pipeline.handovers(pipeline.cells["dual_ur3e_tool"], load_tool("long_symmetric"), FEW, progress)
-        return {"outcome": "not_found", "explanation": {"summary": "none", "causes": []}, "certificate": None}
+        explanation = Explanation(summary="none", causes=[])
+        return Plan.model_construct(outcome="not_found", explanation=explanation, certificate=None)
 
     monkeypatch.setattr(Pipeline, "solve", solve)
 

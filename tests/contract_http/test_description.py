@@ -26,7 +26,13 @@ HERE = Path(__file__).parent
 CHECKED_IN = ROOT / "docs" / "openapi.json"
 FIRST_VERSION = HERE / "openapi-0.1.json"
 """As the first clients know it: never to be changed."""
-RENAMED = {"Simulation": "LiftSimulation"}
+RENAMED = {
+    "Simulation": "LiftSimulation",
+    "ContactStateDocument": "ContactState",
+    "GripDocument": "Grip",
+    "HoldDocument": "Hold",
+    "PushDocument": "Push",
+}
 """Schemas of the first version that have another name now; names of schemas are in no message."""
 EXAMPLES = 3
 SCHEMATHESIS = "import sys; sys.setswitchinterval(10); from schemathesis.cli import schemathesis; schemathesis()"

@@ -231,7 +231,7 @@ def test_the_description_has_what_goes_in_and_what_comes_out(client: httpx.Clien
     assert answers["200"]["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/PlanDocument"}
     assert {"segments", "certificate", "simulation"} <= set(schemas["PlanDocument"]["required"])
     # Members have their names in JSON, not those in Python.
-    assert "with" in schemas["ContactStateDocument"]["properties"]
+    assert "with" in schemas["ContactState"]["properties"]
 
 
 @pytest.mark.parametrize("path", ["/v1/nothing", "/v1/plans/", "/v1/plans/unknown", "/v1/plans/unknown/document"])

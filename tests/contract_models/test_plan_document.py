@@ -4,10 +4,12 @@ import copy
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
 
 from planners.contract.task_spec import read_task, write_task
 from planners.plan.plan import Plan, plan_schema
@@ -184,3 +186,20 @@ def test_the_contracts_members_are_those_of_the_model():
         *("schema_version", "id", "task", "seed", "software", "outcome", "explanation", "cell", "joint_names"),
         *("bodies", "segments", "certificate", "simulation", "statistics"),
     ]
+
+
+def test_arrays_are_what_plain_json_and_numpy_read():
+    sent = json.dumps(document(samples=4)).encode()
+    plain, plan = json.loads(sent), Plan.read(sent)
+    for told, read in zip(plain["segments"], plan.segments, strict=True):
+        for name in ("time", "positions", "velocities", "accelerations"):
+            assert np.array_equal(getattr(read, name), np.array(told[name]))
+        assert all(np.array_equal(read.gripper_width[arm], rows) for arm, rows in told["gripper_width"].items())
+        for name, rows in told["body_poses"].items():
+            assert np.array_equal(read.body_poses[name], np.array(rows))
+            turned = Rotation.from_quat(np.array(rows)[:, 3:], scalar_first=True).as_matrix()
+            assert np.allclose(read.transforms[name][:, :3, :3], turned, atol=1e-15)
+            assert np.array_equal(read.transforms[name][:, :3, 3], np.array(rows)[:, :3])
+        for contact, one in zip(told["contacts"], read.contacts, strict=True):
+            assert all(np.array_equal(getattr(one, name), contact[name]) for name in ("point", "normal", "wrench"))
+            assert all(getattr(one, name) == contact[name] for name in ("sample", "body", "by", "kind", "mu", "limit"))

@@ -9,13 +9,13 @@ from time import perf_counter
 from typing import Any
 
 import pytest
+from support.documents import simulated
 
 from planners.contract.task_spec import read_task
 from planners.planning import plan
 from planners.progress import silent
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
-from workers.simulation.simulate import simulate
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 SHORTEST = "pb1"
@@ -36,7 +36,7 @@ def execute(name: str = SHORTEST, **changes: Any) -> Run:
     scene = build_scene(task)
     document = plan(task, scene, silent, perf_counter).document() | {"id": name}
     seen: list[tuple[str, float]] = []
-    simulation = simulate(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
+    simulation = simulated(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
     return Run(scene, document, simulation, seen)
 
 

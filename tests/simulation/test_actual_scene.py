@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.documents import simulated
 
 from planners.progress import silent
-from workers.simulation.simulate import simulate
 
 HEAVIER = 1.1
 
@@ -16,7 +16,7 @@ HEAVIER = 1.1
 def test_hands_and_cup_bear_the_actual_plate_and_aim_at_the_known_one(run) -> None:
     plate = run.scene.plate
     actual = replace(run.scene, plate=replace(plate, mass=HEAVIER * plate.mass))
-    simulation = simulate(run.document, run.scene, silent, 3, actual=actual)
+    simulation = simulated(run.document, run.scene, silent, 3, actual=actual)
     weight = 9.81 * actual.plate.mass
     for node in simulation["manipulation"]["nodes"]:
         total = np.sum(list(node["simulated"].values()), axis=0)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.documents import simulated
 
 from planners.progress import silent
 from workers.simulation.settings import ContactSettings, CupSettings, SimulationSettings, WinchSettings
-from workers.simulation.simulate import simulate
 
 SETTINGS = SimulationSettings()
 LATE = WinchSettings(hold=(3.0, 3.1))
@@ -31,7 +31,7 @@ def ends_there(simulation: dict[str, Any]) -> bool:
 
 def test_a_cup_that_bears_less_than_planned_is_lost_over_what_it_bears(run) -> None:
     weak = replace(SETTINGS, cup=CupSettings(strength=0.6))
-    simulation = simulate(run.document, run.scene, silent, 3, weak)
+    simulation = simulated(run.document, run.scene, silent, 3, weak)
     borne = 0.6 * run.scene.cup.max_force
     assert simulation["outcome"] == "cup_lost"
     assert f"{borne:g} N" in simulation["cause"]
@@ -41,7 +41,7 @@ def test_a_cup_that_bears_less_than_planned_is_lost_over_what_it_bears(run) -> N
 
 def test_hands_that_slide_on_the_plate_have_slipped(run) -> None:
     slippery = replace(SETTINGS, contact=ContactSettings(friction_factor=0.3))
-    simulation = simulate(run.document, run.scene, silent, 3, slippery)
+    simulation = simulated(run.document, run.scene, silent, 3, slippery)
     assert simulation["outcome"] == "slipped"
     assert "hand" in simulation["cause"]
     assert simulation["lift"] is None
@@ -52,7 +52,7 @@ def test_hands_that_slide_on_the_plate_have_slipped(run) -> None:
 def alone(run) -> dict[str, Any]:
     """The hands rise blindly, and the lifter does not; nothing slides."""
     rough = ContactSettings(friction_factor=3.0)
-    return simulate(run.document, run.scene, silent, 3, replace(SETTINGS, controlled=False, winch=LATE, contact=rough))
+    return simulated(run.document, run.scene, silent, 3, replace(SETTINGS, controlled=False, winch=LATE, contact=rough))
 
 
 def test_hands_that_rise_without_the_lifter_are_overloaded(alone) -> None:
@@ -73,7 +73,7 @@ def test_the_hands_are_no_stiffer_than_their_gains_were_laid_out_for(run, alone)
 def test_hands_that_follow_wait_for_a_lifter_that_is_late(run) -> None:
     """They move by what noise in their sensors moves them, and no further than the force on them allows."""
     low = replace(SETTINGS, winch=replace(LATE, hold_chance=0.0), headroom=0.25)
-    simulation = simulate(run.document, run.scene, silent, 3, low)
+    simulation = simulated(run.document, run.scene, silent, 3, low)
     begin = simulation["lift"]["begin"]
     waiting = round(2.9 / SETTINGS.record_period)
     assert simulation["outcome"] == "lifted"

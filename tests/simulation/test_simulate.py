@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulation.conftest import execute
+from support.documents import simulated
 
 from planners.plan.simulation import LiftSimulation
 from planners.progress import silent
 from tests.simulation.node_tolerance import largest_excess
 from workers.simulation.reference import PlanReference
 from workers.simulation.settings import SimulationSettings
-from workers.simulation.simulate import simulate
 
 
 def curve(run, name: str, since: float = 0.0) -> np.ndarray:
@@ -89,7 +89,7 @@ def test_progress_never_falls_and_ends(run) -> None:
 
 
 def test_the_same_lift_without_the_controller_fails_and_says_why(run) -> None:
-    blind = simulate(run.document, run.scene, silent, 3, replace(SimulationSettings(), controlled=False))
+    blind = simulated(run.document, run.scene, silent, 3, replace(SimulationSettings(), controlled=False))
     assert blind["outcome"] in ("overload", "slipped", "cup_lost")
     assert blind["cause"]
     assert blind["time"] < run.simulation["time"]
@@ -98,13 +98,13 @@ def test_the_same_lift_without_the_controller_fails_and_says_why(run) -> None:
 def test_the_same_seed_gives_the_same_document(run) -> None:
     """In another process state: the physics has no memory of earlier runs."""
     short = replace(SimulationSettings(), settle=0.3, rest=0.1, headroom=0.25)
-    first, second = (simulate(run.document, run.scene, silent, 5, short) for _ in range(2))
+    first, second = (simulated(run.document, run.scene, silent, 5, short) for _ in range(2))
     assert first == second
 
 
 def test_a_cup_too_weak_for_its_plan_is_lost_or_lets_the_plate_slip(run) -> None:
     weak = replace(run.scene, cup=replace(run.scene.cup, max_force=0.5 * run.scene.cup.max_force))
-    simulation = simulate(run.document, weak, silent, 3)
+    simulation = simulated(run.document, weak, silent, 3)
     assert simulation["outcome"] != "lifted"
     assert simulation["cause"]
 
@@ -130,7 +130,7 @@ def test_fingers_squeeze_as_the_plan_commands(run) -> None:
     for segment in loosely["segments"]:
         if segment["hold"] is not None and segment["hold"]["grip"] is not None:
             segment["hold"]["grip"]["squeeze"] = 2.0
-    simulation = simulate(loosely, run.scene, silent, 3)
+    simulation = simulated(loosely, run.scene, silent, 3)
     assert simulation["outcome"] == "slipped"
 
 
@@ -141,7 +141,7 @@ def test_fingers_squeeze_with_a_stated_force_where_an_older_plan_commands_none(r
         for segment in document["segments"]:
             if segment["hold"] is not None and segment["hold"]["grip"] is not None:
                 segment["hold"]["grip"]["squeeze"] = squeeze
-    assert simulate(plans[0], run.scene, silent, 5, short) == simulate(plans[1], run.scene, silent, 5, short)
+    assert simulated(plans[0], run.scene, silent, 5, short) == simulated(plans[1], run.scene, silent, 5, short)
 
 
 @pytest.mark.slow

@@ -47,12 +47,12 @@ def tool_run() -> ToolRun:
     document = plan(task, scene, silent, perf_counter).document()
     seen: list[float] = []
     simulation = simulate_plan(document, scene, lambda stage, done, total: seen.append(done / total), 0)
-    return ToolRun(scene, document, simulation, seen)
+    return ToolRun(scene, document, simulation.model_dump(mode="json"), seen)
 
 
 def execute(run: ToolRun, document: dict[str, Any] | None = None, **truth: float) -> dict[str, Any]:
     settings = replace(ToolSimulationSettings(), truth=TruthSettings(**truth))
-    return simulate_tool(document or run.document, run.scene, silent, settings)
+    return simulate_tool(document or run.document, run.scene, silent, settings).model_dump(mode="json")
 
 
 def carried(run: ToolRun) -> list[int]:
@@ -166,13 +166,13 @@ def test_fingers_that_close_beside_the_tool_are_found(tool_run: ToolRun) -> None
     scene = tool_run.scene
     T_elsewhere = scene.tool.body.T_world_body @ transform(position=[0.3, 0.3, 0.0])
     moved = replace(scene, tool=replace(scene.tool, body=replace(scene.tool.body, T_world_body=T_elsewhere)))
-    simulation = simulate_tool(tool_run.document, moved, silent)
+    simulation = simulate_tool(tool_run.document, moved, silent).model_dump(mode="json")
     assert simulation["outcome"] == "tool_slipped"
     assert "beside the tool" in simulation["cause"]
 
 
 def test_the_same_plan_gives_the_same_simulation(tool_run: ToolRun) -> None:
-    again = simulate_tool(tool_run.document, tool_run.scene, silent)
+    again = simulate_tool(tool_run.document, tool_run.scene, silent).model_dump(mode="json")
     assert again == tool_run.simulation
 
 

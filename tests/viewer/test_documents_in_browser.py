@@ -42,10 +42,8 @@ pytestmark = needs_browser
 def documents() -> dict[str, dict[str, Any]]:
     """Return what comes of shipped tasks, by name: a lift as it is planned, and the tasks that have no plan."""
     pipeline = Pipeline.load(ROOT / "data" / HANDOVERS_FOLDER)
-    return {
-        name: pipeline.solve({"id": name, "task": {**task(f"{name}.json"), "options": {"simulate": False}}}, silent)
-        for name in ("ab1", *UNSOLVED)
-    }
+    tasks = {name: {**task(f"{name}.json"), "options": {"simulate": False}} for name in ("ab1", *UNSOLVED)}
+    return {name: pipeline.solve({"id": name, "task": body}, silent).document() for name, body in tasks.items()}
 
 
 @pytest.fixture(scope="module")
