@@ -36,17 +36,23 @@ def inverse(T_a_b: Transform) -> Transform:
 
 def from_pose7(pose: Sequence[float] | Array) -> Transform:
     """Read `[x, y, z, w, x, y, z]`; the quaternion is normalised."""
-    return from_pose7s(np.asarray(pose, dtype=float)[None])[0]
+    values = np.asarray(pose, dtype=float)
+    return _transforms(values[None, :3], (values[3:] / np.linalg.norm(values[3:]))[None])[0]
 
 
 def from_pose7s(poses: Array) -> Array:
     """Read many poses (n, 7) as `from_pose7` reads one: (n, 4, 4)."""
-    w, x, y, z = (poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)).T
-    transforms = np.tile(np.eye(4), (len(poses), 1, 1))
+    return _transforms(poses[:, :3], poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True))
+
+
+def _transforms(positions: Array, quaternions: Array) -> Array:
+    """Assemble (n, 4, 4) from positions (n, 3) and unit quaternions (n, 4)."""
+    w, x, y, z = quaternions.T
+    transforms = np.tile(np.eye(4), (len(positions), 1, 1))
     transforms[:, 0, :3] = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1)
     transforms[:, 1, :3] = np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1)
     transforms[:, 2, :3] = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
-    transforms[:, :3, 3] = poses[:, :3]
+    transforms[:, :3, 3] = positions
     return transforms
 
 
