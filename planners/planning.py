@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
-from planners.geometry.pose import to_pose7s
+from planners.geometry.pose import pose_row
 from planners.manipulation import plan_segments as lift_segments
 from planners.manipulation.contacts.dense_contact_states import ContactSampling
 from planners.manipulation.lift_attempts import plan_lift
@@ -139,7 +139,7 @@ def stated_bodies(scene: PlateLiftScene | SuctionToolScene) -> dict[str, BodyDoc
             shape=body.shape,
             mass=body.mass,
             com=body.com,
-            pose=to_pose7s(body.T_world_body[None])[0],
+            pose=pose_row(body.T_world_body),
             static=body.static,
         )
         for body in scene.bodies()

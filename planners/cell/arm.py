@@ -22,7 +22,7 @@ from planners.cell.asset_files import (
 from planners.cell.hand import Gripper, Pusher
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody, ConvexShape, enclosing_hull
-from planners.geometry.pose import Array, Transform, to_pose7s
+from planners.geometry.pose import Array, Transform, pose_row
 from planners.kinematics.inverse import is_ur_type
 from planners.kinematics.joint_torque import WeighedArm
 from planners.plan.scenery import ArmDocument, LinkDocument
@@ -206,7 +206,7 @@ class Arm:
     def document(self) -> ArmDocument:
         """Return the entry of a plan's `cell.arms`."""
         return ArmDocument(
-            base=to_pose7s(self.T_world_base[None])[0],
+            base=pose_row(self.T_world_base),
             dh=self.dh,
             position_min=self.position_min,
             position_max=self.position_max,

@@ -58,7 +58,12 @@ def _transforms(positions: Array, quaternions: Array) -> Array:
 
 def to_pose7(T: Transform) -> list[float]:
     """Write `[x, y, z, w, x, y, z]` with a unit quaternion whose scalar part is not negative."""
-    return to_pose7s(T[None])[0].tolist()
+    return pose_row(T).tolist()
+
+
+def pose_row(T: Transform) -> Array:
+    """Return a transform as `to_pose7` writes it, as an array (7,)."""
+    return to_pose7s(T[None])[0]
 
 
 def to_pose7s(transforms: Array) -> Array:

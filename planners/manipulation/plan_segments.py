@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from planners.contract.arrays import rounded
-from planners.geometry.pose import Array, to_pose7s
+from planners.geometry.pose import Array, pose_row, to_pose7s
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.plan.contacts import Contact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
@@ -66,14 +66,14 @@ def _hold(segment: LiftSegment, squeeze: float | None) -> Hold | None:
 
 
 def _grip(grip: GripHold, squeeze: float | None) -> Grip:
-    pose = to_pose7s(grip.T_body_tcp[None])[0]
+    pose = pose_row(grip.T_body_tcp)
     return Grip(arm=grip.arm, body="plate", pose=pose, width=grip.width, squeeze=squeeze)
 
 
 def _attached(segment: LiftSegment, scene: PlateLiftScene) -> dict[str, list[Attachment]]:
-    attached = {"cup": [Attachment(to="plate", pose=to_pose7s(scene.cup.T_plate_cup_body[None])[0])]}
+    attached = {"cup": [Attachment(to="plate", pose=pose_row(scene.cup.T_plate_cup_body))]}
     if segment.grip is not None and segment.kind not in (SegmentKind.GRIP, SegmentKind.RELEASE):
-        attached["plate"] = [Attachment(to=segment.grip.arm, pose=to_pose7s(segment.grip.T_flange_body[None])[0])]
+        attached["plate"] = [Attachment(to=segment.grip.arm, pose=pose_row(segment.grip.T_flange_body))]
     return attached
 
 

@@ -16,7 +16,7 @@ from planners.contract.task_spec import TaskSpec
 from planners.plan.scenery import ARMS, JOINT_NAMES, BodyDocument, CellDocument, GripperDocument
 from planners.plan.segment import Segment
 from planners.plan.simulation import Simulation
-from planners.plan.verdicts import Certificate, Explanation, LeastReserve, Software, Statistics
+from planners.plan.verdicts import Certificate, Explanation, Software, Statistics
 
 SCHEMA_VERSION = "1.0"
 Outcome = Literal["solved", "infeasible", "not_found"]
@@ -80,20 +80,6 @@ class Plan(StrictModel):
         yield from (("attached", f"{to!r} is no arm and no other body") for to in off)
         strange = [contact.by for contact in segment.contacts if contact.by not in carriers | {"cup", "tool", None}]
         yield from (("contacts", f"{by!r} is no arm, cup, tool or body") for by in strange)
-
-    @property
-    def duration(self) -> float:
-        """When the last segment ends [s]."""
-        return self.segments[-1].end if self.segments else 0.0
-
-    @property
-    def least_reserve(self) -> tuple[LeastReserve, float] | None:
-        """Where along the plan least of its limits is left, and when that is [s].
-
-        None: nothing is held, or the plan is of before there was any.
-        """
-        least = self.statistics.reserve
-        return None if least is None else (least, float(self.segments[least.segment].time[least.sample]))
 
     @classmethod
     def read(cls, source: bytes | str | Path) -> Self:

@@ -167,11 +167,6 @@ class Segment(StrictModel):
             yield f"body_poses/{body}", poses
 
     @property
-    def begin(self) -> float:
-        """When it begins [s]."""
-        return float(self.time[0])
-
-    @property
     def end(self) -> float:
         """When it ends [s]."""
         return float(self.time[-1])
@@ -191,8 +186,3 @@ class Segment(StrictModel):
     def transforms(self) -> dict[str, Array]:
         """`T_world_body` (n, 4, 4) of every body that moves here."""
         return {name: from_pose7s(poses) for name, poses in self.body_poses.items()}
-
-    @cached_property
-    def contact_samples(self) -> list[int]:
-        """The samples at which contacts are stated, in order."""
-        return sorted({contact.sample for contact in self.contacts})

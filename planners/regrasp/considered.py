@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from planners.contract.arrays import significant
-from planners.geometry.pose import Array, Transform, to_pose7s
+from planners.geometry.pose import pose_row, to_pose7s
 from planners.plan.considered import (
     Considered,
     ConsideredPlace,
@@ -32,7 +32,7 @@ def considered_by(plan: ToolPlan) -> Considered:
         suction_poses=[
             ConsideredSuctionPose(
                 object=tried.object,
-                pose=_row(tried.T_object_tool),
+                pose=pose_row(tried.T_object_tool),
                 reason=None if tried.rejection is None else tried.rejection.reason,
             )
             for tried in plan.considered.suctions
@@ -44,10 +44,6 @@ def considered_by(plan: ToolPlan) -> Considered:
     )
 
 
-def _row(T: Transform) -> Array:
-    return to_pose7s(T[None])[0]
-
-
 def _place(place: SuctionCandidate) -> ConsideredPlace:
     reason = None if place.reason is None else place.reason.value
     return ConsideredPlace(point=significant(place.point), normal=significant(place.normal), reason=reason)
@@ -57,7 +53,7 @@ def _graph(figures: RegraspFigures) -> RegraspGraph:
     return RegraspGraph(
         object=figures.object,
         moved=figures.moved,
-        suction_pose=_row(figures.T_object_tool),
+        suction_pose=pose_row(figures.T_object_tool),
         arms=list(ARMS),
         layers=[_layer(layer) for layer in figures.layers],
         handover_pairs=figures.handover_pairs,
@@ -70,7 +66,7 @@ def _layer(layer: LayerFigures) -> RegraspLayer:
     return RegraspLayer(
         layer=layer.layer.value,
         goal=layer.goal,
-        tool_pose=_row(layer.T_world_tool),
+        tool_pose=pose_row(layer.T_world_tool),
         possible=list(layer.possible),
         rejected={reason: list(nodes) for reason, nodes in layer.rejected.items()},
     )

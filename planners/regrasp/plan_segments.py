@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from planners.contract.arrays import rounded, significant
-from planners.geometry.pose import Array, to_pose7s
+from planners.geometry.pose import Array, pose_row, to_pose7s
 from planners.plan.contacts import Contact, EnvironmentContact, InertiaEntry, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, Grip, Hold, Segment, SegmentKind
 from planners.plan.verdicts import LeastReserve
@@ -62,7 +62,7 @@ def _hold(segment: ToolSegment, scene: SuctionToolScene) -> Hold | None:
 
 
 def _grip(hold: ToolHold, squeeze: float) -> Grip:
-    pose = to_pose7s(hold.T_tool_tcp[None])[0]
+    pose = pose_row(hold.T_tool_tcp)
     return Grip(arm=hold.arm, body=TOOL_NAME, pose=pose, width=hold.width, squeeze=squeeze)
 
 
@@ -76,12 +76,10 @@ def _attached(segment: ToolSegment) -> dict[str, list[Attachment]]:
     """Attach the tool while no fingers act on it, and the object while no vacuum goes on or off."""
     attached: dict[str, list[Attachment]] = {}
     if segment.holds and segment.kind not in (SegmentKind.GRIP, SegmentKind.RELEASE):
-        attached[TOOL_NAME] = [
-            Attachment(to=hold.arm, pose=to_pose7s(hold.T_flange_tool[None])[0]) for hold in segment.holds
-        ]
+        attached[TOOL_NAME] = [Attachment(to=hold.arm, pose=pose_row(hold.T_flange_tool)) for hold in segment.holds]
     sucked = segment.sucked
     if sucked is not None and segment.kind not in (SegmentKind.ATTACH, SegmentKind.DETACH):
-        attached[sucked.name] = [Attachment(to=TOOL_NAME, pose=to_pose7s(sucked.T_tool_object[None])[0])]
+        attached[sucked.name] = [Attachment(to=TOOL_NAME, pose=pose_row(sucked.T_tool_object))]
     return attached
 
 
