@@ -1,14 +1,20 @@
-"""From a scene to a plan. Certifying it is `planners.certify`, apart on purpose."""
+"""From a task to its scene, its plan, and the certificate, which is made apart from the bytes that are sent."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Protocol
 
-from planners.cell.cell import Cell
+import numpy as np
+
+from planners.cell.cell import Cell, known_cells, load_cell
+from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
-from planners.errors import SceneError
-from planners.geometry.pose import pose_row
+from planners.errors import LiftwrightError, SceneError
+from planners.geometry.pose import pose_row, to_pose7
 from planners.manipulation import plan_segments as lift_segments
 from planners.manipulation.contacts.dense_contact_states import ContactSampling
 from planners.manipulation.lift_attempts import plan_lift
@@ -17,8 +23,9 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.plan.plan import SCHEMA_VERSION, Plan
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
-from planners.plan.verdicts import Cause, Explanation, Software, StageTime, Statistics
-from planners.progress import Progress
+from planners.plan.software import describe_software
+from planners.plan.verdicts import Cause, Check, Explanation, StageTime, Statistics
+from planners.progress import Progress, Report, silent
 from planners.regrasp import plan_segments as tool_segments
 from planners.regrasp.considered import considered_by
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
@@ -27,8 +34,9 @@ from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.lift_scene import PlateLiftScene
-from planners.scene.scene import with_centres
-from planners.scene.suction_tool import SuctionTool
+from planners.scene.scene import build_scene, with_centres
+from planners.scene.shape_source import Uploads, no_uploads
+from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 
 
@@ -40,6 +48,121 @@ class HandoverSource(Protocol):
     ) -> HandoverDatabase:
         """Return what `find_handovers` returns for the same arguments."""
         ...
+
+
+class CertificateFailed(LiftwrightError):
+    """A plan was found and did not stand its independent re-check. The fault is ours."""
+
+    def __init__(self, plan: Plan, failures: Sequence[Check]) -> None:
+        self.plan = plan
+        """With its certificate: to find out why, not to be used."""
+        failed = [f"{check.name} (margin {check.margin} {check.unit} at {check.where})" for check in failures]
+        super().__init__(f"the plan that was found failed its certificate: {'; '.join(failed)}")
+
+
+def solve(
+    task: PlateLiftTask | SuctionToolTask,
+    *,
+    cells: Mapping[str, Cell] | None = None,
+    uploads: Uploads = no_uploads,
+    on_progress: Progress = silent,
+) -> Plan:
+    """Plan a task and certify the plan; that there is no plan is an answer, with its reasons.
+
+    >>> from pathlib import Path
+    >>> from planners import read_task, solve
+    >>> task = read_task(Path("assets/tasks/pb1_weak_cup.json"))
+    >>> plan = solve(task, on_progress=lambda report: None if report.done else print(report.name))
+    scene
+    certify
+    >>> plan.outcome, plan.certificate.passed
+    ('infeasible', True)
+
+    Args:
+        task: as `read_task` gives it.
+        cells: by name; those that are shipped, if it is left out.
+        uploads: finds the meshes that the task names as uploads.
+        on_progress: told what is being done; may raise `PlanningCancelled`.
+
+    Returns:
+        The plan, without a simulation. What was not found claims nothing: its certificate is None.
+
+    Raises:
+        SceneError: the task names what cannot stand as it says.
+        CertificateFailed: the plan must not be used.
+        PlanningCancelled: `on_progress` asked for it.
+    """
+    return TaskSolver(_shipped_cells() if cells is None else cells, _shipped_tools()).solve(
+        task, uploads=uploads, on_progress=on_progress
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TaskSolver:
+    """Plans and certifies tasks in the cells and with the tools that it knows."""
+
+    cells: Mapping[str, Cell]
+    tools: Mapping[str, SuctionTool]
+    """By name."""
+    handovers: HandoverSource = find_handovers
+    """Asked once by a suction-tool task that may have a plan; computing them takes some seconds."""
+    plan: Callable[..., Plan] = field(default_factory=lambda: plan)
+    certify: Callable[[bytes, RobotSurfaces, CellReference], Certificate | None] = certify
+    clock: Callable[[], float] = time.perf_counter
+    """[s], for the statistics only; no decision depends on it."""
+
+    def solve(
+        self,
+        task: PlateLiftTask | SuctionToolTask,
+        name: str = "",
+        uploads: Uploads = no_uploads,
+        on_progress: Progress = silent,
+    ) -> Plan:
+        """Return what `planners.solve` returns, as the plan of this name (its `id`)."""
+        begun = self.clock()
+        on_progress(Report("scene", 0, 1))
+        scene = self.scene(task, uploads)
+        on_progress(Report("scene", 1, 1))
+        built = self.clock()
+        found = self.plan(task, scene, on_progress, self.clock, self.handovers).model_copy(update={"id": name})
+        planned = self.clock()
+        on_progress(Report("certify", 0, 1))
+        certificate = self.certify(found.write(), _surfaces(), _reference(self.cells[found.cell.name]))
+        on_progress(Report("certify", 1, 1))
+        certified = self.clock()
+        times = [("scene", built - begun), *found.statistics.times, ("certify", certified - planned)]
+        statistics = found.statistics.taking(times, certified - begun)
+        found = found.model_copy(update={"certificate": certificate, "statistics": statistics})
+        if certificate is not None and not certificate.passed:
+            raise CertificateFailed(found, certificate.failures)
+        return found
+
+    def scene(
+        self, task: PlateLiftTask | SuctionToolTask, uploads: Uploads = no_uploads
+    ) -> PlateLiftScene | SuctionToolScene:
+        """Return the scene of a task.
+
+        Raises:
+            SceneError: the task names what cannot stand as it says.
+        """
+        return build_scene(task, self.cells, uploads=uploads, tools=self.tools)
+
+
+@cache
+def _shipped_cells() -> Mapping[str, Cell]:
+    return {name: load_cell(name) for name in known_cells()}
+
+
+_shipped_tools = cache(load_tools)
+_surfaces = cache(load_surfaces)
+"""The robots' meshes, which the certificate checks against."""
+
+
+def _reference(cell: Cell) -> CellReference:
+    """Return what the certificate may take for known about a cell."""
+    home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
+    rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
+    return CellReference(cell.document(), cell.body_documents(), home, rest, tool_descriptions())
 
 
 def plan(
@@ -59,7 +182,7 @@ def plan(
         handovers: asked once by a suction-tool task that may have a plan; computing them takes some seconds.
 
     Returns:
-        The plan, without certificate; its id and what software made it are for the caller to fill in.
+        The plan, without id and certificate.
 
     Raises:
         SceneError: the scene is not of the task's kind.
@@ -104,7 +227,7 @@ def _plan(
         # Read again, so that every default is stated.
         task=read_task(write_task(with_centres(task, scene))),
         seed=task.seed,
-        software=Software(name="liftwright", version="", commit=None),
+        software=describe_software(),
         outcome=found.outcome.value,
         explanation=Explanation(summary=found.summary, causes=causes),
         cell=scene.cell.document(),
@@ -173,11 +296,11 @@ class _Stopwatch:
         self._stage, self._begun = "sample", clock()
         self.seconds: dict[str, float] = {}
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        if stage != self._stage:
+    def __call__(self, report: Report, /) -> None:
+        if report.name != self._stage:
             self.stop()
-            self._stage = stage
-        self._progress(stage, done, total)
+            self._stage = report.name
+        self._progress(report)
 
     def stop(self) -> None:
         """Close the stage that is running."""

@@ -2,16 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
+
+
+class Report(NamedTuple):
+    """What is being done, and how much of it."""
+
+    stage: str
+    """"scene", "search", "first regrasp" and the like."""
+    done: int
+    total: int
+    """Parts of the stage that are finished, and that there are; `total` 0 means the number is not known [1]."""
+    object: str | None = None
+    """Of which object of the task, where a stage is that of a single one."""
+
+    @property
+    def name(self) -> str:
+        """The stage as people and plans name it: with the object, if it has one."""
+        return self.stage if self.object is None else f"{self.stage} {self.object}"
 
 
 class Progress(Protocol):
-    """Called by a planner with the stage it is in. Raises `PlanningCancelled` when the work should stop."""
+    """Called by a planner with what it does. Raises `PlanningCancelled` when the work should stop."""
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report that `done` of `total` parts of `stage` are finished; `total` 0 means the number is not known."""
+    def __call__(self, report: Report, /) -> None:
+        """Take a report."""
         ...
 
 
-def silent(stage: str, done: int, total: int) -> None:
+def silent(_: Report, /) -> None:
     """Report nothing and never cancel."""

@@ -20,8 +20,9 @@ from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import SceneError
 from planners.geometry.solid_mesh import SolidMesh
-from workers.pipeline import Pipeline
+from planners.progress import Report
 from workers.settings import WorkerSettings
+from workers.solver.pipeline import Pipeline
 from workers.solver.progress import ProgressScale
 
 SOLVED, NO_PLAN = 0, 2
@@ -102,9 +103,11 @@ def _accept(sent: Any, scene: SceneDocument | None, pipeline: Pipeline) -> dict[
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
     if scene is not None:
-        return accept_task(_named(sent, scene), pipeline.cells, _upload_elsewhere, lambda _: scene, pipeline.tools)
+        return accept_task(
+            _named(sent, scene), pipeline.solver.cells, _upload_elsewhere, lambda _: scene, pipeline.solver.tools
+        )
     try:
-        return accept_task(sent, pipeline.cells, _upload_elsewhere, _scene_elsewhere, pipeline.tools)
+        return accept_task(sent, pipeline.solver.cells, _upload_elsewhere, _scene_elsewhere, pipeline.solver.tools)
     except NeedsScene as error:
         detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
         raise SceneError(error.pointer, detail) from error
@@ -138,11 +141,11 @@ def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: 
     with ProgressBar() as bar:
         scale, begun = ProgressScale.of(task), set[str]()
 
-        def show(stage: str, done: int, total: int) -> None:
-            if stage == HANDOVERS and stage not in begun:
+        def show(report: Report, /) -> None:
+            if report.stage == HANDOVERS and report.stage not in begun:
                 bar.say(f"liftwright: computing handovers of the tool, which takes some seconds; {handovers_kept}")
-            begun.add(stage)
-            bar.show(stage, scale.advance(stage, done, total))
+            begun.add(report.stage)
+            bar.show(report.name, scale.advance(report))
 
         plan = pipeline.solve({"id": name, "task": task}, show)
         bar.show("done", 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter
@@ -30,6 +31,7 @@ from planners.contract.quantities import (
     Tolerance,
 )
 from planners.contract.shapes import PlateShape, Shape
+from planners.contract.strict_json import parse_json
 from planners.contract.strict_model import StrictModel
 
 HINGE_KAPPA = 0.005
@@ -302,12 +304,18 @@ _ADAPTER: TypeAdapter[PlateLiftTask | SuctionToolTask] = TypeAdapter(TaskSpec)
 
 
 def read_task(body: object) -> PlateLiftTask | SuctionToolTask:
-    """Validate a parsed JSON body; defaults are filled in, but for those that take the scene: see `with_centres`.
+    """Read a task; defaults are filled in, but for those that take the scene: see `with_centres`.
+
+    Args:
+        body: parsed JSON, or bytes of JSON, or the path of a file.
 
     Raises:
+        NotJson: the bytes are not JSON.
         pydantic.ValidationError: `planners.contract.problems.problems_of` turns it into what the caller is told.
     """
-    return _ADAPTER.validate_python(body)
+    if isinstance(body, Path):
+        body = body.read_bytes()
+    return _ADAPTER.validate_python(parse_json(body) if isinstance(body, bytes) else body)
 
 
 def write_task(task: PlateLiftTask | SuctionToolTask) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.statics.reserves import STEPS
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from planners.scene.lift_scene import PlateLiftScene
 
 _ROUNDING = 1e-6
@@ -42,7 +42,7 @@ def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress)
     for number, (contacts, holds) in enumerate(settings.denser, start=1):
         if plan.outcome is LiftOutcome.SOLVED:
             break
-        progress("denser", number, len(settings.denser))
+        progress(Report("denser", number, len(settings.denser)))
         denser = PlateLiftPlanner(scene, replace(settings.scaled(contacts, holds), reserve=0.0), progress)
         tried = denser.plan()
         if not denser.fits:
@@ -63,7 +63,7 @@ def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: P
     Returns:
         The plan, and a reserve that no plan of its kind is found with [1].
     """
-    progress("reserve", 0, settings.reserve_searches)
+    progress(Report("reserve", 0, settings.reserve_searches))
     most = _most_passable(planner, 0.0, settings.reserve - 1.0 / STEPS, low=False)
     if most is not None:
         plan = planner.plan_keeping(most, low=False, explained=False)
@@ -100,7 +100,7 @@ def _blaming_tolerances(planner: PlateLiftPlanner, plan: LiftPlan, progress: Pro
     scene = planner.scene
     if scene.mass_tolerance == scene.com_tolerance == 0.0:
         return plan
-    progress("tolerances", 0, 1)
+    progress(Report("tolerances", 0, 1))
     if planner.plan_as_stated().outcome is not LiftOutcome.SOLVED:
         return plan
     reason = (
@@ -131,7 +131,7 @@ def _keeping_most(
     for number in range(settings.reserve_searches):
         if low >= enough or high - low < settings.reserve_step:
             break
-        progress("reserve", number, settings.reserve_searches)
+        progress(Report("reserve", number, settings.reserve_searches))
         tried = _most_passable(planner, low, top, low=ends_low)
         if tried is None:
             break

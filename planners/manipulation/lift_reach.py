@@ -16,7 +16,7 @@ from planners.manipulation.reach.hand_reach import Hand, HandReach, PairReach, P
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.statics.hold_balance import HoldBalance
 from planners.manipulation.statics.lift_programs import keeping_back
-from planners.progress import Progress
+from planners.progress import Progress, Report
 
 
 class LiftReach:
@@ -32,7 +32,7 @@ class LiftReach:
         """
         workcell, plates = sampling.workcell, sampling.T_world_plates
         self.sampling, self.pair = sampling, _pair_reach(sampling)
-        grips, pushes = self.pair.postures(plates, lambda done: progress("reach", done, len(plates)))
+        grips, pushes = self.pair.postures(plates, lambda done: progress(Report("reach", done, len(plates))))
         self.lifted = workcell.plate_query(workcell.holding, workcell.lifted, hands=[])
         for names in self.lifted.meetings(plates):
             rejections.add(meeting(*names))

@@ -36,7 +36,7 @@ from planners.manipulation.motion.manipulation_sequence import HoldPhase, Manipu
 from planners.manipulation.reach.hand_reach import Hand
 from planners.manipulation.statics.hold_balance import HoldBalance
 from planners.manipulation.statics.lift_torques import OVERTAXED
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from planners.segment import Segment
 
 UNSTEADY = "A plate within the tolerances of mass and centre of mass is not held where the stated one is."
@@ -162,7 +162,7 @@ class LiftSearch:
     ) -> tuple[ManipulationStateGraph, NodeExaminer]:
         """Build the graph of these holds, and apply all that is known to fail."""
         progress = self.record.progress
-        progress("merge", 0, 1)
+        progress(Report("merge", 0, 1))
         graph = self.reach.graph(grips, pushes)
         self.failures.apply(graph)
         gravity = self.sampling.scene.cell.gravity
@@ -177,8 +177,8 @@ class LiftSearch:
         )
         self.record.counts["merges"] += 1
         if self._full:
-            examiner.examine_all(lambda n, total: progress("examine", n, total))
-        progress("merge", 1, 1)
+            examiner.examine_all(lambda n, total: progress(Report("examine", n, total)))
+        progress(Report("merge", 1, 1))
         return graph, examiner
 
     # Searching.
@@ -213,7 +213,7 @@ class LiftSearch:
         self.examiner(node)
         if self.examiner.examined % 64 == 0:
             status = self.graph.knowledge.status
-            self.record.progress("search", int(np.count_nonzero(status)), len(status))
+            self.record.progress(Report("search", int(np.count_nonzero(status)), len(status)))
 
     def _fell(self, path: GraphPath) -> bool:
         knowledge = self.graph.knowledge
@@ -235,7 +235,7 @@ class LiftSearch:
         for assignment in assigner.assignments():
             if len(stuck) >= self.settings.assignments:
                 break
-            self.record.progress("motion", self.record.counts["assignments"], 0)
+            self.record.progress(Report("motion", self.record.counts["assignments"], 0))
             self.record.counts["assignments"] += 1
             result = self.choreographer.realise(sequence, assignment)
             if not isinstance(result, StuckStep):

@@ -23,7 +23,17 @@ Outcome = Literal["solved", "infeasible", "not_found"]
 
 
 class Plan(StrictModel):
-    """The result of one task."""
+    """The result of one task.
+
+    >>> from pathlib import Path
+    >>> from planners import Plan, read_task, solve
+    >>> solved = solve(read_task(Path("assets/tasks/pb1_weak_cup.json")))
+    >>> plan = Plan.read(solved.write())
+    >>> plan.outcome, plan.software.name, plan.bodies["plate"].pose.shape
+    ('infeasible', 'liftwright', (7,))
+    >>> [check.name for check in plan.certificate.checks]
+    ['structure', 'cell', 'gripper', 'task_bodies', 'infeasibility']
+    """
 
     schema_version: Literal["1.0"]
     id: str

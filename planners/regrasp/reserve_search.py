@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.statics.hold_statics import HoldStatics
@@ -57,9 +57,9 @@ def plan_with_reserve(
 
     def found_with(reserve: float) -> ReservedPlan:
         plan = SuctionToolPlanner(scene.keeping_back(reserve), settings, handovers, progress).plan()
-        progress("forces", 0, 1)
+        progress(Report("forces", 0, 1))
         plan = replace(plan, segments=HoldStatics(scene).balanced(plan.segments))
-        progress("forces", 1, 1)
+        progress(Report("forces", 1, 1))
         held = [segment.reserve for segment in plan.segments if segment.reserve is not None]
         return ReservedPlan(plan, min(held, key=lambda each: each.least, default=None))
 

@@ -17,7 +17,7 @@ from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.lift_attempt import INFEASIBLE, NOT_FOUND, LiftAttempt
 from tests.benchmarks.random_lifts import refusal
 from tests.benchmarks.tasks import Note
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 LIFTS = 200
 PROCESSES = 2

@@ -9,9 +9,10 @@ from time import perf_counter, process_time
 from typing import Any
 
 from planners.certify import Certificate
+from planners.planning import CertificateFailed
 from planners.progress import silent
 from tests.benchmarks.tasks import SOLVABLE, TOO_HEAVY, Note, median_of, task_body
-from workers.pipeline import CertificateFailed, Pipeline, reference_task
+from workers.solver.pipeline import Pipeline, reference_task
 
 
 @dataclass(frozen=True)
@@ -97,11 +98,12 @@ def _task(pipeline: Pipeline, name: str, note: Note, runs: int) -> TaskFigures:
 
 def _run(pipeline: Pipeline, body: dict[str, Any]) -> tuple[TimedCertifier, dict[str, float]]:
     """Solve a task once, up to its certificate; a plan that fails it is timed all the same."""
-    certifier = TimedCertifier(pipeline.certify)
+    certifier = TimedCertifier(pipeline.solver.certify)
     body = {**body, "options": {**body.get("options", {}), "simulate": False}}
     begun = clocks()
     try:
-        replace(pipeline, certify=certifier).solve({"id": "benchmark", "task": body}, silent)
+        timed = replace(pipeline, solver=replace(pipeline.solver, certify=certifier))
+        timed.solve({"id": "benchmark", "task": body}, silent)
     except CertificateFailed:
         assert certifier.certificate is not None
     return certifier, {

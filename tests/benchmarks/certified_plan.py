@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any
 
+from planners.planning import CertificateFailed
 from planners.progress import silent
 from tests.benchmarks.bench_tasks import TimedCertifier, clocks
-from workers.pipeline import CertificateFailed, Pipeline
+from workers.solver.pipeline import Pipeline
 
 SOLVED, UNCERTIFIED, BROKEN = "solved", "certificate failed", "broken"
 
@@ -33,9 +34,9 @@ def certified_plan(pipeline: Pipeline, body: Mapping[str, Any]) -> CertifiedPlan
     Raises:
         SceneError: the task is refused.
     """
-    certifier = TimedCertifier(pipeline.certify)
+    certifier = TimedCertifier(pipeline.solver.certify)
     task = {**body, "options": {**body.get("options", {}), "simulate": False}}
-    pipeline = replace(pipeline, certify=certifier, clock=process_time)
+    pipeline = replace(pipeline, solver=replace(pipeline.solver, certify=certifier, clock=process_time))
     begun, reason, outcome = clocks(), "", ""
     try:
         pipeline.solve({"id": "benchmark", "task": task}, silent)

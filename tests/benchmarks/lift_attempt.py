@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from tests.benchmarks.certified_plan import BROKEN, SOLVED, certified_plan
 from tests.benchmarks.random_lifts import drawn
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 NOT_FOUND, INFEASIBLE = "not_found", "infeasible"
 DENSITIES = (3.0, 2.5, 2.0, 1.5)

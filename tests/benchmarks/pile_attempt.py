@@ -11,7 +11,7 @@ from planners.scene.suction_tool import TOOL_NAME
 from tests.benchmarks.certified_plan import BROKEN, SOLVED, certified_plan
 from tests.benchmarks.random_piles import Pile, strewn
 from tests.benchmarks.tasks import task_body
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from tests.benchmarks.part import Findings
 from tests.benchmarks.planning_plots import draw
 from tests.benchmarks.planning_report import limits, sections
 from tests.benchmarks.tasks import Note
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 PAUSE_PER_START = 2.0
 """Pause between jobs, in times of a solver's start: the next solver has to be ready, on a loaded machine too."""

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from tests.benchmarks.bench_tasks import measure_body
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from app.settings import ServiceSettings
 from app.summary import contact_states, is_certified, largest_load, summarise
 from planners.contract.scene_document import SceneDocument
 from tests.support.scan_frames import SHIPPED
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 
 def test_a_solved_task_is_0_and_its_document_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from planners.progress import Progress
 from planners.scene.suction_tool import load_tool
 from tests.support.scan_frames import SHIPPED
 from tests.support.tool_plans import FEW
-from workers.pipeline import Pipeline
+from workers.solver.pipeline import Pipeline
 
 Said = Callable[..., str]
 SCANS_TASK = SHIPPED / "tissue_boxes" / "task.json"
@@ -102,7 +102,7 @@ def needs_handovers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have planning ask for handovers, few of them, and find no plan."""
 
     def solve(pipeline: Pipeline, _: object, progress: Progress) -> Plan:
-        pipeline.handovers(pipeline.cells["dual_ur3e_tool"], load_tool("long_symmetric"), FEW, progress)
+        pipeline.solver.handovers(pipeline.solver.cells["dual_ur3e_tool"], load_tool("long_symmetric"), FEW, progress)
         explanation = Explanation(summary="none", causes=[])
         return Plan.model_construct(outcome="not_found", explanation=explanation, certificate=None)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import json
 from pathlib import Path
@@ -14,18 +13,18 @@ import trimesh
 from support.service import task
 
 from planners.cell.cell import load_cell
-from planners.certify import Certificate, Check, load_surfaces
+from planners.certify import Certificate, Check
 from planners.errors import SceneError
 from planners.geometry.solid_mesh import take_mesh
 from planners.plan.plan import Plan
 from planners.plan.simulation import LiftSimulation
 from planners.plan.verdicts import StageTime, Statistics
-from planners.progress import silent
-from workers.pipeline import CertificateFailed, Pipeline
+from planners.planning import CertificateFailed, TaskSolver
+from planners.progress import Report, silent
+from workers.solver.pipeline import Pipeline
 from workers.solver.protocol import REJECTED_VARIABLE, Request
 
 CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
-SURFACES = load_surfaces()
 REQUEST: Request = {"id": "p1", "task": task()}
 
 
@@ -51,23 +50,23 @@ def verdict(*, passed: bool) -> Any:
 
 
 def a_slip(_document: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
-    progress("simulate", 1, 1)
+    progress(Report("simulate", 1, 1))
     return LiftSimulation.model_construct(outcome="slipped", seed=seed)
 
 
-def pipeline(*, passed: bool) -> Pipeline:
+def pipeline(*, passed: bool, **given: Any) -> Pipeline:
     ticks = itertools.count()
-    return Pipeline(CELLS, SURFACES, {}, a_plan, verdict(passed=passed), a_slip, lambda: float(next(ticks)))
+    steps: dict[str, Any] = {"plan": a_plan, "certify": verdict(passed=passed), **given}
+    return Pipeline(TaskSolver(CELLS, {}, clock=lambda: float(next(ticks)), **steps), a_slip)
 
 
-def test_a_document_says_whose_it_is_what_made_it_and_how_long_each_stage_took() -> None:
+def test_a_document_says_whose_it_is_and_how_long_each_stage_took() -> None:
     plan = pipeline(passed=True).solve(REQUEST, silent)
     assert plan.id == "p1"
-    assert plan.software.name == "liftwright"
     assert plan.certificate is not None
     assert plan.certificate.passed
     assert [name for name, _ in plan.statistics.times] == ["scene", "search", "certify", "simulate"]
-    assert plan.statistics.total_seconds == 5.0
+    assert plan.statistics.total_seconds == 4.0
 
 
 def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_looked_at(
@@ -81,21 +80,21 @@ def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_lo
 
 
 def test_what_was_not_found_has_no_certificate_and_is_delivered() -> None:
-    told = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: None).solve(REQUEST, silent)
+    told = pipeline(passed=True, plan=nothing, certify=lambda *_: None).solve(REQUEST, silent)
     assert told.certificate is None
     assert [name for name, _ in told.statistics.times] == ["scene", "search", "certify"]
 
 
 def test_what_was_not_found_and_is_malformed_is_a_fault_of_ours() -> None:
     malformed = certificate_with(name="structure", passed=False, margin=-1.0, unit="1", where="/task: is missing")
-    told = dataclasses.replace(pipeline(passed=True), plan=nothing, certify=lambda *_: malformed)
+    told = pipeline(passed=True, plan=nothing, certify=lambda *_: malformed)
     with pytest.raises(CertificateFailed, match="/task: is missing"):
         told.solve(REQUEST, silent)
 
 
 def test_stages_are_reported_in_order() -> None:
     seen: list[str] = []
-    pipeline(passed=True).solve(REQUEST, lambda stage, *_: seen.append(stage))
+    pipeline(passed=True).solve(REQUEST, lambda report: seen.append(report.stage))
     assert list(dict.fromkeys(seen)) == ["scene", "certify", "simulate"]
 
 
@@ -117,7 +116,7 @@ def test_uploaded_meshes_come_with_the_request() -> None:
     content = trimesh.creation.box((100, 200, 300)).export(file_type="stl")
     mesh = take_mesh(content, "stl").document()
     request: Request = {"id": "p1", "task": body, "meshes": {"bin": json.loads(json.dumps(mesh))}}
-    dataclasses.replace(pipeline(passed=True), plan=plan).solve(request, silent)
+    pipeline(passed=True, plan=plan).solve(request, silent)
     (scene,) = scenes
     vertices, _ = scene.obstacles[0].solid.surface()
     assert np.ptp(vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
@@ -142,5 +141,5 @@ def test_the_planner_is_given_where_handovers_are_kept() -> None:
     def kept(*_: Any) -> Any:
         return pytest.fail("a plate lift has no handovers")
 
-    dataclasses.replace(pipeline(passed=True), plan=plan, handovers=kept).solve(REQUEST, silent)
+    pipeline(passed=True, plan=plan, handovers=kept).solve(REQUEST, silent)
     assert given == [kept]

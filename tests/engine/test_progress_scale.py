@@ -4,26 +4,29 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from planners.progress import Report
 from workers.solver.progress import STAGE_SHARES, ProgressScale
 
 TASKS = [{"kind": "plate_lift"}, {"kind": "suction_tool", "objects": [{}, {}, {}]}]
 STAGES = sorted({stage for shares in STAGE_SHARES.values() for stage in shares})
-NAMED = [
-    f"{stage} {name}"
-    for stage in ("suction", "first regrasp", "second regrasp", "motion")
-    for name in ("a", "b", "c", "d")
-]
+COUNT = st.integers(0, 10**6)
 REPORTS = st.lists(
-    st.tuples(st.sampled_from([*STAGES, *NAMED, "unheard of"]), st.integers(0, 10**6), st.integers(0, 10**6))
+    st.builds(
+        Report,
+        st.sampled_from([*STAGES, "second regrasp", "unheard of"]),
+        COUNT,
+        COUNT,
+        st.sampled_from([None, *"abcd"]),
+    )
 )
 
 
 @given(REPORTS, st.floats(0.0, 1.0), st.sampled_from(TASKS))
 def test_the_fraction_never_falls_and_stays_within_the_whole(
-    reports: list[tuple[str, int, int]], begun: float, task: dict[str, object]
+    reports: list[Report], begun: float, task: dict[str, object]
 ) -> None:
     scale = ProgressScale.of(task, begun)
-    shown = [begun] + [scale.advance(*report) for report in reports]
+    shown = [begun] + [scale.advance(report) for report in reports]
     assert shown == sorted(shown)
     assert 0.0 <= shown[-1] <= 1.0 + 1e-12
 
@@ -32,24 +35,24 @@ def test_the_fraction_never_falls_and_stays_within_the_whole(
 def test_all_stages_together_are_the_whole(task: dict[str, object]) -> None:
     scale = ProgressScale.of(task)
     for stage in STAGE_SHARES[str(task["kind"])]:
-        scale.advance(stage, 7, 7)
+        scale.advance(Report(stage, 7, 7))
     assert scale.fraction == pytest.approx(1.0)
 
 
 def test_a_stage_of_unknown_length_moves_but_does_not_end_by_itself() -> None:
     scale = ProgressScale({"first": 0.5, "second": 0.5})
-    assert 0.0 < scale.advance("first", 10, 0) < scale.advance("first", 10_000, 0) < 0.5
+    assert 0.0 < scale.advance(Report("first", 10, 0)) < scale.advance(Report("first", 10_000, 0)) < 0.5
 
 
 def test_objects_share_a_stage_in_whatever_order_they_come() -> None:
     scale = ProgressScale({"scene": 0.2, "regrasp": 0.6, "certify": 0.2}, objects=3)
-    assert scale.advance("regrasp second", 5, 10) == pytest.approx(0.2 + 0.2 * 0.5)
-    assert scale.advance("regrasp first", 0, 10) == pytest.approx(0.2 + 0.2)
-    assert scale.advance("second regrasp first", 5, 10) == pytest.approx(0.2 + 0.3)
-    assert scale.advance("regrasp third", 10, 10) == pytest.approx(0.8)
+    assert scale.advance(Report("regrasp", 5, 10, "second")) == pytest.approx(0.2 + 0.2 * 0.5)
+    assert scale.advance(Report("regrasp", 0, 10, "first")) == pytest.approx(0.2 + 0.2)
+    assert scale.advance(Report("regrasp", 5, 10, "first")) == pytest.approx(0.2 + 0.3)
+    assert scale.advance(Report("regrasp", 10, 10, "third")) == pytest.approx(0.8)
 
 
 def test_an_object_that_is_planned_again_takes_no_other_objects_share() -> None:
     scale = ProgressScale({"regrasp": 1.0}, objects=2)
-    scale.advance("regrasp first", 10, 10)
-    assert scale.advance("regrasp first", 10, 10) == pytest.approx(0.5)
+    scale.advance(Report("regrasp", 10, 10, "first"))
+    assert scale.advance(Report("regrasp", 10, 10, "first")) == pytest.approx(0.5)

@@ -20,10 +20,11 @@ import psutil
 import pytest
 from support.service import FAKE_SOLVER, ROOT, wait_for
 
+from planners.progress import Report
 from workers.solver import pool as pool_module
 from workers.solver.pool import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver.process import COMPILE
-from workers.solver.protocol import PackedDocument, Report, Request
+from workers.solver.protocol import PackedDocument, Request
 from workers.solver.warm_up import CACHE_VARIABLE
 
 COMMAND = SolverCommand(FAKE_SOLVER, {})
@@ -64,15 +65,16 @@ def test_reports_are_few_enough_not_to_slow_the_work_and_tell_the_end_of_each_st
 
     solve("now", SolverCommand((sys.executable, "-c", BUSY), {}), keep)
     assert len(seen) < 100
-    assert [report["done"] for report in seen][-1] == 100_000
+    assert [report.done for report in seen][-1] == 100_000
 
 
 BUSY = """
+from planners.progress import Report
 from workers.solver.process import main
 from workers.solver.protocol import Answer
 def solve(request, progress):
     for step in range(100_000):
-        progress("graph", step + 1, 100_000)
+        progress(Report("graph", step + 1, 100_000))
     return Answer("solved", b'{"outcome": "solved"}')
 main(lambda: solve)
 """

@@ -11,6 +11,7 @@ from planners.cell.cell import load_cell
 from planners.errors import LiftwrightError, PlanningCancelled
 from planners.geometry.pose import inverse, transform
 from planners.kinematics.inverse import follow_branch
+from planners.progress import Report
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
 from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
@@ -246,11 +247,11 @@ def test_the_key_tells_cells_tools_and_settings_apart_and_nothing_else(cell, sho
 
 def test_progress_goes_through_all_orientations_and_can_stop_the_work(cell, short_tool):
     seen = []
-    grasps = find_handovers(cell, short_tool, SMALL, lambda *report: seen.append(report)).grasps
+    grasps = find_handovers(cell, short_tool, SMALL, lambda report: seen.append(report[:3])).grasps
     assert seen == [("handovers", o, 6) for o in range(7)]
 
-    def stop(stage: str, done: int, total: int) -> None:
-        raise PlanningCancelled(f"{stage} {done} {total}")
+    def stop(report: Report, /) -> None:
+        raise PlanningCancelled(f"{report.stage} {report.done} {report.total}")
 
     with pytest.raises(PlanningCancelled, match="handovers 0 6"):
         build_handovers(cell, short_tool, grasps, SMALL, stop)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.progress import Report
 from planners.regrasp.graph.object_progress import ObjectProgress, ObjectStage
 from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
 from planners.regrasp.planner import SuctionToolPlanner
@@ -21,14 +22,14 @@ class Reports:
     """Keeps what it is told."""
 
     def __init__(self) -> None:
-        self.told: list[tuple[str, int, int]] = []
+        self.told: list[Report] = []
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        self.told.append((stage, done, total))
+    def __call__(self, report: Report, /) -> None:
+        self.told.append(report)
 
 
 @pytest.fixture(scope="module")
-def told() -> list[tuple[str, int, int]]:
+def told() -> list[Report]:
     """Return all that is told while the cans are stacked; few handovers suffice."""
     task = read_task(json.loads(TASK.read_text()))
     assert isinstance(task, SuctionToolTask)
@@ -40,14 +41,15 @@ def told() -> list[tuple[str, int, int]]:
 
 
 @pytest.mark.parametrize("name", ["can_1", "can_2"])
-def test_every_part_of_planning_an_object_is_told(told: list[tuple[str, int, int]], name: str) -> None:
-    assert {f"{stage.value} {name}" for stage in ObjectStage} <= {stage for stage, _, _ in told}
+def test_every_part_of_planning_an_object_is_told(told: list[Report], name: str) -> None:
+    assert {stage.value for stage in ObjectStage} <= {report.stage for report in told if report.object == name}
 
 
 @pytest.mark.parametrize("name", ["can_1", "can_2"])
-def test_grasps_come_before_the_graph_and_the_graph_before_motion(told: list[tuple[str, int, int]], name: str) -> None:
+def test_grasps_come_before_the_graph_and_the_graph_before_motion(told: list[Report], name: str) -> None:
     first = {
-        stage: next(i for i, report in enumerate(told) if report[0] == f"{stage.value} {name}") for stage in ObjectStage
+        stage: next(i for i, report in enumerate(told) if (report.stage, report.object) == (stage.value, name))
+        for stage in ObjectStage
     }
     assert sorted(first, key=first.__getitem__) == [
         ObjectStage.FIRST_REGRASP,
@@ -58,17 +60,20 @@ def test_grasps_come_before_the_graph_and_the_graph_before_motion(told: list[tup
     ]
 
 
-def test_the_suction_poses_tried_never_exceed_those_there_are(told: list[tuple[str, int, int]]) -> None:
+def test_the_suction_poses_tried_never_exceed_those_there_are(told: list[Report]) -> None:
     stages = tuple(stage.value for stage in ObjectStage)
-    parts = [(done, total) for stage, done, total in told if stage.startswith(stages)]
+    parts = [(report.done, report.total) for report in told if report.stage in stages]
     assert parts
     assert all(0 <= done <= total for done, total in parts)
 
 
-def test_an_objects_name_follows_the_part() -> None:
+def test_a_report_names_its_object_after_the_part() -> None:
     reports = Reports()
     tell = ObjectProgress(reports, "box", 40)
     tell(ObjectStage.motion(0))
     tell.tried = 8
     tell(ObjectStage.motion(1))
-    assert reports.told == [("first motion box", 0, 40), ("second motion box", 8, 40)]
+    assert [(report.name, report.done, report.total) for report in reports.told] == [
+        ("first motion box", 0, 40),
+        ("second motion box", 8, 40),
+    ]

@@ -36,7 +36,7 @@ def execute(name: str = SHORTEST, **changes: Any) -> Run:
     scene = build_scene(task)
     document = plan(task, scene, silent, perf_counter).document() | {"id": name}
     seen: list[tuple[str, float]] = []
-    simulation = simulated(document, scene, lambda stage, done, total: seen.append((stage, done / total)), 3)
+    simulation = simulated(document, scene, lambda report: seen.append((report.stage, report.done / report.total)), 3)
     return Run(scene, document, simulation, seen)
 
 

@@ -46,7 +46,7 @@ def tool_run() -> ToolRun:
     assert isinstance(scene, SuctionToolScene)
     document = plan(task, scene, silent, perf_counter).document()
     seen: list[float] = []
-    simulation = simulate_plan(document, scene, lambda stage, done, total: seen.append(done / total), 0)
+    simulation = simulate_plan(document, scene, lambda report: seen.append(report.done / report.total), 0)
     return ToolRun(scene, document, simulation.model_dump(mode="json"), seen)
 
 

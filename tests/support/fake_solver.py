@@ -14,17 +14,17 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 
+from planners.progress import Progress, Report
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, Request
 
 STEP_SECONDS = 0.05
 
 
-def solve(request: Request, progress: Callable[[str, int, int], None]) -> Answer:
+def solve(request: Request, progress: Progress) -> Answer:
     wish = "fail" if "fail" in sys.argv else str(request["task"].get("external_id"))
-    progress("scene", 1, 1)
+    progress(Report("scene", 1, 1))
     if wish == "die":
         os.kill(os.getpid(), signal.SIGKILL)
     if wish == "eat":
@@ -36,12 +36,12 @@ def solve(request: Request, progress: Callable[[str, int, int], None]) -> Answer
         subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
     if wish in ("hang", "child"):
         for _ in range(6000):
-            progress("graph", 1, 2)
+            progress(Report("graph", 1, 2))
             time.sleep(0.1)
     if wish.startswith("steps-"):
         steps = int(wish.removeprefix("steps-"))
         for step in range(steps):
-            progress("motion", step + 1, steps)
+            progress(Report("motion", step + 1, steps))
             time.sleep(STEP_SECONDS)
     document = {
         "schema_version": "1.0",

@@ -17,8 +17,8 @@ from support.service import ROOT, ServiceProcess, finished, running_service, tas
 
 from app.viewer.palette import MEANINGS
 from planners.progress import silent
-from workers.pipeline import Pipeline
 from workers.settings import HANDOVERS_FOLDER
+from workers.solver.pipeline import Pipeline
 
 REQUESTED, LEAST = 0.1, 0.04
 SQUEEZE = 60.0

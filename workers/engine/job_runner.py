@@ -11,10 +11,11 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from planners.contract.uploads import named_uploads
 from planners.errors import LiftwrightError
+from planners.progress import Report
 from workers.settings import WorkerSettings
 from workers.solver.pool import SolverDied, SolverFault, SolverPool
 from workers.solver.progress import ProgressScale
-from workers.solver.protocol import PackedDocument, Report, Request
+from workers.solver.protocol import PackedDocument, Request
 from workers.stores.database_loss import once_it_is_there, said_by
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
@@ -118,8 +119,8 @@ class JobRunner:
         """Have a solver process try; None if it died and another one may try."""
 
         async def show(report: Report) -> None:
-            fraction = scale.advance(report["stage"], report["done"], report["total"])
-            event: dict[str, Any] = {"attempt": attempt, **report, "fraction": round(fraction, 4)}
+            counts = {"stage": report.name, "done": report.done, "total": report.total}
+            event: dict[str, Any] = {"attempt": attempt, **counts, "fraction": round(scale.advance(report), 4)}
             try:
                 await asyncio.to_thread(self._store.add_event, plan_id, event)
             except SQLAlchemyError as loss:

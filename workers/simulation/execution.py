@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from planners.geometry.pose import Array, rotation_angle
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.cooperative_lift import CooperativeLift, LiftForces, way_up
 from workers.simulation.hands import GrippingHand, PushingHand, SimulatedHand
@@ -81,10 +81,10 @@ class Execution:
 
         def report() -> None:
             if self._steps % _REPORT_EVERY == 0:
-                progress("simulate", round(1000.0 * self._part_done()), 1000)
+                progress(Report("simulate", round(1000.0 * self._part_done()), 1000))
 
         failure = self._manipulate(report) or self._settle(report) or self._follow(report)
-        progress("simulate", 1, 1)
+        progress(Report("simulate", 1, 1))
         return failure
 
     def prepare(self) -> Failure[SimulationOutcome] | None:

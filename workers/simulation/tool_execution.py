@@ -9,7 +9,7 @@ import numpy as np
 
 from planners.cell.hand import Gripper
 from planners.geometry.pose import Array, Transform
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.bond import exert
@@ -65,11 +65,11 @@ class ToolExecution:
         while failure is None and self.time < end - 0.5 * self.settings.step:
             failure = self._step()
             if self._steps % _REPORT_EVERY == 0:
-                progress("simulate", round(1000.0 * self.time / end), 1000)
+                progress(Report("simulate", round(1000.0 * self.time / end), 1000))
         failure = failure or self._miss()
         if failure is not None and self.time < end - 0.5 * self.settings.step:
             self._stand_still()
-        progress("simulate", 1, 1)
+        progress(Report("simulate", 1, 1))
         return failure
 
     def goal_errors(self) -> dict[str, GoalError]:

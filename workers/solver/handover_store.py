@@ -10,7 +10,7 @@ from pathlib import Path
 import structlog
 
 from planners.cell.cell import Cell
-from planners.progress import Progress, silent
+from planners.progress import Progress, Report, silent
 from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
     HandoverDataError,
@@ -48,7 +48,7 @@ class HandoverStore:
         key = handover_key(cell, tool, settings)
         database = self.load(key)
         if database is None:
-            progress("handovers", 0, 1)
+            progress(Report("handovers", 0, 1))
             database = find_handovers(cell, tool, settings, progress)
             self.save(database)
         return database

@@ -20,7 +20,8 @@ from typing import Self
 import structlog
 
 from planners.errors import LiftwrightError
-from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, PackedDocument, Report, Request
+from planners.progress import Report
+from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, PackedDocument, Request
 
 READY_SECONDS = 300.0
 """A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""
@@ -133,7 +134,7 @@ class SolverProcess:
         while True:
             message = await self._receive()
             if "progress" in message:
-                await on_report(message["progress"])
+                await on_report(Report(*message["progress"]))
             elif "document" in message:
                 return await self._receive_document(message["document"])
 

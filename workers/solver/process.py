@@ -24,11 +24,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, BinaryIO, Self
 
 from planners.errors import LiftwrightError
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from workers.solver.protocol import HANDOVERS_VARIABLE, Answer, DocumentHeader, Message, Request
 
 if TYPE_CHECKING:
-    from workers.pipeline import Pipeline
+    from workers.solver.pipeline import Pipeline
 
 REPORT_SECONDS = 0.05
 """Least time between two reports of stages that have begun [s]: reports must not slow the work down."""
@@ -65,14 +65,14 @@ class ThrottledReports:
         self._begun: set[str] = set()
         self._next = 0.0
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
+    def __call__(self, report: Report, /) -> None:
         """Report when a stage begins for the first time and when it ends, otherwise at most every `REPORT_SECONDS`."""
         now = self._clock()
-        if stage in self._begun and done != total and now < self._next:
+        if report.name in self._begun and report.done != report.total and now < self._next:
             return
-        self._begun.add(stage)
+        self._begun.add(report.name)
         self._next = now + REPORT_SECONDS
-        self._channel.send({"progress": {"stage": stage, "done": done, "total": total}})
+        self._channel.send({"progress": report})
 
 
 class ReportedFaults:
@@ -158,7 +158,7 @@ def _die_with_the_worker() -> None:
 def _load_pipeline() -> Pipeline:
     # Here, because it takes a second in which the worker may die; and a solver of another make, as tests use it,
     # needs the rest of this file without the planners.
-    from workers.pipeline import Pipeline
+    from workers.solver.pipeline import Pipeline
 
     folder = os.environ.get(HANDOVERS_VARIABLE)
     return Pipeline.load(Path(folder) if folder else None)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Self
 
+from planners.progress import Report
+
 STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
     "plate_lift": {
         "scene": 0.03,
@@ -21,7 +23,7 @@ STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
         "scene": 0.03,
         "handovers": 0.04,
         "suction": 0.05,
-        "regrasp": 0.12,
+        "first regrasp": 0.12,
         "forces": 0.03,
         "certify": 0.22,
         "simulate": 0.51,
@@ -29,16 +31,10 @@ STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
 }
 """About how much of a job's time each stage takes, in order [1]. They sum to one.
 
-A stage of a single object names it last ("first regrasp box_1"); the word before the name says whose share it has.
-Motion of a suction tool is found in turns with its regrasps and is not counted apart.
+Graphs and motion of a suction tool are found in turns with its regrasps and are not counted apart.
 """
 UNCOUNTED_HALF = 20.0
 """A stage that does not know its total is shown half done after so many parts [1]."""
-
-
-def without_object(stage: str) -> str:
-    """Return a stage's name without that of its object, if it has one."""
-    return stage.rpartition(" ")[0] or stage
 
 
 class ProgressScale:
@@ -61,22 +57,21 @@ class ProgressScale:
         """Return the scale of a task as accepted."""
         return cls(STAGE_SHARES[task["kind"]], len(task.get("objects", ())), begun)
 
-    def advance(self, stage: str, done: int, total: int) -> float:
+    def advance(self, report: Report) -> float:
         """Take a report and return the fraction of the whole, 0 … 1."""
-        what, _, name = stage.rpartition(" ")
-        kind = what.rpartition(" ")[2] if what else name
-        if kind in self._shares:
+        stage, done, total, name = report
+        if stage in self._shares:
             stages = list(self._shares)
-            before = sum(self._shares[earlier] for earlier in stages[: stages.index(kind)])
+            before = sum(self._shares[earlier] for earlier in stages[: stages.index(stage)])
             within = min(1.0, done / total) if total > 0 else done / (done + UNCOUNTED_HALF)
-            if what:
-                within = self._part(kind, name, within)
-            self.fraction = max(self.fraction, min(1.0, before + self._shares[kind] * within))
+            if name is not None:
+                within = self._part(stage, name, within)
+            self.fraction = max(self.fraction, min(1.0, before + self._shares[stage] * within))
         return self.fraction
 
-    def _part(self, kind: str, name: str, within: float) -> float:
+    def _part(self, stage: str, name: str, within: float) -> float:
         """Return how much of a stage is done if an object's part is; objects that came before are done."""
-        met = self._met.setdefault(kind, [])
+        met = self._met.setdefault(stage, [])
         if name not in met:
             met.append(name)
         return min(1.0, (met.index(name) + within) / self._objects)

@@ -2,7 +2,7 @@
 
 Parent to child, on stdin: one request `{"id", "task", "meshes"}`. Stdin then stays open; that it closes means the
 parent died.
-Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": {stage, done, total}}`, then either
+Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
 `{"document": {outcome, sha256, size, stages, again}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
 Then the child ends, unless it has said that it can be asked `again`.
 """
@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NotRequired, TypedDict
+
+from planners.progress import Report
 
 MAX_LINE = 2**24
 """Longest line that is read [bytes]. A request is the longest: a body of at most some megabytes."""
@@ -42,14 +44,6 @@ class Answer:
     """The plan, as it is stored and sent."""
     seconds: Mapping[str, float] = field(default_factory=dict)
     """By stage [s]."""
-
-
-class Report(TypedDict):
-    """One step of progress."""
-
-    stage: str
-    done: int
-    total: int
 
 
 class DocumentHeader(TypedDict):

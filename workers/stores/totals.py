@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from workers.solver.progress import without_object
 from workers.stores.tables import TOTALS
 
 DOCUMENT = "document"
 """One for each document, by outcome."""
 STAGE = "stage"
-"""One for each stage of a job that led to a document, by the stage's name without an object's, with its seconds."""
+"""One for each stage of a job that led to a document, those of its objects together, with its seconds."""
 SOLVER_DEATH = "solver_death"
 """One for each solver process that ended without an answer."""
 FAILURE = "failure"
@@ -46,10 +45,6 @@ def add_to_total(
 def count_document(transaction: sa.Connection, outcome: str, stages: Mapping[str, float]) -> None:
     """Count a document and the stages that led to it."""
     add_to_total(transaction, DOCUMENT, outcome)
-    spent: dict[str, list[float]] = {}
-    for stage, seconds in stages.items():
-        # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
-        spent.setdefault(without_object(stage), []).append(seconds)
     # In one order everywhere, so that two workers never wait for each other.
-    for stage, each in sorted(spent.items()):
-        add_to_total(transaction, STAGE, stage, count=len(each), seconds=sum(each))
+    for stage, seconds in sorted(stages.items()):
+        add_to_total(transaction, STAGE, stage, seconds=seconds)

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from planners.progress import Progress
+from planners.progress import Progress, Report
 
 
 class ObjectStage(Enum):
-    """A part of planning one object. The value and the object's name make the stage that is reported."""
+    """A part of planning one object; the value is the stage that is reported."""
 
     FIRST_REGRASP = "first regrasp"
     """Grasps of the tool where it is, and with its cup on the object."""
@@ -44,4 +44,4 @@ class ObjectProgress:
 
     def __call__(self, stage: ObjectStage) -> None:
         """Report what is done from now on."""
-        self.report(f"{stage.value} {self.name}", self.tried, self.suction_poses)
+        self.report(Report(stage.value, self.tried, self.suction_poses, self.name))

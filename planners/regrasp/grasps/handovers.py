@@ -27,7 +27,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, inverse
 from planners.graph.rejections import Rejection
-from planners.progress import Progress, silent
+from planners.progress import Progress, Report, silent
 from planners.regrasp.grasps.arm_sweeps import ArmSweep, first_branches, sweep_arm
 from planners.regrasp.grasps.grasp_reach import Branches, GraspReach, GraspSurroundings
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
@@ -226,11 +226,11 @@ def build_handovers(
     reached = {arm: np.zeros((orientations, count), np.uint8) for arm in ("left", "right")}
     codes = np.zeros((orientations, count, count), np.uint8)
     for o, T_world_tool in enumerate(T_world_tools):
-        progress("handovers", o, orientations)
+        progress(Report("handovers", o, orientations))
         for arm, reach in pairing.reaches.items():
             reached[arm][o] = reach.branches(T_world_tool)
         codes[o] = pairing.codes(T_world_tool, reached["left"][o], reached["right"][o])
-    progress("handovers", orientations, orientations)
+    progress(Report("handovers", orientations, orientations))
     return HandoverDatabase(key, grasps, place, T_world_tools, reached["left"], reached["right"], codes)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
-from planners.progress import Progress
+from planners.progress import Progress, Report
 from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.pile.object_order import ObjectOrder
 from planners.regrasp.pile.object_planner import Following, ObjectPlanner, ObjectReport, Stopover
@@ -77,7 +77,7 @@ class SuctionFinder:
     def _find(self, target: MovedObject, *, to_goals: bool = True) -> SuctionPoses:
         body = target.body
         assert body.mass is not None
-        self._progress(f"suction {target.name}", 0, 1)
+        self._progress(Report("suction", 0, 1, target.name))
         load = SuctionLoad(body.mass, body.com, body.T_world_body, target.goals if to_goals else None)
         return suction_poses(body.solid.surface(), load, self._cup, self._settings)
 

@@ -4,33 +4,24 @@ from __future__ import annotations
 
 import json
 import os
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
-from planners.cell.cell import Cell, known_cells, load_cell
-from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
+from planners.cell.cell import known_cells, load_cell
 from planners.contract.task_spec import read_task
-from planners.errors import LiftwrightError
-from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
 from planners.plan.plan import Plan
 from planners.plan.simulation import Simulation
-from planners.plan.verdicts import Check
-from planners.planning import HandoverSource, plan
+from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
-from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
+from planners.scene.suction_tool import load_tools
 from workers.simulation.stage import simulate_plan
-from workers.software import describe_software
 from workers.solver.handover_store import HandoverStore
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
 
@@ -42,28 +33,12 @@ FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
 """With so few holds the reference task is answered soon, and nearly all kernels are loaded."""
 
 
-class CertificateFailed(LiftwrightError):
-    """A plan was found and did not stand its independent re-check. The fault is ours."""
-
-    def __init__(self, checks: Sequence[Check]) -> None:
-        failed = [f"{check.name} (margin {check.margin} {check.unit} at {check.where})" for check in checks]
-        super().__init__(f"the plan that was found failed its certificate: {'; '.join(failed)}")
-
-
 @dataclass(frozen=True, eq=False)
 class Pipeline:
     """What one process needs for solving any task."""
 
-    cells: Mapping[str, Cell]
-    surfaces: RobotSurfaces
-    """The robots' meshes, which the certificate checks against."""
-    tools: Mapping[str, SuctionTool]
-    plan: Callable[..., Plan] = plan
-    certify: Callable[..., Certificate | None] = certify
+    solver: TaskSolver
     simulate: Callable[..., Simulation] = simulate_plan
-    clock: Callable[[], float] = time.perf_counter
-    """[s]"""
-    handovers: HandoverSource = find_handovers
 
     @classmethod
     def load(cls, handovers_dir: Path | None = None) -> Self:
@@ -74,7 +49,7 @@ class Pipeline:
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
         cells = {name: load_cell(name) for name in known_cells()}
-        return cls(cells, load_surfaces(), load_tools(), handovers=handovers)
+        return cls(TaskSolver(cells, load_tools(), handovers))
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
@@ -91,16 +66,19 @@ class Pipeline:
         for task in tasks:
             self.solve({"id": "compile", "task": task}, silent)
         standing = ToolPlannerSettings()
-        for tool in self.tools.values():
+        for tool in self.solver.tools.values():
             for settings in (standing, standing.with_fingertips()):
-                self.handovers(self.cells[tasks[0]["cell"]], tool, settings.handovers, silent)
+                self.solver.handovers(self.solver.cells[tasks[0]["cell"]], tool, settings.handovers, silent)
 
     def answer(self, request: Request, progress: Progress) -> Answer:
         """Return what `solve` finds as it is sent."""
         plan = self.solve(request, progress)
+        objects = () if plan.task.kind == "plate_lift" else tuple(f" {each.name}" for each in plan.task.objects)
         seconds: dict[str, float] = {}
         for name, each in plan.statistics.times:
-            seconds[name] = seconds.get(name, 0.0) + each
+            # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
+            stage = next((name.removesuffix(suffix) for suffix in objects if name.endswith(suffix)), name)
+            seconds[stage] = seconds.get(stage, 0.0) + each
         return Answer(plan.outcome, plan.write(), seconds)
 
     def solve(self, request: Request, progress: Progress) -> Plan:
@@ -112,27 +90,20 @@ class Pipeline:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
             CertificateFailed: The plan must not be delivered.
         """
-        begun = self.clock()
-        progress("scene", 0, 1)
-        task = read_task(request["task"])
-        scene = build_scene(task, self.cells, uploads=_uploads(request), tools=self.tools)
-        progress("scene", 1, 1)
-        built = self.clock()
-        found = self.plan(task, scene, progress, self.clock, self.handovers)
-        found = found.model_copy(update={"id": request["id"], "software": describe_software()})
-        planned = self.clock()
-        progress("certify", 0, 1)
-        certificate = self.certify(found.write(), self.surfaces, _reference(self.cells[found.cell.name]))
-        found = found.model_copy(update={"certificate": certificate})
-        progress("certify", 1, 1)
-        _require_passed(found)
-        certified = self.clock()
-        stages = [("scene", built - begun), *found.statistics.times, ("certify", certified - planned)]
-        if found.outcome == "solved" and task.options.simulate:
-            simulation = self.simulate(found.document(), scene, progress, task.seed)
-            found = found.model_copy(update={"simulation": simulation})
-            stages.append(("simulate", self.clock() - certified))
-        return found.model_copy(update={"statistics": found.statistics.taking(stages, self.clock() - begun)})
+        task, uploads = read_task(request["task"]), _uploads(request)
+        try:
+            found = self.solver.solve(task, request["id"], uploads, progress)
+        except CertificateFailed as failure:
+            _keep_rejected(failure.plan)
+            raise
+        if found.outcome != "solved" or not task.options.simulate:
+            return found
+        clock, spent = self.solver.clock, found.statistics
+        begun = clock()
+        simulation = self.simulate(found.document(), self.solver.scene(task, uploads), progress, task.seed)
+        seconds = clock() - begun
+        statistics = spent.taking([*spent.times, ("simulate", seconds)], spent.total_seconds + seconds)
+        return found.model_copy(update={"simulation": simulation, "statistics": statistics})
 
 
 def reference_task() -> dict[str, Any]:
@@ -159,19 +130,10 @@ def _uploads(request: Request) -> Uploads:
     return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 
 
-def _reference(cell: Cell) -> CellReference:
-    """Return what the certificate may take for known about a cell."""
-    home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
-    rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
-    return CellReference(cell.document(), cell.body_documents(), home, rest, tool_descriptions())
-
-
-def _require_passed(plan: Plan) -> None:
-    if plan.certificate is None or plan.certificate.passed:
-        return
+def _keep_rejected(plan: Plan) -> None:
+    """Keep a plan that must not be used, if a directory is named for such, to find out why."""
     directory = os.environ.get(REJECTED_VARIABLE)
     if directory:
         path = Path(directory) / f"{plan.id}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(plan.write())
-    raise CertificateFailed(plan.certificate.failures)
