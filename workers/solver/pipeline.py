@@ -102,7 +102,7 @@ class Pipeline:
         begun = clock()
         simulation = self.simulate(found.document(), self.solver.scene(task, uploads), progress, task.seed)
         seconds = clock() - begun
-        statistics = spent.taking([*spent.times, ("simulate", seconds)], spent.total_seconds + seconds)
+        statistics = spent.taking([*spent.times, ("simulate", seconds)], (spent.total_seconds or 0.0) + seconds)
         return found.model_copy(update={"simulation": simulation, "statistics": statistics})
 
 
