@@ -4,9 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 ONCE ?=
 PART ?=
+CORES := --numprocesses auto --dist loadfile --no-loadscope-reorder
+# There is a process for each core already.
+export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow check format openapi bench clean
+.PHONY: help setup demo test test-all check format openapi bench clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -23,11 +26,11 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 demo: setup ## start the service, plan a lift, then a pile of what cameras saw, keep serving; ONCE=1 stops after the results
 	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
 
-test: setup ## all tests but the slow ones, on all cores
-	@$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile --no-loadscope-reorder -m 'not slow'
+test: setup ## every law, on a sample where the whole takes long, on all cores
+	@$(BIN)/python -m pytest -q $(CORES)
 
-test-slow: setup ## tests that take minutes: faults at random, bad input in quantity, the whole interface fuzzed
-	@$(BIN)/python -m pytest -q -m slow
+test-all: setup ## every law on the whole of its cases; faults at random, the whole interface fuzzed
+	@$(BIN)/python -m pytest -q --all $(CORES)
 
 check: setup ## format, lint, types
 	@$(BIN)/ruff format --check .

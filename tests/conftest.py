@@ -1,10 +1,13 @@
-"""What holds for all tests: kernels are those of today's sources, and files that take long begin first."""
+"""What holds for all tests: kernels are those of today's sources, files that take long begin first, `--all` is all."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
+from support import samples
+from support.plan_shelf import PlanShelf
 
 from workers.solver.warm_up import KERNEL_FOLDERS, forget_stale_kernels
 
@@ -20,14 +23,33 @@ LONG_FIRST = (
 """Beginnings of paths of files that take long, the longest first."""
 
 
-def pytest_configure() -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Have an option for everything."""
+    parser.addoption("--all", action="store_true", dest="whole", help="slow tests too, and the whole of every sample")
+
+
+def pytest_configure(config: pytest.Config) -> None:
     """Test no kernel that was compiled before the last change of any source."""
+    samples.take(whole=config.option.whole)
     forget_stale_kernels((*KERNEL_FOLDERS, Path(__file__).parent))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put what takes long first; the rest keeps its order."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what only a run of everything has; put what takes long first; the rest keeps its order."""
+    if not config.option.whole:
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in set(slow)]
     items.sort(key=lambda item: _place(item.nodeid.removeprefix("tests/")))
+
+
+@pytest.fixture(scope="session")
+def shelf(tmp_path_factory: pytest.TempPathFactory) -> PlanShelf:
+    """Return where plans are that several tests look at, shared by all processes of this run."""
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "plans"
+    folder.mkdir(exist_ok=True)
+    return PlanShelf(folder)
 
 
 def _place(path: str) -> int:

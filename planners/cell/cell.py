@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -176,8 +176,9 @@ def known_cells() -> list[str]:
     return shipped_shelf().names("cells")
 
 
+@cache
 def load_cell(name: str) -> Cell:
-    """Load a shipped cell.
+    """Load a shipped cell. It is read once: what is shipped does not change while a process runs.
 
     Raises:
         AssetError: There is none of this name, or one of its files is wrong; the message names file and field.

@@ -11,7 +11,9 @@ import httpx
 import numpy as np
 import pytest
 from geometry.mesh_shapes import angle, file_of
-from support.service import ServiceProcess, finished, running_service, task
+from support.plan_shelf import PlanShelf
+from support.samples import sample
+from support.service import ServiceProcess, finished, running_service, task, warmed
 
 from workers.settings import HANDOVERS_FOLDER
 
@@ -24,11 +26,14 @@ Solved = Callable[[str], tuple[dict[str, Any], dict[str, Any]]]
 
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("data")
+    """Return an empty folder where everything is tried, else one with what was computed at set-up."""
+    folder = tmp_path_factory.mktemp("data")
+    return sample(warmed, lambda new: new)(folder)
 
 
 @pytest.fixture(scope="module")
 def service(data_dir: Path) -> Iterator[ServiceProcess]:
+    """Run the service as it is installed."""
     with running_service(data_dir, None) as service:
         yield service
 
@@ -36,6 +41,13 @@ def service(data_dir: Path) -> Iterator[ServiceProcess]:
 @pytest.fixture(scope="module")
 def client(service: ServiceProcess) -> Iterator[httpx.Client]:
     with service.client() as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def sharing(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """Talk to a service whose plans other tests look at too."""
+    with running_service(tmp_path_factory.mktemp("sharing"), shelf.solver) as service, service.client() as client:
         yield client
 
 
@@ -49,9 +61,9 @@ def solve(client: httpx.Client, body: dict[str, Any]) -> tuple[dict[str, Any], d
 
 
 @pytest.fixture(scope="module")
-def solved(client: httpx.Client) -> Solved:
+def solved(sharing: httpx.Client) -> Solved:
     """Return how a shipped task's plan and document are had; each is posted once."""
-    return cache(lambda name: solve(client, task(f"{name}.json")))
+    return cache(lambda name: solve(sharing, task(f"{name}.json")))
 
 
 @pytest.mark.parametrize(
@@ -87,9 +99,11 @@ def test_a_lift_begins_on_the_support_and_ends_in_the_air(solved: Solved, name: 
 
 
 @pytest.mark.parametrize("name", ["pb1_weak_cup", "pb2_weak_cup"])
-def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(client: httpx.Client, name: str) -> None:
+def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(
+    sharing: httpx.Client, name: str
+) -> None:
     body = task(f"{name}.json")
-    plan, document = solve(client, body)
+    plan, document = solve(sharing, body)
     assert plan["outcome"] == document["outcome"] == "infeasible"
     assert document["segments"] == []
     assert document["explanation"]["summary"]
@@ -110,13 +124,13 @@ def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(c
     ],
 )
 def test_an_example_without_a_plan_names_what_is_in_its_way(
-    client: httpx.Client, name: str, outcome: str, in_the_way: str
+    sharing: httpx.Client, name: str, outcome: str, in_the_way: str
 ) -> None:
-    plan, document = solve(client, task(f"{name}.json"))
+    plan, document = solve(sharing, task(f"{name}.json"))
     assert plan["outcome"] == document["outcome"] == outcome
     assert document["segments"] == []
     assert any(in_the_way in cause["reason"] for cause in document["explanation"]["causes"])
-    assert "</html>" in client.get(plan["links"]["recording"]).raise_for_status().text
+    assert "</html>" in sharing.get(plan["links"]["recording"]).raise_for_status().text
 
 
 @pytest.mark.slow
@@ -137,14 +151,14 @@ def test_the_same_task_gives_the_same_plan(client: httpx.Client, solved: Solved)
         pytest.param("tissue_pile_short_tool", marks=pytest.mark.slow),
     ],
 )
-def test_a_pile_is_built_and_certified_and_its_document_stays_small(client: httpx.Client, name: str) -> None:
-    plan, document = solve(client, task(f"{name}.json"))
+def test_a_pile_is_built_and_certified_and_its_document_stays_small(sharing: httpx.Client, name: str) -> None:
+    plan, document = solve(sharing, task(f"{name}.json"))
     assert plan["outcome"] == document["outcome"] == "solved"
     assert document["certificate"]["passed"] is True
     assert document["simulation"]["outcome"] == "done"
     wanted = {each["name"] for each in document["task"]["objects"]}
     assert set(document["statistics"]["considered"]["order"]) == wanted
-    assert len(client.get(plan["links"]["document"]).content) <= LARGEST_PILE_BYTES
+    assert len(sharing.get(plan["links"]["document"]).content) <= LARGEST_PILE_BYTES
 
 
 def handovers_of(data_dir: Path) -> dict[str, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from functools import lru_cache
 
 import fcl
 import numpy as np
@@ -78,12 +79,19 @@ def fcl_object(body: CollisionBody, T_world_frame: np.ndarray) -> fcl.CollisionO
 
 
 def _geometry(shape: ConvexShape) -> tuple[fcl.CollisionGeometry, np.ndarray]:
-    if len(shape.vertices) == 2:
-        start, end = shape.vertices
+    return _geometry_of(shape.vertices.tobytes(), shape.radius)
+
+
+@lru_cache(maxsize=2000)
+def _geometry_of(corners: bytes, radius: float) -> tuple[fcl.CollisionGeometry, np.ndarray]:
+    """Return the geometry of a shape; the same links are looked at in very many places."""
+    points = np.frombuffer(corners).reshape(-1, 3)
+    if len(points) == 2:
+        start, end = points
         assert np.allclose(np.cross(end - start, [0.0, 0.0, 1.0]), 0.0), "capsules of a hand lie along z"
-        return fcl.Capsule(shape.radius, float(np.linalg.norm(end - start))), 0.5 * (start + end)
-    assert shape.radius == 0.0
-    vertices, faces = hull_with_faces(shape.vertices)
+        return fcl.Capsule(radius, float(np.linalg.norm(end - start))), 0.5 * (start + end)
+    assert radius == 0.0
+    vertices, faces = hull_with_faces(points)
     flat = np.column_stack([np.full(len(faces), 3), faces]).ravel()
     return fcl.Convex(vertices, len(faces), flat), np.zeros(3)
 

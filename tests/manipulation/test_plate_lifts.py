@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from support.documents import certified
+from support.samples import told
 
 from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
@@ -51,7 +52,7 @@ def body_of(case: dict[str, Any]) -> dict[str, Any]:
     return body
 
 
-@pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
+@pytest.mark.parametrize("case", told(CASES))
 def test_a_lift_is_planned_and_certified_or_it_is_said_why_not(case, cells, surfaces):
     document = document_of(body_of(case), cells)
     explanation = document["explanation"]

@@ -14,6 +14,7 @@ import trimesh
 import yaml
 from geometry.mesh_shapes import angle
 from support.documents import certified
+from support.samples import told
 from support.tool_plans import reference_of_the_tool_cell
 
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
@@ -91,7 +92,7 @@ def planned(body: dict[str, Any], handovers: HandoverDatabase) -> dict[str, Any]
     return document | {"id": "probe", "software": {"name": "liftwright", "version": "0", "commit": None}}
 
 
-@pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
+@pytest.mark.parametrize("case", told(CASES))
 def test_a_hard_object_is_planned_and_certified_or_refused_with_the_reason(
     case: dict[str, Any], long_handovers: HandoverDatabase, surfaces: RobotSurfaces, known: CellReference
 ) -> None:

@@ -12,13 +12,11 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize
 from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.plan_shelf import PlanShelf
 from support.scene_pictures import settled
-from support.service import ROOT, ServiceProcess, finished, running_service, task
+from support.service import ServiceProcess, finished, running_service, task
 
 from app.viewer.palette import MEANINGS
-from planners.progress import silent
-from workers.settings import HANDOVERS_FOLDER
-from workers.solver.pipeline import Pipeline
 
 REQUESTED, LEAST = 0.1, 0.04
 SQUEEZE = 60.0
@@ -39,11 +37,9 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def documents() -> dict[str, dict[str, Any]]:
+def documents(shelf: PlanShelf) -> dict[str, dict[str, Any]]:
     """Return what comes of shipped tasks, by name: a lift as it is planned, and the tasks that have no plan."""
-    pipeline = Pipeline.load(ROOT / "data" / HANDOVERS_FOLDER)
-    tasks = {name: {**task(f"{name}.json"), "options": {"simulate": False}} for name in ("ab1", *UNSOLVED)}
-    return {name: pipeline.solve({"id": name, "task": body}, silent).document() for name, body in tasks.items()}
+    return {name: {**shelf.document(task(f"{name}.json")), "simulation": None} for name in ("ab1", *UNSOLVED)}
 
 
 @pytest.fixture(scope="module")
@@ -348,8 +344,11 @@ def tells_why(page: Page, document: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        *("ab1_under_beams", "lid_under_roof"),
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("pb1_weak_cup", "lid_too_heavy", "uncertified")),
+        "ab1_under_beams",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("lid_under_roof", "pb1_weak_cup", "lid_too_heavy", "uncertified")
+        ),
     ],
 )
 def test_a_plan_that_was_not_found_says_why_and_so_does_its_recording(

@@ -10,8 +10,9 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize
 from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.plan_shelf import PlanShelf
 from support.scene_pictures import LAYER_SHARE, settled, wait_until_it_differs, wait_until_it_is_as_before
-from support.service import ServiceProcess, finished, running_service, task, wait_for, warmed
+from support.service import ServiceProcess, finished, running_service, task, wait_for
 
 WINDOW: ViewportSize = {"width": 960, "height": 640}
 PIXELS_PER_POINT = 0.5
@@ -21,8 +22,8 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(warmed(tmp_path_factory.mktemp("data")), None) as service:
+def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), shelf.solver) as service:
         yield service
 
 

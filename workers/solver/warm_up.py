@@ -125,17 +125,21 @@ def _sources_of_kernels(packages: tuple[Path, ...]) -> set[Path]:
     roots = {package.parent for package in packages}
     sources: set[Path] = set()
     for path in (path for package in packages for path in package.rglob("*.py")):
-        modules = _imported(path)
+        content = path.read_bytes()
+        # Few do, and each start of a worker waits for this.
+        if COMPILER.encode() not in content:
+            continue
+        modules = _imported(content)
         if COMPILER in modules:
             files = (root.joinpath(*module.split(".")).with_suffix(".py") for root in roots for module in modules)
             sources |= {path, *(file for file in files if file.is_file())}
     return sources
 
 
-def _imported(path: Path) -> set[str]:
-    """Return the modules that a file imports by name."""
+def _imported(content: bytes) -> set[str]:
+    """Return the modules that a file of this content imports by name."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_bytes())):
+    for node in ast.walk(ast.parse(content)):
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             found.add(node.module)
         elif isinstance(node, ast.Import):

@@ -1,0 +1,66 @@
+"""Plans that several tests look at: each is made once in a run, by whichever test needs it first.
+
+As a program, it is a solver process that takes what is there from the shelf and puts there what is not.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import sys
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from planners.progress import Progress, silent
+from workers.settings import HANDOVERS_FOLDER
+from workers.solver.pipeline import Pipeline
+from workers.solver.process import COMPILE, main
+from workers.solver.protocol import Answer, Request
+
+from .service import ROOT
+
+NOBODY = "shelved-" + "0" * 24
+"""The id of documents on the shelf, in place of which each reader has one's own."""
+
+
+class PlanShelf:
+    """A folder with one document for each task, and a lock beside it. Processes of one run share it; no two runs do."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @property
+    def solver(self) -> tuple[str, ...]:
+        """The command of a solver that shares this shelf."""
+        return (sys.executable, "-m", "tests.support.plan_shelf", str(self._folder))
+
+    def document(self, task: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what comes of a task by all that the product does, certificate and simulation too."""
+        return json.loads(self.take({"id": NOBODY, "task": dict(task)}, silent))
+
+    def take(self, request: Request, progress: Progress) -> bytes:
+        """Return the document of a request; where another process is making it, wait for that."""
+        name = hashlib.sha256(json.dumps(request["task"], sort_keys=True).encode()).hexdigest()
+        path = self._folder / f"{name}.json"
+        with (self._folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not path.exists():
+                path.write_bytes(self._pipeline.answer({**request, "id": NOBODY}, progress).document)
+        return path.read_bytes().replace(NOBODY.encode(), request["id"].encode())
+
+    def answer(self, request: Request, progress: Progress) -> Answer:
+        """Answer as a solver."""
+        document = self.take(request, progress)
+        return Answer(json.loads(document)["outcome"], document)
+
+    @cached_property
+    def _pipeline(self) -> Pipeline:
+        return Pipeline.load(ROOT / "data" / HANDOVERS_FOLDER)
+
+
+if __name__ == "__main__":
+    if COMPILE not in sys.argv:
+        main(lambda: PlanShelf(Path(sys.argv[1])).answer)

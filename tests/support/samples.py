@@ -1,0 +1,37 @@
+"""How much of a law is tried: a sample in every run, all of it with the option `--all`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeVar
+
+import pytest
+
+T = TypeVar("T")
+
+
+class _Extent:
+    whole = False
+    """Whether this run has the option `--all`; known before any file of tests is read."""
+
+
+def take(*, whole: bool) -> None:
+    """Say which of both this run is."""
+    _Extent.whole = whole
+
+
+def sample(quick: T, whole: T) -> T:
+    """Return what a law is tried on, or on how many cases: less in every run, more with `--all`."""
+    return whole if _Extent.whole else quick
+
+
+def among(cases: Iterable[Any], quick: Sequence[Any]) -> list[Any]:
+    """Return parameters of a test: of all its cases those for every run, and the others marked as slow."""
+    return [case if case in quick else pytest.param(case, marks=pytest.mark.slow) for case in cases]
+
+
+def told(cases: Iterable[dict[str, Any]]) -> list[Any]:
+    """Return the cases of a file of problems, each named by its story; those that the file calls slow are marked so."""
+    return [
+        pytest.param(case, id=case["story"], marks=[pytest.mark.slow] if case.get("slow") else []) for case in cases
+    ]
