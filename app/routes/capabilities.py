@@ -8,12 +8,12 @@ from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
 from app.routes.dependencies import Settings
 from planners.cell.asset_files import known_meshes
-from planners.plan.software import describe_software
 from planners.plan.verdicts import Software
 from planners.scene.lift_scene import PLANNED_LIFTERS
 from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
 from planners.scene.suction_tool import known_tools
+from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
 

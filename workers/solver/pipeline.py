@@ -22,6 +22,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import load_tools
 from workers.simulation.stage import simulate_plan
+from workers.software import describe_software
 from workers.solver.handover_store import HandoverStore
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
 
@@ -49,7 +50,7 @@ class Pipeline:
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
         cells = {name: load_cell(name) for name in known_cells()}
-        return cls(TaskSolver(cells, load_tools(), handovers))
+        return cls(TaskSolver(cells, load_tools(), handovers, software=describe_software()))
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
