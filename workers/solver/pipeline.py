@@ -57,12 +57,18 @@ class Pipeline:
         self.solve({"id": "warm-up", "task": {**reference_task(), "options": FEW_HOLDS}}, silent)
         return self
 
-    def compile(self) -> None:
+    def compile(self, kind: str | None = None) -> None:
         """Compile every kernel that is not compiled yet, and compute the handovers of every shipped tool.
 
-        Takes minutes the first time, seconds after that.
+        Takes a minute the first time, seconds after that.
+
+        Args:
+            kind: of task; None: both.
         """
-        self.solve({"id": "compile", "task": reference_task()}, silent)
+        if kind != "suction_tool":
+            self.solve({"id": "compile", "task": reference_task()}, silent)
+        if kind == "plate_lift":
+            return
         tasks = reference_tool_tasks()
         for task in tasks:
             self.solve({"id": "compile", "task": task}, silent)
