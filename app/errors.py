@@ -30,7 +30,7 @@ log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
-class Answer:
+class ErrorKind:
     """How one kind of error is answered."""
 
     status: HTTPStatus
@@ -40,12 +40,12 @@ class Answer:
 class ServiceError(LiftwrightError):
     """Something about a request that cannot be served; the message is a sentence for a person."""
 
-    answer: Answer
+    answer: ErrorKind
     headers: Mapping[str, str] = {}
 
     def __init_subclass__(cls, *, status: HTTPStatus, title: str) -> None:
         """Each kind has an answer of its own."""
-        cls.answer = Answer(status, title)
+        cls.answer = ErrorKind(status, title)
 
 
 class KeyNeeded(ServiceError, status=HTTPStatus.UNAUTHORIZED, title="No valid key"):
@@ -266,15 +266,15 @@ class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"
         super().__init__(f"this was made in the cell {name!r}; drawings exist of {', '.join(known)}")
 
 
-FOREIGN: Mapping[type[Exception], Answer] = {
-    NotJson: Answer(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
-    TargetRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
-    ValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
-    SceneError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
-    MeshRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
-    ScanRefused: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
-    RequestValidationError: Answer(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
-    **dict.fromkeys(DATABASE_GONE, Answer(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
+FOREIGN: Mapping[type[Exception], ErrorKind] = {
+    NotJson: ErrorKind(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
+    TargetRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
+    ValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
+    SceneError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
+    MeshRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
+    ScanRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
+    RequestValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
+    **dict.fromkeys(DATABASE_GONE, ErrorKind(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
 }
 """Errors of others that are answered as ours are."""
 ANSWERED = (ServiceError, *FOREIGN)
@@ -290,7 +290,7 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 def problem_response(
-    answer: Answer, detail: str, errors: Sequence[Problem] = (), headers: Mapping[str, str] | None = None
+    answer: ErrorKind, detail: str, errors: Sequence[Problem] = (), headers: Mapping[str, str] | None = None
 ) -> Response:
     """Return an error as RFC 9457 says."""
     slug = answer.title.lower().replace(" ", "-")
@@ -342,7 +342,7 @@ def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
     return problem_response(_answer_to(error), detail, errors, headers)
 
 
-def _answer_to(error: Exception) -> Answer:
+def _answer_to(error: Exception) -> ErrorKind:
     if isinstance(error, ServiceError):
         return error.answer
     return next(FOREIGN[kind] for kind in type(error).__mro__ if kind in FOREIGN)
@@ -370,7 +370,7 @@ def _answer_router(request: Request, error: Exception) -> Response:
     headers = dict(error.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
         headers["Allow"] = ", ".join(_methods(request)) or headers["Allow"]
-    return problem_response(Answer(status, status.phrase), str(error.detail), headers=headers)
+    return problem_response(ErrorKind(status, status.phrase), str(error.detail), headers=headers)
 
 
 def _methods(request: Request) -> list[str]:
@@ -384,5 +384,5 @@ def _methods(request: Request) -> list[str]:
 
 def _answer_unknown(request: Request, error: Exception) -> Response:
     log.error("request failed", path=request.url.path, error=repr(error))
-    answer = Answer(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error")
+    answer = ErrorKind(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error")
     return problem_response(answer, "the service met an error of its own; the log has it")

@@ -14,7 +14,7 @@ from planners.scene.scene import build_scene, with_centres
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
 
-Scenes = Callable[[str], SceneDocument | None]
+SceneFinder = Callable[[str], SceneDocument | None]
 """Finds what was perceived in a scene, by its id; None if there is none."""
 
 
@@ -34,7 +34,7 @@ def accept_task(
     sent: Any,
     cells: Mapping[str, Cell],
     uploads: Uploads = no_uploads,
-    scenes: Scenes = no_scenes,
+    scenes: SceneFinder = no_scenes,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> dict[str, Any]:
     """Return a task with every default filled in, once it is known that it can be begun.
@@ -54,7 +54,7 @@ def accept_task(
     return write_task(with_centres(task, scene))
 
 
-def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: Scenes) -> Any:
+def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:
     if not isinstance(body, dict) or body.get("kind") != "suction_tool":
         return body
     scene_id = body.get("scene_id")

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from importlib.metadata import version
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,8 +24,7 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.plan.plan import SCHEMA_VERSION, Plan
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
-from planners.plan.software import describe_software
-from planners.plan.verdicts import Cause, Check, Explanation, StageTime, Statistics
+from planners.plan.verdicts import Cause, Check, Explanation, Software, StageTime, Statistics
 from planners.progress import Progress, Report, silent
 from planners.regrasp import plan_segments as tool_segments
 from planners.regrasp.considered import considered_by
@@ -108,6 +108,8 @@ class TaskSolver:
     """Asked once by a suction-tool task that may have a plan; computing them takes some seconds."""
     plan: Callable[..., Plan] = field(default_factory=lambda: plan)
     certify: Callable[[bytes, RobotSurfaces, CellReference], Certificate | None] = certify
+    software: Software | None = None
+    """What is told to have made the plan; None: this package, of no known commit."""
     clock: Callable[[], float] = time.perf_counter
     """[s], for the statistics only; no decision depends on it."""
 
@@ -124,7 +126,9 @@ class TaskSolver:
         scene = self.scene(task, uploads)
         on_progress(Report("scene", 1, 1))
         built = self.clock()
-        found = self.plan(task, scene, on_progress, self.clock, self.handovers).model_copy(update={"id": name})
+        found = self.plan(task, scene, on_progress, self.clock, self.handovers)
+        made_by = {} if self.software is None else {"software": self.software}
+        found = found.model_copy(update={"id": name, **made_by})
         planned = self.clock()
         on_progress(Report("certify", 0, 1))
         certificate = self.certify(found.write(), _surfaces(), _reference(self.cells[found.cell.name]))
@@ -227,7 +231,7 @@ def _plan(
         # Read again, so that every default is stated.
         task=read_task(write_task(with_centres(task, scene))),
         seed=task.seed,
-        software=describe_software(),
+        software=Software(name="liftwright", version=version("liftwright"), commit=None),
         outcome=found.outcome.value,
         explanation=Explanation(summary=found.summary, causes=causes),
         cell=scene.cell.document(),

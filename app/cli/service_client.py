@@ -37,7 +37,7 @@ class ServiceRefused(LiftwrightError):
         return self.status in (400, 413, 415, 422)
 
 
-class KeyNeeded(LiftwrightError):
+class KeyMissing(LiftwrightError):
     """The service asks for a key, and none was given."""
 
     def __init__(self, address: str) -> None:
@@ -65,7 +65,7 @@ class ServiceClient:
         """Return the JSON at a path.
 
         Raises:
-            KeyNeeded, ServiceRefused, ServiceAway: There is none.
+            KeyMissing, ServiceRefused, ServiceAway: There is none.
         """
         return json.loads(self.read(path))
 
@@ -73,7 +73,7 @@ class ServiceClient:
         """Return the bytes at a path.
 
         Raises:
-            KeyNeeded, ServiceRefused, ServiceAway: There are none.
+            KeyMissing, ServiceRefused, ServiceAway: There are none.
         """
         with self._connected() as client:
             return self._accepted(client.get(path)).content
@@ -82,7 +82,7 @@ class ServiceClient:
         """Post a task and return its plan.
 
         Raises:
-            KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
+            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
         with self._connected() as client:
             return self._accepted(client.post("/v1/plans", content=task, headers=JSON)).json()
@@ -91,7 +91,7 @@ class ServiceClient:
         """Post a scan, its description and its files by their parts, and return the scene it became.
 
         Raises:
-            KeyNeeded, ServiceRefused, ServiceAway: It was not accepted.
+            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
         with self._connected() as client:
             return self._accepted(client.post("/v1/scenes", files={"scan": description, **files})).json()
@@ -100,7 +100,7 @@ class ServiceClient:
         """Show a job's progress until it has ended, and return the plan as it is then.
 
         Raises:
-            KeyNeeded, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
+            KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
         events = plan["links"]["events"]
         with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
@@ -128,7 +128,7 @@ class ServiceClient:
         if answer.is_success:
             return answer
         if answer.status_code == httpx.codes.UNAUTHORIZED and self._key is None:
-            raise KeyNeeded(self.address)
+            raise KeyMissing(self.address)
         raise ServiceRefused(answer.status_code, _problem(answer.read()))
 
 

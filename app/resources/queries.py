@@ -125,7 +125,7 @@ def _within_the_years(time: datetime) -> datetime:
     return time
 
 
-Moment = Annotated[AwareDatetime, BeforeValidator(_written_out), AfterValidator(_within_the_years)]
+Timestamp = Annotated[AwareDatetime, BeforeValidator(_written_out), AfterValidator(_within_the_years)]
 
 
 class JobOrderQuery(BaseModel):
@@ -139,9 +139,9 @@ class JobOrderQuery(BaseModel):
     """The recipe by which you made the task; ISA-95's WorkMasterID. It is handed back."""
     priority: int = Field(default=0, ge=0, le=HIGHEST_PRIORITY)
     """The highest goes first, and of equal ones the oldest."""
-    start_time: Moment | None = None
+    start_time: Timestamp | None = None
     """The job is not begun before (RFC 3339, with an offset)."""
-    end_time: Moment | None = None
+    end_time: Timestamp | None = None
     """A job that has not ended by then is cancelled (RFC 3339, with an offset)."""
 
     @field_validator("end_time")

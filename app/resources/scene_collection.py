@@ -15,7 +15,7 @@ from planners.contract.strict_json import parse_json
 from planners.errors import SceneError
 from planners.perception.perceive import perceive
 from planners.perception.seen_points import SeenPoints
-from planners.plan.software import describe_software
+from workers.software import describe_software
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore, StoredScene

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from planners.contract.scene_document import SceneDocument
+from planners.plan.plan import Outcome
 from workers.stores.jobs import Job, JobState
 from workers.stores.plan_store import PlanRecord
 from workers.stores.scene_store import StoredScene
@@ -22,7 +23,6 @@ JOB_ORDER_STATES = {
 
 
 PlanState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-Outcome = Literal["solved", "infeasible", "not_found"]
 
 
 class Resource(BaseModel):

@@ -8,11 +8,12 @@ from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
 from app.routes.dependencies import Settings
 from planners.cell.asset_files import known_meshes
-from planners.plan.software import describe_software
+from planners.plan.verdicts import Software
 from planners.scene.lift_scene import PLANNED_LIFTERS
 from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
 from planners.scene.suction_tool import known_tools
+from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
 
@@ -31,14 +32,6 @@ class Limits(Resource):
     requests_per_second: float
     """With one key."""
     worker_slots: int
-
-
-class Software(Resource):
-    """What answers."""
-
-    name: str
-    version: str | None
-    commit: str | None
 
 
 class Capabilities(Resource):
@@ -87,5 +80,5 @@ def get_capabilities(request: Request, settings: Settings) -> Capabilities:
             worker_slots=settings.worker_slots,
         ),
         schema_versions=[SCHEMA_VERSION],
-        software=Software.model_validate(describe_software().model_dump()),
+        software=describe_software(),
     )

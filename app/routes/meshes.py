@@ -33,7 +33,7 @@ def _limits(request: Request) -> UploadLimits:
 
 
 Store = Annotated[MeshStore, Depends(_store)]
-Limits = Annotated[UploadLimits, Depends(_limits)]
+MeshLimits = Annotated[UploadLimits, Depends(_limits)]
 
 
 @router.post(
@@ -57,7 +57,7 @@ Limits = Annotated[UploadLimits, Depends(_limits)]
     },
 )
 async def post_mesh(
-    request: Request, response: Response, store: Store, settings: Settings, limits: Limits
+    request: Request, response: Response, store: Store, settings: Settings, limits: MeshLimits
 ) -> MeshResource:
     """Take a mesh in: STL, OBJ, PLY or GLB. The same file again gives the same id."""
     async with limits.held:

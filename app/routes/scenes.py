@@ -32,7 +32,7 @@ def _scan_limits(request: Request) -> UploadLimits:
     return request.app.state.scan_limits
 
 
-Limits = Annotated[UploadLimits, Depends(_scan_limits)]
+ScanLimits = Annotated[UploadLimits, Depends(_scan_limits)]
 
 
 @router.post(
@@ -49,7 +49,7 @@ Limits = Annotated[UploadLimits, Depends(_scan_limits)]
     },
 )
 async def post_scene(
-    request: Request, response: Response, scenes: Scenes, settings: Settings, limits: Limits
+    request: Request, response: Response, scenes: Scenes, settings: Settings, limits: ScanLimits
 ) -> SceneResource:
     """Find the tool and the objects in pictures, depth images or clouds. The same scan again gives the same scene."""
     # Whole scans are held in memory: only so many are let in, and of these only so many worked on.

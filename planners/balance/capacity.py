@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from planners.balance.contacts import Friction, HandForceLimit
+from planners.balance.contacts import Friction, HandLimits
 from planners.balance.lifter import Lifter
 
 
@@ -31,7 +31,7 @@ class LiftCapacity:
 
 
 def lift_capacity(
-    weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit, max_tilt: float
+    weight: float, lifter: Lifter, friction: Friction, limits: HandLimits, max_tilt: float
 ) -> LiftCapacity:
     """Bound what can carry a plate of `weight` [N] that touches nothing, tilted by at most `max_tilt` [rad].
 
@@ -45,19 +45,19 @@ def lift_capacity(
     )
 
 
-def largest_grip_force(friction: Friction, limits: HandForceLimit) -> float:
+def largest_grip_force(friction: Friction, limits: HandLimits) -> float:
     """Return an upper bound of the norm of the net force of two fingers [N]."""
     if limits.squeeze is not None:
         return min(limits.grip, limits.normal)
     return min(limits.grip, 2.0 * limits.normal * math.hypot(1.0, friction.grip))
 
 
-def largest_push_force(friction: Friction, limits: HandForceLimit) -> float:
+def largest_push_force(friction: Friction, limits: HandLimits) -> float:
     """Return the largest norm of the force of one pushing contact [N]."""
     return min(limits.push, limits.normal * math.hypot(1.0, friction.push))
 
 
-def largest_environment_normal(weight: float, lifter: Lifter, friction: Friction, limits: HandForceLimit) -> float:
+def largest_environment_normal(weight: float, lifter: Lifter, friction: Friction, limits: HandLimits) -> float:
     """Return a bound of the sum of the normal forces of whatever the plate stands on [N].
 
     They are vertical and their friction is horizontal: they carry the weight and what hands and lifter press down.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.balance.contacts import Friction, HandForceLimit
+from planners.balance.contacts import Friction, HandLimits
 from planners.geometry.pose import Array
 
 _RELIEF_SHARES = np.array([0.0, 0.5, 1.0])
@@ -28,7 +28,7 @@ def grip_power(
     levers: Array,
     normals: Array,
     friction: Friction,
-    limits: HandForceLimit,
+    limits: HandLimits,
     net_multiplier: Array | None = None,
 ) -> Array:
     """Return an upper bound (...) of what a gripper can do, with `levers` and `normals` (..., 2, 3).
@@ -54,7 +54,7 @@ def grip_power(
     return (fingers + net * np.sqrt(_dot(multipliers, multipliers))).min(axis=-1)
 
 
-def push_power(twists: Array, levers: Array, normals: Array, friction: Friction, limits: HandForceLimit) -> Array:
+def push_power(twists: Array, levers: Array, normals: Array, friction: Friction, limits: HandLimits) -> Array:
     """Return the most a pushing hand can do (...), with `levers` and `normals` (..., 3)."""
     velocities = point_velocity(twists, levers)
     outward, along = _split(velocities, normals)

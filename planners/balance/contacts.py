@@ -111,7 +111,7 @@ class Friction:
 
 
 @dataclass(frozen=True)
-class HandForceLimit:
+class HandLimits:
     """What the hands may do, each by what its arm's payload leaves beside it.
 
     A gripper commands a squeeze s: with nothing else to bear, each pad presses with s. A load along the closing axis
@@ -143,10 +143,10 @@ class HandForceLimit:
         """Largest normal force of the stick [N]."""
         return min(self.normal, self.push)
 
-    def keeping_back(self, reserve: float) -> HandForceLimit:
+    def keeping_back(self, reserve: float) -> HandLimits:
         """Return the limits with that share kept back; the squeeze is commanded and stays [1]."""
         left = 1.0 - reserve
-        return HandForceLimit(left * self.normal, left * self.grip, left * self.push, self.squeeze)
+        return HandLimits(left * self.normal, left * self.grip, left * self.push, self.squeeze)
 
 
 def contact_axes(normal: Array) -> Array:
@@ -173,7 +173,7 @@ def _locked(values: Array, shape: tuple[int, ...], what: str, *, unit: bool = Fa
     return array
 
 
-def _require_not_negative(record: Cup | Friction | HandForceLimit) -> None:
+def _require_not_negative(record: Cup | Friction | HandLimits) -> None:
     for field in fields(record):
         value = getattr(record, field.name)
         if isinstance(value, (int, float)) and not value >= 0.0:

@@ -12,7 +12,7 @@ from numba import njit
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
 from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
-from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact, contact_axes
+from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
 from planners.balance.template import TORQUE_LENGTH, Columns, CompiledSolvers, Fingers, Manner, Structure, Template
 from planners.balance.uncertainty import Uncertainty
@@ -40,7 +40,7 @@ class Balance:
         plate_com: Array,
         cup: Cup,
         friction: Friction | None = None,
-        limits: HandForceLimit | None = None,
+        limits: HandLimits | None = None,
         lifter_model: LifterModel = "paper",
         gravity: float = GRAVITY,
     ) -> None:
@@ -65,7 +65,7 @@ class Balance:
         self._mass = plate_mass
         self.cup = cup
         self.friction = friction if friction is not None else Friction()
-        self.limits = limits if limits is not None else HandForceLimit()
+        self.limits = limits if limits is not None else HandLimits()
         self.lifter = lifter_of(lifter_model, cup)
         self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
         self.uncertainty = Uncertainty()
@@ -86,7 +86,7 @@ class Balance:
         )
 
     def with_limits(
-        self, cup: Cup | None = None, friction: Friction | None = None, limits: HandForceLimit | None = None
+        self, cup: Cup | None = None, friction: Friction | None = None, limits: HandLimits | None = None
     ) -> Balance:
         """Return the program of the same plate with other limits; those that are left out stay."""
         program = Balance(

@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
-from planners.balance.contacts import Friction, HandForceLimit
+from planners.balance.contacts import Friction, HandLimits
 from planners.balance.lifter import Lifter
 from planners.geometry.pose import Array
 
@@ -217,7 +217,7 @@ class Template:
         structure: Structure,
         lifter: Lifter,
         friction: Friction,
-        limits: HandForceLimit,
+        limits: HandLimits,
         compiled: CompiledSolvers,
     ) -> None:
         """State the program of one structure; the contacts' places come with `solve`."""
@@ -237,7 +237,7 @@ class Template:
         self._net_rows = [slice(self._starts[net] + 1, self._starts[net] + 4) for net in nets]
         self._build(sizes)
 
-    def _collect(self, lifter: Lifter, friction: Friction, limits: HandForceLimit) -> tuple[_Cones, list[int]]:
+    def _collect(self, lifter: Lifter, friction: Friction, limits: HandLimits) -> tuple[_Cones, list[int]]:
         """Gather (5c)-(5j); return them and the places of the cones of the gripper's net force, whose rows change.
 
         The rows that say that f+_gp is no less than any hand's effort come first; `_bounding` counts them.
@@ -266,7 +266,7 @@ class Template:
             cones.friction(cones.of_variables(point), friction.environment)
         return cones, [] if columns.grip is None else self._collect_grip(cones, fingers, friction, limits)
 
-    def _collect_grip(self, cones: _Cones, fingers: Array, friction: Friction, limits: HandForceLimit) -> list[int]:
+    def _collect_grip(self, cones: _Cones, fingers: Array, friction: Friction, limits: HandLimits) -> list[int]:
         """Gather the gripper's cones, `fingers` (2, 4, size) being its rows; return those of its net force."""
         for finger, rest in zip(fingers, self.columns.fingers.rest.reshape(2, 4), strict=True):
             cones.friction(finger, friction.grip, rest)

@@ -22,17 +22,17 @@ from planners.errors import AssetError
 from planners.geometry.mesh_file import obj_vertices
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_y, rotation_z, transform
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-Positive = Annotated[float, Field(gt=0.0)]
+AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+PositiveNumber = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Triple = tuple[float, float, float]
-Lengths = tuple[Positive, Positive, Positive]
+Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
 LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
-ArmName = Literal["left", "right"]
+ArmSide = Literal["left", "right"]
 
 LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """In the order of the frames they move with."""
-ARM_NAMES: tuple[ArmName, ...] = ("left", "right")
+ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 """In the order of their joints."""
 
 MESHES = "meshes"
@@ -48,10 +48,10 @@ class _Part(BaseModel):
 class _Asset(_Part):
     """A whole file, found by its name."""
 
-    name: Name
+    name: AssetName
 
 
-class Placement(_Part):
+class PlacementFile(_Part):
     """Where something sits: `position` [m], turned about the fixed axes x, then y, then z [deg]."""
 
     position: Triple
@@ -69,24 +69,24 @@ class MeshFile(_Part):
     package: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
     path: str
     """Inside the package."""
-    scale: Positive = 1.0
+    scale: PositiveNumber = 1.0
     """Metres a unit of the file."""
 
 
 class JointFile(_Part):
     """A row of the Denavit-Hartenberg table, with the joint's limits."""
 
-    name: Name
+    name: AssetName
     a: float
     alpha_deg: float
     d: float
     theta0_deg: float
     position_deg: tuple[float, float]
-    velocity_deg: Positive
+    velocity_deg: PositiveNumber
     """[deg/s]"""
-    acceleration: Positive
+    acceleration: PositiveNumber
     """[rad/s^2]"""
-    torque: Positive
+    torque: PositiveNumber
     """[Nm]"""
 
     @model_validator(mode="after")
@@ -96,7 +96,7 @@ class JointFile(_Part):
         return self
 
 
-class LinkFile(Placement):
+class LinkFile(PlacementFile):
     """A link's mesh, placed in the frame that the link moves with."""
 
     name: LinkName
@@ -107,7 +107,7 @@ class MassFile(_Part):
     """What a link that moves weighs, and where its centre of mass is."""
 
     name: LinkName
-    mass: Positive
+    mass: PositiveNumber
     """[kg]"""
     com: Triple
     """In the frame after the link's joint [m]."""
@@ -118,13 +118,13 @@ class RobotFile(_Asset):
 
     joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
-    links_of: Name | None = None
+    links_of: AssetName | None = None
     """Another robot whose meshes stand in."""
     masses: Annotated[tuple[MassFile, ...], Field(min_length=6, max_length=6)]
     """Of all links but the base."""
-    payload: Positive
+    payload: PositiveNumber
     """[kg]"""
-    reach: Positive
+    reach: PositiveNumber
     """[m]"""
 
     @model_validator(mode="after")
@@ -141,17 +141,17 @@ class RobotFile(_Asset):
 class SensorFile(_Asset):
     """sensors/*.yaml: a force-torque sensor with its coupling, a cylinder from the flange on."""
 
-    radius: Positive
+    radius: PositiveNumber
     """[m]"""
-    length: Positive
+    length: PositiveNumber
     """From the flange to the hand [m]."""
-    mass: Positive
+    mass: PositiveNumber
     """[kg]"""
-    force_max: Positive
+    force_max: PositiveNumber
     """Range per axis [N]."""
-    torque_max: Positive
+    torque_max: PositiveNumber
     """Range per axis [Nm]."""
-    rate: Positive
+    rate: PositiveNumber
     """[Hz]"""
     force_noise: NotNegative
     """Standard deviation per axis [N]."""
@@ -180,8 +180,8 @@ class GripperMeshes(_Part):
 
 
 class _HandFile(_Asset):
-    sensor: Name
-    mass: Positive
+    sensor: AssetName
+    mass: PositiveNumber
     """[kg], without the sensor."""
     com: NotNegative
     """Centre of mass of hand and sensor on the flange's z axis [m]."""
@@ -191,11 +191,11 @@ class GripperFile(_HandFile):
     """hands/*.yaml of kind gripper: two parallel fingers that open along the flange's y axis."""
 
     kind: Literal["gripper"]
-    force_range: tuple[Positive, Positive]
+    force_range: tuple[PositiveNumber, PositiveNumber]
     """Least and greatest grip force [N]."""
-    squeeze: Positive
+    squeeze: PositiveNumber
     """Grip force that is commanded where no task says otherwise [N]."""
-    width_max: Positive
+    width_max: PositiveNumber
     linkage: LinkageFile
     pad_size: Lengths
     """Width, thickness in the opening direction, length [m]."""
@@ -206,10 +206,10 @@ class StickFile(_HandFile):
     """hands/*.yaml of kind stick: a rod along the flange's z axis with a round tip."""
 
     kind: Literal["stick"]
-    tip_distance: Positive
+    tip_distance: PositiveNumber
     """From the flange to the tip's pole [m]."""
-    tip_radius: Positive
-    stick_radius: Positive
+    tip_radius: PositiveNumber
+    stick_radius: PositiveNumber
     tip_length: NotNegative
     """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
 
@@ -229,7 +229,7 @@ class ToolFile(_Asset):
         return self
 
 
-class ArmMountFile(Placement):
+class ArmMountFile(PlacementFile):
     """Where an arm's base frame is in the world, and where its joints rest."""
 
     home_deg: tuple[float, float, float, float, float, float]
@@ -246,8 +246,8 @@ class BoxFile(_Part):
 class FrameFile(_Part):
     """Upright profiles of a square section, from the floor up."""
 
-    profile: Positive
-    height: Positive
+    profile: PositiveNumber
+    height: PositiveNumber
     columns: tuple[tuple[float, float], ...]
     """Centres [x, y] on the floor [m]."""
 
@@ -255,9 +255,9 @@ class FrameFile(_Part):
 class MountFile(_Asset):
     """mounts/*.yaml: everything of a cell that does not depend on which hands the arms carry."""
 
-    arms: dict[ArmName, ArmMountFile]
+    arms: dict[ArmSide, ArmMountFile]
     table: BoxFile
-    platform: dict[Name, BoxFile]
+    platform: dict[AssetName, BoxFile]
     """What the arms are mounted on."""
     frame: FrameFile
 
@@ -270,8 +270,8 @@ class MountFile(_Asset):
 class ArmFile(_Part):
     """Which robot an arm is and what it carries."""
 
-    robot: Name
-    hand: Name
+    robot: AssetName
+    hand: AssetName
 
 
 class ToolRestFile(_Part):
@@ -279,19 +279,19 @@ class ToolRestFile(_Part):
 
     position: tuple[float, float]
     """Its centre [m]."""
-    clearance: Positive
+    clearance: PositiveNumber
     """From the centre to the inner faces of the walls [m]."""
-    height: Positive
+    height: PositiveNumber
     """Of the walls [m]."""
-    thickness: Positive
+    thickness: PositiveNumber
     """Of the walls [m]."""
 
 
 class CellFile(_Asset):
     """cells/*.yaml."""
 
-    mount: Name
-    arms: dict[ArmName, ArmFile]
+    mount: AssetName
+    arms: dict[ArmSide, ArmFile]
     gravity: Triple
     """[m/s^2]"""
     tool_rest: ToolRestFile | None = None
@@ -302,7 +302,7 @@ class CellFile(_Asset):
         return self
 
 
-def _require_both_arms(arms: Mapping[ArmName, object]) -> None:
+def _require_both_arms(arms: Mapping[ArmSide, object]) -> None:
     missing = [name for name in ARM_NAMES if name not in arms]
     if missing:
         raise ValueError(f"arms.{missing[0]} is required")

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, Transform, inverse
 
-Indices = NDArray[np.int32]
+PairIndices = NDArray[np.int32]
 
 MAX_ITERATIONS = 64
 TOLERANCE = 1e-11
@@ -34,11 +34,11 @@ class Cores(NamedTuple):
 
     vertices: Array
     """(v, 3) of all shapes [m]."""
-    vertex_range: Indices
+    vertex_range: PairIndices
     """(s, 2), first vertex of a shape and end."""
     normals: Array
     """(n, 3), normals of the faces of all cores, outward."""
-    normal_range: Indices
+    normal_range: PairIndices
     """(s, 2), first normal of a shape and end."""
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from planners.collision.distance import Cores, Indices, core_bounds, face_gap, relative_transform
+from planners.collision.distance import Cores, PairIndices, core_bounds, face_gap, relative_transform
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 
@@ -41,23 +41,23 @@ class CollisionKernel(NamedTuple):
     """(s, 4), centre in the frame of the shape and radius of a ball around it (its growth included)."""
     boxes: Array
     """(s, 6), centre and half extents, along the axes of its frame, of a box around its core."""
-    shape_frame: Indices
+    shape_frame: PairIndices
     """(s,)"""
     dh: Array
     """(arms, 6, 4)"""
     T_world_base: Array
     """(arms, 4, 4)"""
-    arm_used: Indices
+    arm_used: PairIndices
     """(arms,), 1 where a pair depends on this arm."""
-    followers: Indices
+    followers: PairIndices
     """(m, 3), movable frames in an order that has parents first: frame, parent, RIGID or UPRIGHT."""
     T_parent_follower: Array
     """(m, 4, 4), for UPRIGHT the last column is the point followed."""
-    shapes: Indices
+    shapes: PairIndices
     """Shapes that some pair names."""
-    drivers: Indices
+    drivers: PairIndices
     """(s, 3): arm that moves the shape (-1: none), how many of its joints do, 1 if it only translates."""
-    pairs: Indices
+    pairs: PairIndices
     """(p, 4): shapes a and b, and the columns of `Scratch.travel` whose sum bounds their relative motion."""
     reach: Array
     """(p,): bounding spheres farther apart than this are farther apart than the margin [m]."""
@@ -78,7 +78,7 @@ class Scratch(NamedTuple):
     simplex: Array
     travel: Array
     """(s, 7): column i bounds how far a point of the shape moves against frame i of its arm."""
-    stamp: Indices
+    stamp: PairIndices
     """(s,): the last interval that `centers` and `travel` of a shape were computed for."""
 
 
@@ -131,7 +131,7 @@ def place_frames(kernel: CollisionKernel, q: Array, frames: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _place_followers(followers: Indices, T_parent_follower: Array, frames: Array) -> None:
+def _place_followers(followers: PairIndices, T_parent_follower: Array, frames: Array) -> None:
     for row in range(len(followers)):
         child, parent = followers[row, 0], followers[row, 1]
         rigid = followers[row, 2] == RIGID
@@ -149,7 +149,7 @@ def _place_followers(followers: Indices, T_parent_follower: Array, frames: Array
 
 
 @njit(cache=True, nogil=True)
-def place_center(spheres: Array, shape_frame: Indices, frames: Array, shape: int, centers: Array) -> None:
+def place_center(spheres: Array, shape_frame: PairIndices, frames: Array, shape: int, centers: Array) -> None:
     """Write the centre, a row of `centers` (s, 3), of a shape's bounding sphere in the world [m]."""
     f = shape_frame[shape]
     x, y, z = spheres[shape, 0], spheres[shape, 1], spheres[shape, 2]
@@ -239,7 +239,7 @@ def first_collision(kernel: CollisionKernel, q: Array, scratch: Scratch) -> int:
 
 
 @njit(cache=True, nogil=True)
-def first_collisions(kernel: CollisionKernel, Q: Array) -> Indices:
+def first_collisions(kernel: CollisionKernel, Q: Array) -> PairIndices:
     """Return `first_collision` of each row of Q (n, 6 per arm)."""
     scratch = make_scratch(kernel)
     found = np.empty(len(Q), np.int32)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.distance import Cores, Indices
+from planners.collision.distance import Cores, PairIndices
 from planners.collision.kernel import (
     RIGID,
     UPRIGHT,
@@ -88,10 +88,10 @@ class CollisionQuery:
     model: CollisionModel
     kernel: CollisionKernel
     """For other compiled code (`planners.collision.kernel`, `.sweep`); treat its arrays as read-only."""
-    pair_bodies: Indices
+    pair_bodies: PairIndices
     """Index of the model's body pair of each of the kernel's shape pairs."""
 
-    def first_collision(self, Q: Array) -> Indices:
+    def first_collision(self, Q: Array) -> PairIndices:
         """Return, for each configuration (n, 6 per arm) [rad], the first pair within its margin, or -1: (n,)."""
         return first_collisions(self.kernel, np.ascontiguousarray(np.atleast_2d(Q), dtype=float))
 
@@ -129,11 +129,11 @@ class CollisionModel:
     """Names by number, see `planners.collision.kernel`."""
     pair_names: tuple[NamePair, ...]
     """All body pairs that a scene may check."""
-    pair_frames: Indices
+    pair_frames: PairIndices
     """(pairs, 2), the numbers of the frames of both bodies."""
-    shape_pairs: Indices
+    shape_pairs: PairIndices
     """(m, 2), all pairs of shapes of those bodies."""
-    shape_pair_bodies: Indices
+    shape_pair_bodies: PairIndices
     """(m,), index in `pair_names`."""
     shapes: CollisionKernel
     """The kernel with no pairs and nothing placed: what all scenes share."""
@@ -143,7 +143,7 @@ class CollisionModel:
     """Inverse of `frames`."""
     names: frozenset[str]
     """Of the bodies."""
-    arm_drivers: Indices
+    arm_drivers: PairIndices
     """(frames, 3), what drives each frame as in `CollisionKernel.drivers`; movable frames as if at rest."""
 
     @staticmethod
@@ -304,7 +304,7 @@ class CollisionModel:
             chosen &= ~gone[self.pair_frames].any(axis=1)
         return chosen
 
-    def _follow(self, placements: Mapping[str, Placement | None]) -> tuple[Indices, Array, Indices]:
+    def _follow(self, placements: Mapping[str, Placement | None]) -> tuple[PairIndices, Array, PairIndices]:
         """Order the movable frames with parents first; also return what drives each frame, as in the kernel."""
         order = self._parents_first(placements)
         followers = np.empty((len(order), 3), dtype=np.int32)
@@ -344,7 +344,7 @@ class CollisionModel:
         return order
 
 
-def _arm_drivers(n_arms: int, n_frames: int) -> Indices:
+def _arm_drivers(n_arms: int, n_frames: int) -> PairIndices:
     drivers = np.full((n_frames, 3), (-1, 0, 0), dtype=np.int32)
     for arm in range(n_arms):
         for joints in range(1, 7):

@@ -6,13 +6,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.collision.distance import Indices
+from planners.collision.distance import PairIndices
 from planners.collision.kernel import STILL
 from planners.geometry.pose import Array
 
 
 @njit(cache=True, nogil=True)
-def choose_pairs(shape_pairs: Indices, pair_bodies: Indices, chosen: NDArray[np.bool_]) -> Indices:
+def choose_pairs(shape_pairs: PairIndices, pair_bodies: PairIndices, chosen: NDArray[np.bool_]) -> PairIndices:
     """Return the rows of `shape_pairs` whose body pair is chosen."""
     rows = np.empty(len(shape_pairs), np.int32)
     count = 0
@@ -24,7 +24,7 @@ def choose_pairs(shape_pairs: Indices, pair_bodies: Indices, chosen: NDArray[np.
 
 
 @njit(cache=True, nogil=True)
-def pair_columns(shape_pairs: Indices, rows: Indices, drivers: Indices) -> Indices:
+def pair_columns(shape_pairs: PairIndices, rows: PairIndices, drivers: PairIndices) -> PairIndices:
     """Return `CollisionKernel.pairs` of the chosen rows, for what drives each shape (`CollisionKernel.drivers`).
 
     On one arm only the joints between two shapes move them against each other, so the farther one's travel against
@@ -50,7 +50,7 @@ def pair_columns(shape_pairs: Indices, rows: Indices, drivers: Indices) -> Indic
 
 @njit(cache=True, nogil=True)
 def pair_margins(
-    rows: Indices, pair_bodies: Indices, body_margins: Array, shape_pairs: Indices, spheres: Array
+    rows: PairIndices, pair_bodies: PairIndices, body_margins: Array, shape_pairs: PairIndices, spheres: Array
 ) -> tuple[Array, Array]:
     """Return `CollisionKernel.margin` and `.reach` of the chosen rows, for the margins of the body pairs [m]."""
     margin, reach = np.empty((len(rows), 2)), np.empty(len(rows))
@@ -63,7 +63,7 @@ def pair_margins(
 
 
 @njit(cache=True, nogil=True)
-def used_shapes(pairs: Indices, drivers: Indices, n_arms: int) -> tuple[Indices, Indices]:
+def used_shapes(pairs: PairIndices, drivers: PairIndices, n_arms: int) -> tuple[PairIndices, PairIndices]:
     """Return the shapes (k,) that pairs (p, 4) name, and for each arm (n_arms,) whether it moves one of them."""
     used, arms = np.zeros(len(drivers), np.int32), np.zeros(n_arms, np.int32)
     for k in range(len(pairs)):

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-from planners.collision.distance import Indices
+from planners.collision.distance import PairIndices
 from planners.collision.kernel import (
     CONTACT,
     MAX_DEPTH,
@@ -33,9 +33,9 @@ from planners.geometry.pose import Array
 
 @njit(cache=True, nogil=True)
 def bound_travel(
-    drivers: Indices,
+    drivers: PairIndices,
     spheres: Array,
-    shape_frame: Indices,
+    shape_frame: PairIndices,
     shape: int,
     steps: Array,
     frames: Array,
@@ -76,7 +76,7 @@ def _unproven(
     q: Array,
     steps: Array,
     stamp: int,
-    pending: Indices,
+    pending: PairIndices,
     depth: int,
     count: int,
     scratch: Scratch,
@@ -171,7 +171,7 @@ def _sweep(kernel: CollisionKernel, q_from: Array, q_to: Array, scratch: Scratch
 
 
 @njit(cache=True, nogil=True)
-def _moving_pairs(pairs: Indices, pending: Indices) -> int:
+def _moving_pairs(pairs: PairIndices, pending: PairIndices) -> int:
     """Write the pairs whose shapes can move against each other into row 0 of (depths, p); return how many they are."""
     count = 0
     for pair in range(len(pairs)):

@@ -186,9 +186,9 @@ def rounded(values: Array, digits: int = SAMPLE_DIGITS) -> Array:
 
 _NUMBERS = (float, int)
 Vector = Annotated[Array, Numbers(3)]
-Direction = Annotated[Array, Numbers(3, unit=0)]
+UnitVector = Annotated[Array, Numbers(3, unit=0)]
 """Of length 1."""
-Pose = Annotated[Array, Numbers(7, unit=3)]
+PoseRow = Annotated[Array, Numbers(7, unit=3)]
 """(7,) [x, y, z, w, x, y, z], the quaternion unit to 1e-6."""
 SixJoints = Annotated[Array, Numbers(6)]
 SampledVector = Annotated[Array, Numbers(3, SAMPLE_DIGITS)]

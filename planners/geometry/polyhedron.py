@@ -82,7 +82,7 @@ class Polyhedron:
 
 
 @dataclass(frozen=True, eq=False)
-class Prism:
+class ConvexPrism:
     """A plate: a convex outline swept along z, its frame at mid-height, its top face towards +z.
 
     Numbering: bottom vertex, bottom edge and side face k belong to side k of the outline (edge k joins the bottom
@@ -96,7 +96,7 @@ class Prism:
     polyhedron: Polyhedron
 
     @staticmethod
-    def from_outline(outline: Sequence[Sequence[float]] | Array, height: float) -> Prism:
+    def from_outline(outline: Sequence[Sequence[float]] | Array, height: float) -> ConvexPrism:
         """Build the prism over a convex, counter-clockwise outline.
 
         Raises:
@@ -117,7 +117,7 @@ class Prism:
             *((n + k, n + following[k]) for k in range(n)),
             *((k, n + k) for k in range(n)),
         )
-        return Prism(corners, float(height), Polyhedron(vertices, faces, edges))
+        return ConvexPrism(corners, float(height), Polyhedron(vertices, faces, edges))
 
     @property
     def bottom(self) -> Element:

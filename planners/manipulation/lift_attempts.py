@@ -11,10 +11,11 @@ import math
 from dataclasses import replace
 
 from planners.graph.rejections import Rejection
-from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.statics.reserves import STEPS
+from planners.plan.verdicts import PlanningOutcome
 from planners.progress import Progress, Report
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -32,15 +33,15 @@ def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress)
     """
     planner = PlateLiftPlanner(scene, settings, progress)
     plan = planner.plan(explained=settings.reserve == 0.0)
-    if plan.outcome is LiftOutcome.SOLVED and settings.most_reserve:
+    if plan.outcome is PlanningOutcome.SOLVED and settings.most_reserve:
         return _keeping_most(planner, plan, settings, progress, below=settings.largest_reserve)
-    if plan.outcome is not LiftOutcome.NOT_FOUND or not planner.fits:
+    if plan.outcome is not PlanningOutcome.NOT_FOUND or not planner.fits:
         return plan
     below = settings.reserve
     if settings.reserve > 0.0:
         plan, below = _keeping_less(planner, settings, progress)
     for number, (contacts, holds) in enumerate(settings.denser, start=1):
-        if plan.outcome is LiftOutcome.SOLVED:
+        if plan.outcome is PlanningOutcome.SOLVED:
             break
         progress(Report("denser", number, len(settings.denser)))
         denser = PlateLiftPlanner(scene, replace(settings.scaled(contacts, holds), reserve=0.0), progress)
@@ -49,7 +50,7 @@ def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress)
             break
         # More may be kept back than was asked for before.
         planner, plan, below = denser, tried, settings.largest_reserve
-    if plan.outcome is not LiftOutcome.SOLVED:
+    if plan.outcome is not PlanningOutcome.SOLVED:
         return _blaming_tolerances(planner, plan, progress)
     return _keeping_most(planner, plan, settings, progress, below=below)
 
@@ -67,7 +68,7 @@ def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: P
     most = _most_passable(planner, 0.0, settings.reserve - 1.0 / STEPS, low=False)
     if most is not None:
         plan = planner.plan_keeping(most, low=False, explained=False)
-        if plan.outcome is LiftOutcome.SOLVED:
+        if plan.outcome is PlanningOutcome.SOLVED:
             return plan, most + 1.0 / STEPS
     plan = planner.plan_keeping(0.0)
     if not plan.rises:
@@ -101,7 +102,7 @@ def _blaming_tolerances(planner: PlateLiftPlanner, plan: LiftPlan, progress: Pro
     if scene.mass_tolerance == scene.com_tolerance == 0.0:
         return plan
     progress(Report("tolerances", 0, 1))
-    if planner.plan_as_stated().outcome is not LiftOutcome.SOLVED:
+    if planner.plan_as_stated().outcome is not PlanningOutcome.SOLVED:
         return plan
     reason = (
         "The plate as stated can be lifted, but not every plate within its tolerances of "
@@ -136,7 +137,7 @@ def _keeping_most(
         if tried is None:
             break
         found = planner.plan_keeping(tried, low=ends_low, explained=False)
-        if found.outcome is LiftOutcome.SOLVED:
+        if found.outcome is PlanningOutcome.SOLVED:
             plan, low = found, max(tried, _kept(found))
             break
         high, top = tried, 0.5 * (low + tried)

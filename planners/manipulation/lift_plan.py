@@ -4,22 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 
 from planners.graph.rejections import Rejection, Rejections
+from planners.manipulation.lift_segment import LiftSegment
 from planners.manipulation.statics.reserves import ReservedSegments
-from planners.plan.verdicts import LeastReserve
-from planners.segment import Segment
-
-
-class LiftOutcome(Enum):
-    """How planning ended. The value is its name in the plan document."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "infeasible"
-    """Proven: no plan exists."""
-    NOT_FOUND = "not_found"
-    """No plan among the poses and holds that were tried."""
+from planners.plan.verdicts import LeastReserve, PlanningOutcome
 
 
 @dataclass(frozen=True)
@@ -37,13 +26,13 @@ class SequenceStep:
 class LiftPlan:
     """What came out of planning a plate lift, and what it cost."""
 
-    outcome: LiftOutcome
+    outcome: PlanningOutcome
     summary: str
     causes: tuple[Rejection, ...]
     rejections: Rejections
     graph: Mapping[str, int | Mapping[str, Mapping[str, int]]]
     search: dict[str, int | float | None] = field(default_factory=dict)
-    segments: tuple[Segment, ...] = ()
+    segments: tuple[LiftSegment, ...] = ()
     steps: tuple[SequenceStep, ...] = ()
     reserves: ReservedSegments | None = None
     """How much of every limit it leaves; None where there is no plan."""

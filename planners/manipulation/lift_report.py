@@ -14,12 +14,13 @@ from planners.cell.arm_span import OutOfReach
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath
 from planners.manipulation.graph.node_examiner import hands_of
-from planners.manipulation.lift_plan import LiftOutcome, LiftPlan, SequenceStep
+from planners.manipulation.lift_plan import LiftPlan, SequenceStep
 from planners.manipulation.lift_sampling import LiftSampling, jaw_of
 from planners.manipulation.lift_search import Found, LiftSearch
+from planners.manipulation.lift_segment import BalancedContacts, LiftSegment
 from planners.manipulation.statics.lift_torques import LiftTorques
 from planners.manipulation.statics.reserves import ReservedSegments, keeping_most
-from planners.segment import ContactSet, Segment
+from planners.plan.verdicts import PlanningOutcome
 
 _CAUSES = 6
 """Causes that are told where nothing was found."""
@@ -35,7 +36,7 @@ def solved(search: LiftSearch, found: Found) -> LiftPlan:
     sets = (each.balance for segment in reserved.segments for each in segment.contact_sets)
     force = max(balance.f_plus_gp for balance in sets)
     return LiftPlan(
-        outcome=LiftOutcome.SOLVED,
+        outcome=PlanningOutcome.SOLVED,
         segments=reserved.segments,
         steps=steps,
         causes=(),
@@ -62,7 +63,7 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
     for cause in main:
         rejections.add(cause)
     return LiftPlan(
-        outcome=LiftOutcome.NOT_FOUND,
+        outcome=PlanningOutcome.NOT_FOUND,
         causes=(*main, *often)[:_CAUSES],
         summary=summary,
         rejections=rejections,
@@ -86,7 +87,7 @@ def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapa
         f"Robot and vacuum lifter together can carry at most {capacity.available:.1f} N; "
         f"the plate weighs {capacity.needed:.1f} N."
     )
-    return _unsearched(sampling, rejections, LiftOutcome.INFEASIBLE, cause, summary)
+    return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)
 
 
 def too_thick(sampling: LiftSampling, rejections: Rejections) -> LiftPlan:
@@ -98,7 +99,7 @@ def too_thick(sampling: LiftSampling, rejections: Rejections) -> LiftPlan:
         f"The plate is {1e3 * thickness:.1f} mm thick; the gripper opens {1e3 * width:.1f} mm, "
         "and it cannot be gripped from side to side either."
     )
-    return _unsearched(sampling, rejections, LiftOutcome.INFEASIBLE, cause, summary)
+    return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)
 
 
 def out_of_hands(sampling: LiftSampling, rejections: Rejections, beyond: OutOfReach) -> LiftPlan:
@@ -109,7 +110,7 @@ def out_of_hands(sampling: LiftSampling, rejections: Rejections, beyond: OutOfRe
         f"The plate's origin is {beyond.needed:.2f} m from the nearer shoulder; arm and hand, stretched out, reach "
         f"its nearest point up to {beyond.available:.2f} m."
     )
-    return _unsearched(sampling, rejections, LiftOutcome.INFEASIBLE, cause, summary)
+    return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)
 
 
 def too_large(sampling: LiftSampling, rejections: Rejections, edges: int) -> LiftPlan:
@@ -121,22 +122,22 @@ def too_large(sampling: LiftSampling, rejections: Rejections, edges: int) -> Lif
         f"The graph would have {edges} edges, and {limit} fit into memory: lower contact_density or hold_density, "
         "or simplify the plate's outline."
     )
-    return _unsearched(sampling, rejections, LiftOutcome.NOT_FOUND, cause, summary)
+    return _unsearched(sampling, rejections, PlanningOutcome.NOT_FOUND, cause, summary)
 
 
 def _unsearched(
-    sampling: LiftSampling, rejections: Rejections, outcome: LiftOutcome, cause: Rejection, summary: str
+    sampling: LiftSampling, rejections: Rejections, outcome: PlanningOutcome, cause: Rejection, summary: str
 ) -> LiftPlan:
     """Report what is told before anything is searched."""
     rejections.add(cause)
     return LiftPlan(outcome, summary, (cause,), rejections, sampling.figures())
 
 
-def _reserved(search: LiftSearch, segments: tuple[Segment, ...]) -> ReservedSegments:
+def _reserved(search: LiftSearch, segments: tuple[LiftSegment, ...]) -> ReservedSegments:
     """Take forces that are as far from their limits as can be, unless the least effort is what was asked for."""
     torques = LiftTorques(search.sampling.workcell)
 
-    def bearable(segment: Segment, each: ContactSet) -> bool:
+    def bearable(segment: LiftSegment, each: BalancedContacts) -> bool:
         where = segment.trajectory, each.sample, segment.T_world_body[each.sample]
         return search.settings.minimise != "force" and torques.refusal(*where, each.balance) is None
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.solver import Balance
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
 from planners.manipulation.graph.manipulation_graph import HandHold
-from planners.manipulation.holds.grips import CupFootprint, Grip, Jaw, generate_grips, given_grips
-from planners.manipulation.holds.pushes import Push, generate_pushes, given_pushes
+from planners.manipulation.holds.grips import CupFootprint, Jaw, PlateGrip, generate_grips, given_grips
+from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance
@@ -30,10 +30,10 @@ class LiftSampling:
 
     workcell: LiftWorkcell
     settings: LiftSettings
-    prism: Prism
+    prism: ConvexPrism
     poses: DenseContactStateGraph
-    grips: tuple[Grip, ...]
-    pushes: tuple[Push, ...]
+    grips: tuple[PlateGrip, ...]
+    pushes: tuple[PlatePush, ...]
     stated: Balance
     """Program (5) for the plate as stated, with nothing kept back."""
 
@@ -41,7 +41,7 @@ class LiftSampling:
     def of(cls, scene: PlateLiftScene, settings: LiftSettings) -> LiftSampling:
         """Sample poses and holds; a task's own grips and pushes come before generated ones."""
         workcell = LiftWorkcell(scene, scene.cell.gripper_arms[0], scene.cell.pusher_arms[0])
-        prism = Prism.from_outline(scene.plate.outline, scene.plate.height)
+        prism = ConvexPrism.from_outline(scene.plate.outline, scene.plate.height)
         poses = DenseContactStateGraph.build(prism, scene.plate.com, scene.T_world_plate, settings.sampling)
         if scene.given_grips is None:
             cup = cup_footprint(scene)

@@ -30,6 +30,7 @@ from planners.manipulation.graph.failures import (
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
 from planners.manipulation.graph.node_examiner import NodeExaminer, hands_of
 from planners.manipulation.lift_reach import LiftReach, meeting
+from planners.manipulation.lift_segment import LiftSegment
 from planners.manipulation.motion.assignment import HoldSplit, NoAssignment, PostureAssigner
 from planners.manipulation.motion.choreography import Choreographer, StuckStep
 from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
@@ -37,7 +38,6 @@ from planners.manipulation.reach.hand_reach import Hand
 from planners.manipulation.statics.hold_balance import HoldBalance
 from planners.manipulation.statics.lift_torques import OVERTAXED
 from planners.progress import Progress, Report
-from planners.segment import Segment
 
 UNSTEADY = "A plate within the tolerances of mass and centre of mass is not held where the stated one is."
 """Why a node falls that balances the stated plate."""
@@ -57,7 +57,7 @@ class Found:
     """A sequence that was found, and its motion."""
 
     path: GraphPath
-    segments: tuple[Segment, ...]
+    segments: tuple[LiftSegment, ...]
 
 
 class NothingFound(Enum):
@@ -221,7 +221,7 @@ class LiftSearch:
 
     # Turning a sequence into motion.
 
-    def _realise(self, sequence: ManipulationSequence) -> tuple[Segment, ...] | None:
+    def _realise(self, sequence: ManipulationSequence) -> tuple[LiftSegment, ...] | None:
         """Check a sequence all along and plan its motion; on failure forbid what failed."""
         self.record.counts["sequences"] += 1
         if self._falls(sequence):

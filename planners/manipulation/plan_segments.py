@@ -9,12 +9,11 @@ import numpy as np
 from planners.contract.arrays import rounded
 from planners.geometry.pose import Array, pose_row, to_pose7s
 from planners.manipulation.lift_plan import LiftPlan
+from planners.manipulation.lift_segment import BalancedContacts, GripHold, LiftSegment
 from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.plan.contacts import Contact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, ContactState, Grip, Hold, Push, Segment, SegmentKind
 from planners.scene.lift_scene import PlateLiftScene
-from planners.segment import ContactSet, GripHold
-from planners.segment import Segment as LiftSegment
 
 _RESERVE_DIGITS = 9
 """Decimals of reserves: they are found in steps of a half percent."""
@@ -90,7 +89,7 @@ def _body_poses(segment: LiftSegment, scene: PlateLiftScene) -> dict[str, Array]
     return {name: to_pose7s(poses) for name, poses in moving.items()}
 
 
-def _contacts(contact_set: ContactSet, segment: LiftSegment, scene: PlateLiftScene) -> Iterator[Contact]:
+def _contacts(contact_set: BalancedContacts, segment: LiftSegment, scene: PlateLiftScene) -> Iterator[Contact]:
     """Put one set of contacts into world axes, and say of each who exerts it, of what kind it is and what limits it."""
     balance, T_world_plate = contact_set.balance, segment.T_world_body[contact_set.sample]
     friction, limits, cup, R = scene.friction, hand_force_limit(scene), scene.cup, T_world_plate[:3, :3]

@@ -16,7 +16,7 @@ from planners.contract.shapes import Box, Cylinder
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, rotation_z, transform
 from planners.perception.depth_view import DepthView
-from planners.perception.outline import Disc, Outline, Rectangle, fit_outline
+from planners.perception.outline import DiscOutline, Outline, Rectangle, fit_outline
 from planners.perception.perceived_object import TABLE, ObjectUncertainty, PerceivedObject, Unrecognised
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.scan_files import ScanRefused
@@ -25,7 +25,7 @@ from planners.perception.table_plane import TablePlane, find_table
 from planners.perception.top_facets import (
     EDGE_REACH,
     NOISE_REACH,
-    Mask,
+    ImageMask,
     Relief,
     TopFacet,
     find_top_facets,
@@ -78,7 +78,7 @@ def perceive_objects(
     return SeenTable(plane, find_objects(relief, place.workspace, settings), view)
 
 
-def _known(view: DepthView, bodies: Sequence[ConvexShape], settings: PerceptionSettings) -> Mask:
+def _known(view: DepthView, bodies: Sequence[ConvexShape], settings: PerceptionSettings) -> ImageMask:
     """Tell which pixels show bodies that are known."""
     points = view.points()
     known = np.zeros(view.shape, dtype=bool)
@@ -159,12 +159,12 @@ def find_objects(relief: Relief, workspace: Array | None, settings: PerceptionSe
     return Findings(tuple(objects), tuple(rest), owners)
 
 
-def _above(relief: Relief, settings: PerceptionSettings) -> Mask:
+def _above(relief: Relief, settings: PerceptionSettings) -> ImageMask:
     high = (relief.smooth > settings.lowest_top) & np.isfinite(relief.heights)
     return high & (relief.smooth < settings.highest_top) & ~relief.known
 
 
-def _inside(relief: Relief, workspace: Array | None) -> Mask:
+def _inside(relief: Relief, workspace: Array | None) -> ImageMask:
     if workspace is None:
         return np.ones(relief.view.shape, dtype=bool)
     world = relief.view.points()[..., :2]
@@ -232,7 +232,7 @@ def _coverage(facet: TopFacet, outline: Outline, relief: Relief) -> float:
     return float((model & (facet.pixels | hiding)).sum() / (count - unmeasured.sum()))
 
 
-def _filled(corners: Array, height: float, relief: Relief) -> Mask:
+def _filled(corners: Array, height: float, relief: Relief) -> ImageMask:
     """Return the pixels of the polygon (n, 2), in the table's frame, at a height."""
     T = relief.table.T_world_table
     world = np.column_stack([corners, np.full(len(corners), height)]) @ T[:3, :3].T + T[:3, 3]
@@ -247,7 +247,7 @@ def _without_sides(facet: TopFacet, outline: Outline, relief: Relief) -> Outline
     eye = relief.table.in_table(relief.view.eye)
     away = (eye[:2] - outline.center) / max(eye[2] - facet.height, 0.05)
     drop = EDGE_REACH * relief.noise
-    if isinstance(outline, Disc):
+    if isinstance(outline, DiscOutline):
         reach = drop * float(np.linalg.norm(away))
         center = outline.center - 0.5 * _toward(away, reach)
         return replace(outline, center=center, radius=outline.radius - reach / math.pi)
@@ -286,7 +286,7 @@ def _stacked(candidates: Sequence[Candidate]) -> list[Candidate]:
 def _widened(candidate: Candidate, relief: Relief, settings: PerceptionSettings) -> Candidate:
     """Give a cylinder the radius of its body where that is wider than its top: a can's rim is narrower than the can."""
     disc, facet = candidate.outline, candidate.facet
-    if not isinstance(disc, Disc):
+    if not isinstance(disc, DiscOutline):
         return candidate
     height = facet.height - candidate.bottom
     x, y, z = _around(disc, facet.pitch, relief)
@@ -391,7 +391,7 @@ def _object(
 
 
 def _unrecognised(
-    above: Mask,
+    above: ImageMask,
     standing: Sequence[Candidate],
     reasons: Sequence[tuple[TopFacet, str]],
     relief: Relief,
@@ -417,7 +417,7 @@ def _unrecognised(
     return [piece for piece in pieces if piece is not None]
 
 
-def _piece(piece: Mask, reasons: Sequence[tuple[TopFacet, str]], relief: Relief) -> Unrecognised | None:
+def _piece(piece: ImageMask, reasons: Sequence[tuple[TopFacet, str]], relief: Relief) -> Unrecognised | None:
     points = relief.view.points()[piece]
     try:
         hull = points[ConvexHull(points[:, :2]).vertices, :2]

@@ -57,7 +57,7 @@ class Rectangle:
 
 
 @dataclass(frozen=True, eq=False)
-class Disc:
+class DiscOutline:
     """A disc in the table's frame."""
 
     center: Array
@@ -82,7 +82,7 @@ class Disc:
         return np.linalg.norm(points - self.center, axis=1) - self.radius
 
 
-Outline = Rectangle | Disc
+Outline = Rectangle | DiscOutline
 
 
 def fit_outline(facet: TopFacet, settings: PerceptionSettings) -> Outline | None:
@@ -201,7 +201,7 @@ def _yaw_std(size: Array, yaw: float, facet: TopFacet, settings: PerceptionSetti
     return math.hypot(settings.yaw_floor, facet.pitch / (float(size[longer]) * math.sqrt(2.0 * phases)))
 
 
-def _fit_disc(facet: TopFacet, seen: Array, settings: PerceptionSettings) -> Disc | None:
+def _fit_disc(facet: TopFacet, seen: Array, settings: PerceptionSettings) -> DiscOutline | None:
     points, center, radius, off = seen, seen.mean(axis=0), 0.0, np.zeros(len(seen))
     for round_ in range(ROUNDS):
         unknowns = np.column_stack([2.0 * (points - center), np.ones(len(points))])
@@ -225,4 +225,4 @@ def _fit_disc(facet: TopFacet, seen: Array, settings: PerceptionSettings) -> Dis
     spread = facet.pitch / math.sqrt(12.0 * max(1.0, 0.25 * on.sum()))
     std = math.hypot(settings.edge_floor, spread)
     radius += settings.edge_inset * facet.pitch
-    return Disc(center, radius, residual, float(on.mean()), min(1.0, least), std)
+    return DiscOutline(center, radius, residual, float(on.mean()), min(1.0, least), std)

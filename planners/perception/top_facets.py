@@ -13,7 +13,7 @@ from planners.perception.depth_view import DepthView
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.table_plane import TablePlane
 
-Mask = NDArray[np.bool_]
+ImageMask = NDArray[np.bool_]
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 _SQUARE = np.ones((3, 3), np.uint8)
 _STEPS = ((0, 1), (0, -1), (1, 0), (-1, 0))
@@ -36,7 +36,7 @@ class Relief:
     """(h, w) without single pixels that stand out; NaN where nothing was measured [m]."""
     smooth: Array
     """(h, w) medians of 3 x 3 [m]; 0 where nothing was measured."""
-    known: Mask
+    known: ImageMask
     """What belongs to bodies that are known."""
     noise: float
     """Standard deviation of one height [m]."""
@@ -44,7 +44,7 @@ class Relief:
     """Distance of neighbouring pixels on the table, in the middle of the image [m]."""
 
     @classmethod
-    def of(cls, view: DepthView, table: TablePlane, known: Mask, settings: PerceptionSettings) -> Relief:
+    def of(cls, view: DepthView, table: TablePlane, known: ImageMask, settings: PerceptionSettings) -> Relief:
         """Measure a view from a table."""
         points = table.in_table(view.points())
         raw = points[..., 2]
@@ -66,15 +66,15 @@ class Relief:
 class TopFacet:
     """A level place above the table."""
 
-    pixels: Mask
+    pixels: ImageMask
     """(h, w) what belongs to it."""
     height: float
     """Above the table [m]."""
     edge: Array
     """(m, 2) where it ends, halfway from pixels inside to those outside: on its plane, in the table's frame [m]."""
-    hidden: Mask
+    hidden: ImageMask
     """(m,) where it does not end but something nearer to the camera begins."""
-    beside: Mask
+    beside: ImageMask
     """(m,) where something higher stands at its edge: perhaps beside it, perhaps on it."""
     pitch: float
     """Distance of neighbouring pixels on it [m]."""
@@ -122,7 +122,7 @@ def _median(heights: Array) -> Array:
     return cv2.medianBlur(filled.astype(np.float32), 3).astype(float)
 
 
-def _stands_alone(heights: Array, alike: float) -> Mask:
+def _stands_alone(heights: Array, alike: float) -> ImageMask:
     """Tell which pixels (h, w) have fewer than two neighbours within `alike` [m] of their height."""
     similar = np.zeros(heights.shape, dtype=np.int64)
     padded = np.pad(heights, 1, constant_values=np.nan)
@@ -148,7 +148,7 @@ def _labels(relief: Relief, settings: PerceptionSettings) -> tuple[NDArray[np.in
     return labels.astype(np.int32), count - 1
 
 
-def _grown(core: Mask, taken: Mask, relief: Relief) -> Mask:
+def _grown(core: ImageMask, taken: ImageMask, relief: Relief) -> ImageMask:
     """Give a top back the pixels that its edge's steepness cost, and fill its holes of single pixels."""
     height = float(np.median(relief.smooth[core]))
     reach = NOISE_REACH * relief.noise
@@ -166,7 +166,7 @@ def _grown(core: Mask, taken: Mask, relief: Relief) -> Mask:
     return grown | (unmeasured & (around >= 5.0) & ~taken)
 
 
-def make_facet(pixels: Mask, relief: Relief) -> TopFacet:
+def make_facet(pixels: ImageMask, relief: Relief) -> TopFacet:
     """Return the top facet that some pixels (h, w) are, with its edge."""
     measured = pixels & np.isfinite(relief.heights)
     height = float(np.median(relief.heights[measured])) if measured.any() else 0.0
@@ -200,7 +200,7 @@ def make_facet(pixels: Mask, relief: Relief) -> TopFacet:
 
 def _higher(
     relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], beside: Array, height: float
-) -> tuple[Mask, Mask]:
+) -> tuple[ImageMask, ImageMask]:
     """Tell which pixels show something higher, and which stand away from the top's edge, and so hide some of the top.
 
     Args:
@@ -217,7 +217,7 @@ def _higher(
     return higher, away
 
 
-def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int) -> Mask:
+def _unseen(relief: Relief, rows: NDArray[np.intp], columns: NDArray[np.intp], dr: int, dc: int) -> ImageMask:
     """Tell which pixels have nothing measured beyond them in a direction: shadows end, a cloud's border does not."""
     measured = np.isfinite(relief.heights)
     lines, along, across = (measured, columns, rows) if dc else (measured.T, rows, columns)

@@ -23,17 +23,7 @@ Outcome = Literal["solved", "infeasible", "not_found"]
 
 
 class Plan(StrictModel):
-    """The result of one task.
-
-    >>> from pathlib import Path
-    >>> from planners import Plan, read_task, solve
-    >>> solved = solve(read_task(Path("assets/tasks/pb1_weak_cup.json")))
-    >>> plan = Plan.read(solved.write())
-    >>> plan.outcome, plan.software.name, plan.bodies["plate"].pose.shape
-    ('infeasible', 'liftwright', (7,))
-    >>> [check.name for check in plan.certificate.checks]
-    ['structure', 'cell', 'gripper', 'task_bodies', 'infeasibility']
-    """
+    """The result of one task."""
 
     schema_version: Literal["1.0"]
     id: str
@@ -94,6 +84,15 @@ class Plan(StrictModel):
     @classmethod
     def read(cls, source: bytes | str | Path) -> Self:
         """Read a plan from bytes, or from a file by its path.
+
+        >>> from pathlib import Path
+        >>> from planners import Plan, read_task, solve
+        >>> solved = solve(read_task(Path("assets/tasks/pb1_weak_cup.json")))
+        >>> plan = Plan.read(solved.write())
+        >>> plan.outcome, plan.software.name, plan.bodies["plate"].pose.shape
+        ('infeasible', 'liftwright', (7,))
+        >>> [check.name for check in plan.certificate.checks]
+        ['structure', 'cell', 'gripper', 'task_bodies', 'infeasibility']
 
         Raises:
             pydantic.ValidationError: a member is missing, of the wrong type, size or range, or names something unknown.

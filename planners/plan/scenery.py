@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from planners.contract.arrays import ArmName, OneOf, Pose, Positive, Real, Rows, SixJoints, Vector
+from planners.contract.arrays import ArmName, OneOf, PoseRow, Positive, Real, Rows, SixJoints, Vector
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array, Transform, from_pose7
@@ -34,7 +34,7 @@ class LinkDocument(StrictModel):
 class ArmDocument(StrictModel):
     """One arm: `T_world_flange = base · Π Rz(q + theta0) Tz(d) Tx(a) Rx(alpha)`."""
 
-    base: Pose
+    base: PoseRow
     dh: Annotated[Array, Rows(4, digits=None, count=6)]
     """Rows [a, alpha, d, theta0]."""
     position_min: SixJoints
@@ -71,7 +71,7 @@ class StickDocument(StrictModel):
     """Of all that is mounted on the flange [kg]."""
     com: Vector | None = None
     """Its centre of mass, in the flange frame [m]."""
-    tcp: Pose
+    tcp: PoseRow
     tip_radius: Positive
 
 
@@ -92,7 +92,7 @@ class BodyDocument(StrictModel):
     shape: Annotated[Box | Cylinder | Prism | InlineMesh, Field(discriminator="type")]
     mass: Positive | None
     com: Vector
-    pose: Pose
+    pose: PoseRow
     static: bool
 
     @cached_property

@@ -10,7 +10,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from planners.contract.arrays import ArmName, Direction, OneOf, Pose, Poses, Real, Rows, Samples, Vector
+from planners.contract.arrays import ArmName, OneOf, PoseRow, Poses, Real, Rows, Samples, UnitVector, Vector
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array, Transform, from_pose7, from_pose7s
 from planners.plan.contacts import Contact
@@ -65,7 +65,7 @@ class Grip(StrictModel):
 
     arm: ArmName
     body: str
-    pose: Pose
+    pose: PoseRow
     """`T_body_tcp`"""
     width: Real
     squeeze: Real | None = None
@@ -84,7 +84,7 @@ class Push(StrictModel):
     body: str
     point: Vector
     """In the body frame."""
-    normal: Direction
+    normal: UnitVector
     """Into the body, in the body frame."""
 
 
@@ -107,7 +107,7 @@ class Attachment(StrictModel):
     """A body rides on an arm's flange or on another body, at a constant pose."""
 
     to: str
-    pose: Pose
+    pose: PoseRow
     """`T_to_body`"""
 
     @cached_property

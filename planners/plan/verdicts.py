@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import StrEnum
 from typing import Self
 
 from pydantic import Field, JsonValue, model_validator
@@ -21,6 +22,16 @@ def is_shortage(needed: float, available: float, unit: str) -> bool:
     """
     measurable = bool(unit) and unit != "1" and math.isfinite(needed) and math.isfinite(available)
     return measurable and needed >= 0.0 and available < needed and (available >= 0.0 or unit == "m")
+
+
+class PlanningOutcome(StrEnum):
+    """How planning ended. The value is its name in the plan document."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    """Proven: no plan exists."""
+    NOT_FOUND = "not_found"
+    """No plan among the poses, holds, suction poses and motions that were tried."""
 
 
 class Software(StrictModel):

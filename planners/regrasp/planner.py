@@ -8,6 +8,8 @@ import numpy as np
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
+from planners.plan.segment import SegmentKind
+from planners.plan.verdicts import PlanningOutcome
 from planners.progress import Progress
 from planners.regrasp.graph.route_maker import RouteMaker
 from planners.regrasp.graph.tool_pickup import not_taken
@@ -24,14 +26,13 @@ from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.suction.suction_poses import SuctionCandidate, SuctionFault
 from planners.regrasp.tool_capacity import impossibilities
-from planners.regrasp.tool_plan import Considered, RegraspOutcome, ToolPlan
+from planners.regrasp.tool_plan import ConsideredPlaces, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.moved_object import MovedObject
 from planners.scene.standing import Standing
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
-from planners.segment import SegmentKind
 
 _SAME_PLACE = 5e-4
 """An object nearer to its goal than this is there already [m]: half of what the contract allows."""
@@ -57,7 +58,7 @@ def infeasible_plan(scene: SuctionToolScene) -> ToolPlan | None:
     rejections = Rejections()
     for proof in proofs:
         rejections.add(proof)
-    return ToolPlan(RegraspOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs, rejections)
+    return ToolPlan(PlanningOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs, rejections)
 
 
 class SuctionToolPlanner:
@@ -152,14 +153,14 @@ class SuctionToolPlanner:
         if not order:
             still = self.choreographer.motion.writer.still(pile.state, SegmentKind.TRANSIT, _STILL, {})
             pile = replace(pile, state=still)
-            return self._plan(RegraspOutcome.SOLVED, "Every object is at its goal already: nothing moves.", (), pile)
+            return self._plan(PlanningOutcome.SOLVED, "Every object is at its goal already: nothing moves.", (), pile)
         handovers = sum(report.counts["handovers"] for report in reports)
         summary = f"{self._order_told(order)}, with {_counted(handovers, 'handover') if handovers else 'no handover'}"
         for why in Stopover:
             names = [report.name for report in reports if report.stopover is why]
             if names:
                 summary += f"; {' and '.join(names)} {why.value}"
-        return self._plan(RegraspOutcome.SOLVED, f"{summary}.", (), pile)
+        return self._plan(PlanningOutcome.SOLVED, f"{summary}.", (), pile)
 
     def _order_told(self, order: tuple[str, ...]) -> str:
         """Say which objects were moved, and in what order where there is more than one."""
@@ -199,16 +200,16 @@ class SuctionToolPlanner:
         elif not counts["suction poses"]:
             tried = "the cup has no place that it can hold, with room for the tool, both at the start and at the goal"
         return self._plan(
-            RegraspOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
+            PlanningOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
         )
 
     def _unsolved(self, summary: str, causes: tuple[Rejection, ...]) -> ToolPlan:
         for cause in causes:
             self.rejections.add(cause)
-        return self._plan(RegraspOutcome.NOT_FOUND, summary, causes, None)
+        return self._plan(PlanningOutcome.NOT_FOUND, summary, causes, None)
 
     def _plan(
-        self, outcome: RegraspOutcome, summary: str, causes: tuple[Rejection, ...], pile: PileState | None
+        self, outcome: PlanningOutcome, summary: str, causes: tuple[Rejection, ...], pile: PileState | None
     ) -> ToolPlan:
         reports = () if pile is None else pile.reports
         everyone = (*self.pile.failed, *reports)
@@ -229,7 +230,7 @@ class SuctionToolPlanner:
             search=self._search_figures(reports) | {"hose_turns": turns.end, "most_hose_turns": turns.most},
             order=tuple(report.name for report in reports),
             steps=tuple(step for report in reports for step in report.steps),
-            considered=Considered(
+            considered=ConsideredPlaces(
                 places={name: _thinned(found.candidates, most_places) for name, found in self.suctions.found.items()},
                 suctions=tuple(each for report in everyone for each in report.suctions),
             ),

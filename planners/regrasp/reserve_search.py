@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from planners.plan.verdicts import PlanningOutcome
 from planners.progress import Progress, Report
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.statics.hold_statics import HoldStatics
-from planners.regrasp.tool_plan import RegraspOutcome, ToolPlan
+from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_segment import HeldReserve
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.tool_scene import SuctionToolScene
@@ -29,7 +30,7 @@ class ReservedPlan:
     @property
     def solved(self) -> bool:
         """Whether it is a plan."""
-        return self.plan.outcome is RegraspOutcome.SOLVED
+        return self.plan.outcome is PlanningOutcome.SOLVED
 
     @property
     def reserve(self) -> float:

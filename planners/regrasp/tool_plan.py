@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
 
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
+from planners.plan.verdicts import PlanningOutcome
 from planners.regrasp.graph.regrasp_figures import RegraspFigures
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.suction.suction_poses import SuctionCandidate
 from planners.regrasp.tool_segment import ToolSegment
-
-
-class RegraspOutcome(Enum):
-    """How planning ended. The value is its name in the plan document."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "infeasible"
-    """A weight or a width proves that no plan exists, see `tool_capacity`."""
-    NOT_FOUND = "not_found"
-    """No plan among the suction poses, grasps and motions that were tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +24,7 @@ class ConsideredSuction:
 
 
 @dataclass(frozen=True, eq=False)
-class Considered:
+class ConsideredPlaces:
     """Where the cup was looked at, for drawing. Which grasps were, is in `ToolPlan.regrasp`."""
 
     places: dict[str, tuple[SuctionCandidate, ...]] = field(default_factory=dict)
@@ -43,7 +33,7 @@ class Considered:
 
 
 @dataclass(frozen=True)
-class RegraspStep:
+class GraspStep:
     """One grasp of the sequence that was found, for reports."""
 
     object: str
@@ -59,7 +49,7 @@ class RegraspStep:
 class ToolPlan:
     """What came out of planning a suction-tool task, and what it cost."""
 
-    outcome: RegraspOutcome
+    outcome: PlanningOutcome
     summary: str
     causes: tuple[Rejection, ...]
     rejections: Rejections
@@ -68,9 +58,9 @@ class ToolPlan:
     search: dict[str, int | float | str | None] = field(default_factory=dict)
     order: tuple[str, ...] = ()
     """Objects as they are moved; one that makes a stopover comes twice."""
-    steps: tuple[RegraspStep, ...] = ()
+    steps: tuple[GraspStep, ...] = ()
     """The grasps of the tool, one after the other."""
-    considered: Considered = field(default_factory=Considered)
+    considered: ConsideredPlaces = field(default_factory=ConsideredPlaces)
     grasps: ToolGrasps = field(default_factory=ToolGrasps.none)
     """All grasps of the tool that are free of collision."""
     regrasp: tuple[RegraspFigures, ...] = ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from planners.geometry.pose import Array, Transform
 from planners.motion.trajectory import Trajectory
-from planners.segment import SegmentKind
+from planners.plan.segment import SegmentKind
 
 
 @dataclass(frozen=True, eq=False)

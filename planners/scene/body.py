@@ -41,7 +41,7 @@ class Body:
 
 
 @dataclass(frozen=True, eq=False)
-class Plate(Body):
+class PlateBody(Body):
     """The plate that is lifted: a convex outline extruded along z, its top face towards +z."""
 
     solid: ExtrudedSolid

@@ -23,11 +23,11 @@ from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.convex import CollisionBody, capsule
 from planners.geometry.pose import Array, Transform, frame_from_z, from_pose7, transform
-from planners.scene.body import Body, Plate
+from planners.scene.body import Body, PlateBody
 from planners.scene.placements import CONTAINMENT_SLACK
 from planners.scene.rest import (
     REST_TILT,
-    Surface,
+    LevelFace,
     face_tilt,
     footprint,
     gaps,
@@ -46,7 +46,7 @@ SUPPORT_SHAPES = ("box", "cylinder", "prism")
 """The types of shapes that a plate may lie on."""
 
 
-def place_support(support: Support, table: Surface, shapes: ShapeSource) -> Body:
+def place_support(support: Support, table: LevelFace, shapes: ShapeSource) -> Body:
     """Settle the support on the table; its centre must be over it, or it would tip."""
     if isinstance(support.shape, Mesh):
         detail = "plates are not lifted off meshes yet"
@@ -63,13 +63,13 @@ def place_support(support: Support, table: Surface, shapes: ShapeSource) -> Body
     return replace(body, T_world_body=T_world_support)
 
 
-def place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tuple[Plate, Surface]:
+def place_plate(task: PlateLiftTask, support: Body | None, table: LevelFace) -> tuple[PlateBody, LevelFace]:
     """Settle the plate on the support or the table, and return it with the surface it rests on."""
     given = task.plate
     solid = solid_of(given.shape)
     com = solid.centroid if given.com is None else np.array(given.com)
     T_world_plate = from_pose7(task.plate_pose)
-    plate = Plate("plate", "plate", given.shape, solid, given.mass, com, T_world_plate, static=False)
+    plate = PlateBody("plate", "plate", given.shape, solid, given.mass, com, T_world_plate, static=False)
     if plate.solid.depth(com) < -CONTAINMENT_SLACK:
         raise SceneError("/plate/com", "the centre of mass is not inside the plate")
     if T_world_plate[2, 2] <= 0.0:
@@ -84,7 +84,7 @@ def place_plate(task: PlateLiftTask, support: Body | None, table: Surface) -> tu
     return replace(plate, T_world_body=T_world_plate), surface
 
 
-def _surface_below(plate: Plate, support: Body | None, table: Surface) -> Surface:
+def _surface_below(plate: PlateBody, support: Body | None, table: LevelFace) -> LevelFace:
     """Return the surface nearest to the plate's bottom face."""
     surfaces = [table]
     if support is not None:
@@ -96,7 +96,7 @@ def _surface_below(plate: Plate, support: Body | None, table: Surface) -> Surfac
     return min(surfaces, key=lambda surface: float(np.abs(gaps(face, plate.T_world_body, surface.height)).max()))
 
 
-def _why_not_level(who: str, body: Body, surface: Surface) -> str:
+def _why_not_level(who: str, body: Body, surface: LevelFace) -> str:
     face = lowest_face(body.solid, body.T_world_body)
     tilt = face_tilt(face, body.T_world_body)
     if tilt > REST_TILT:
@@ -107,7 +107,7 @@ def _why_not_level(who: str, body: Body, surface: Surface) -> str:
     return f"{who} {why}"
 
 
-def _check_footprint(corners: Array, surface: Surface) -> None:
+def _check_footprint(corners: Array, surface: LevelFace) -> None:
     """Refuse a plate whose bottom face, (k, 2) seen from above, is not wholly on its surface."""
     beyond = overhang(corners, surface)
     if beyond == 0.0:
@@ -173,7 +173,7 @@ class SuctionCup:
         return self.cable.shape.radius
 
 
-def place_cup(cup: LifterCup, plate: Plate, lifter: LifterShape) -> SuctionCup:
+def place_cup(cup: LifterCup, plate: PlateBody, lifter: LifterShape) -> SuctionCup:
     """Put the cup on the plate where the plate is at the start."""
     x, y = cup.position
     T_plate_cup = transform(frame_from_z([0.0, 0.0, -1.0], [1.0, 0.0, 0.0]), [x, y, plate.top])
@@ -234,7 +234,7 @@ class GivenPush:
     """(3,) unit, along the stick towards its tip."""
 
 
-def settle_grips(options: PlateLiftOptions, plate: Plate, gripper: Gripper) -> tuple[GivenGrip, ...] | None:
+def settle_grips(options: PlateLiftOptions, plate: PlateBody, gripper: Gripper) -> tuple[GivenGrip, ...] | None:
     """Put given grips midway between the plate's faces, where they are antipodal; None if there is no list.
 
     Raises:
@@ -249,7 +249,7 @@ def settle_grips(options: PlateLiftOptions, plate: Plate, gripper: Gripper) -> t
     return tuple(_grip(grip, plate, f"/options/grips/{i}") for i, grip in enumerate(options.grips))
 
 
-def settle_pushes(options: PlateLiftOptions, plate: Plate) -> tuple[GivenPush, ...] | None:
+def settle_pushes(options: PlateLiftOptions, plate: PlateBody) -> tuple[GivenPush, ...] | None:
     """Put given pushes onto the faces they mean; None if there is no list.
 
     Raises:
@@ -260,7 +260,7 @@ def settle_pushes(options: PlateLiftOptions, plate: Plate) -> tuple[GivenPush, .
     return tuple(_push(push, plate, f"/options/pushes/{i}") for i, push in enumerate(options.pushes))
 
 
-def _grip(grip: GripSpec, plate: Plate, pointer: str) -> GivenGrip:
+def _grip(grip: GripSpec, plate: PlateBody, pointer: str) -> GivenGrip:
     x, y, z = grip.position
     if plate.solid.depth((x, y, 0.0)) < 0.0:
         raise SceneError(f"{pointer}/position", "the point between the pads is not inside the plate")
@@ -271,7 +271,7 @@ def _grip(grip: GripSpec, plate: Plate, pointer: str) -> GivenGrip:
     return GivenGrip(np.array([x, y, 0.0]), _unit([grip.approach[0], grip.approach[1], 0.0]))
 
 
-def _push(push: PushSpec, plate: Plate, pointer: str) -> GivenPush:
+def _push(push: PushSpec, plate: PlateBody, pointer: str) -> GivenPush:
     point = np.array(push.position)
     faces = plate.solid.flat_faces()
     outside = np.array([face.normal @ (point - face.corners[0]) for face in faces])

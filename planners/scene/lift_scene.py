@@ -19,7 +19,7 @@ from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform
-from planners.scene.body import Body, Plate
+from planners.scene.body import Body, PlateBody
 from planners.scene.clashes import placed_arms, placed_at_start, placed_body, refuse_inside, refuse_overlaps
 from planners.scene.lift_placements import (
     GivenGrip,
@@ -53,7 +53,7 @@ class PlateLiftScene:
     """A plate lift at its start. Everything rests, nothing overlaps, every name is unique."""
 
     cell: Cell
-    plate: Plate
+    plate: PlateBody
     """Settled: level and at `support_top`, though the task may have placed it a little off."""
     support: Body | None
     """The board it lies on or beside; None for the bare table."""
@@ -155,11 +155,11 @@ def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:
     return gripper.squeeze if asked is None else asked
 
 
-def _open_around(plate: Plate, cell: Cell) -> float:
+def _open_around(plate: PlateBody, cell: Cell) -> float:
     return min(plate.height + 2.0 * FINGER_GAP, cell.gripper(cell.gripper_arms[0]).width_max)
 
 
-def _check_pad(task: PlateLiftTask, plate: Plate) -> None:
+def _check_pad(task: PlateLiftTask, plate: PlateBody) -> None:
     inside = float(polygon.depth_inside(plate.outline, np.array([task.cup.position]))[0])
     if inside < task.cup.radius - CONTAINMENT_SLACK:
         beyond = 1e3 * (task.cup.radius - inside)

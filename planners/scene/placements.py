@@ -12,17 +12,17 @@ from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, from_pose7
 from planners.scene.body import Body
-from planners.scene.rest import Surface
+from planners.scene.rest import LevelFace
 from planners.scene.shape_source import ShapeSource
 
 CONTAINMENT_SLACK = 1e-9
 """Rounding allowed where a point must lie inside a body [m]."""
 
 
-def box_top(box: StaticBox) -> Surface:
+def box_top(box: StaticBox) -> LevelFace:
     """Return the top of a box of the cell."""
     outline = polygon.rectangle(box.size[0], box.size[1]) + box.center[:2]
-    return Surface(box.name, float(box.center[2] + 0.5 * box.size[2]), outline)
+    return LevelFace(box.name, float(box.center[2] + 0.5 * box.size[2]), outline)
 
 
 def place_obstacle(index: int, obstacle: Obstacle, shapes: ShapeSource) -> Body:

@@ -29,7 +29,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class LevelFace:
     """A level, convex face that bodies can rest on."""
 
     name: str
@@ -92,7 +92,7 @@ def footprint(face: FlatFace, T_world_body: Transform) -> Array:
     return (face.corners @ T_world_body[:2, :3].T + T_world_body[:2, 3])[::-1]
 
 
-def overhang(corners: Array, surface: Surface) -> float:
+def overhang(corners: Array, surface: LevelFace) -> float:
     """Return how far the farthest of (k, 2) points lies outside a surface [m]; 0 when none does."""
     outside = -float(polygon.depth_inside(surface.outline, corners).min())
     return outside if outside > EDGE_SLACK else 0.0
@@ -103,13 +103,13 @@ def lowest_point(solid: Solid, T_world_body: Transform) -> float:
     return float((solid.surface()[0] @ T_world_body[2, :3]).min() + T_world_body[2, 3])
 
 
-def upper_surface(name: str, solid: Solid, T_world_body: Transform) -> Surface | None:
+def upper_surface(name: str, solid: Solid, T_world_body: Transform) -> LevelFace | None:
     """Return the top of a settled body as a surface: its highest flat face; None where that is not level."""
     face = max(solid.flat_faces(), key=lambda face: float(T_world_body[2, :3] @ face.normal))
     corners = face.corners @ T_world_body[:3, :3].T + T_world_body[:3, 3]
     if float(np.ptp(corners[:, 2])) > EDGE_SLACK:
         return None
-    return Surface(name, float(corners[:, 2].mean()), corners[:, :2])
+    return LevelFace(name, float(corners[:, 2].mean()), corners[:, :2])
 
 
 SMALLEST_OVERLAP = 1e-9
@@ -145,17 +145,19 @@ class Unsupported:
     """Said of the body: "is tilted …"."""
 
 
-def level_places(name: str, solid: Solid, T_world_body: Transform) -> list[Surface]:
+def level_places(name: str, solid: Solid, T_world_body: Transform) -> list[LevelFace]:
     """Return the level, upward places of a body's surface, which others can rest on; each is convex."""
     places = []
     for piece in solid.flat_pieces():
         corners = piece.corners @ T_world_body[:3, :3].T + T_world_body[:3, 3]
         if T_world_body[2, :3] @ piece.normal > 0.0 and float(np.ptp(corners[:, 2])) <= EDGE_SLACK:
-            places.append(Surface(name, float(corners[:, 2].mean()), corners[:, :2]))
+            places.append(LevelFace(name, float(corners[:, 2].mean()), corners[:, :2]))
     return [place for place in places if polygon.area(place.outline) > SMALLEST_OVERLAP]
 
 
-def find_footing(solid: Solid, T_world_body: Transform, com: Array, places: Iterable[Surface]) -> Footing | Unsupported:
+def find_footing(
+    solid: Solid, T_world_body: Transform, com: Array, places: Iterable[LevelFace]
+) -> Footing | Unsupported:
     """Settle a body on the places under it.
 
     It rests if its lowest flat face is within `REST_GAP` and `REST_TILT` of the highest places it is above, and its
@@ -199,7 +201,7 @@ def _shares(outline: Array, other: Array) -> bool:
     return len(shared) > 2 and polygon.area(shared) > SMALLEST_OVERLAP
 
 
-def _touching_points(solid: Solid, face: FlatFace, T_world_body: Transform, place: Surface) -> Array:
+def _touching_points(solid: Solid, face: FlatFace, T_world_body: Transform, place: LevelFace) -> Array:
     """Return the (k, 2) corners of what a face, or of a mesh the flat pieces in its plane, shares with a place."""
     on_place = footprint(face, T_world_body)
     corners = [on_place[polygon.depth_inside(place.outline, on_place) >= -EDGE_SLACK]]
@@ -244,7 +246,7 @@ def why_apart(face: FlatFace, T_world_body: Transform, height: float, below: str
     )
 
 
-def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[Surface]) -> str:
+def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[LevelFace]) -> str:
     """Say where the body would rest, on the face that looks most nearly down among those it does not tip off.
 
     And ask about its quaternion where the order of its components would explain how it is turned.
@@ -265,5 +267,5 @@ def _is_steady(face: FlatFace, com: Array) -> bool:
     return bool(np.all(np.cross(sides, com - face.corners) @ face.normal >= 0.0))
 
 
-def _nearest(face: FlatFace, T_world_body: Transform, below: Sequence[Surface]) -> Surface:
+def _nearest(face: FlatFace, T_world_body: Transform, below: Sequence[LevelFace]) -> LevelFace:
     return min(below, key=lambda place: float(np.abs(gaps(face, T_world_body, place.height)).max()))

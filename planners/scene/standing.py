@@ -19,7 +19,7 @@ from planners.scene.rest import (
     REST_GAP,
     TIP_SLACK,
     Footing,
-    Surface,
+    LevelFace,
     Unsupported,
     beyond,
     find_footing,
@@ -66,7 +66,7 @@ def first_fall(bodies: Sequence[Body], footings: Sequence[Footing]) -> Fall | No
 class Standing:
     """Decides of many arrangements of the same bodies whether they stand, and keeps what arrangements share."""
 
-    def __init__(self, still: Sequence[Surface]) -> None:
+    def __init__(self, still: Sequence[LevelFace]) -> None:
         """Take the level places of what never moves."""
         self._still = _Ground(np.array([place.height for place in still]), tuple(still), b"")
         self._grounds: dict[tuple[str, bytes], _Ground] = {}
@@ -109,7 +109,7 @@ class _Ground:
     """The level places of one body where it is, or of all that never move."""
 
     heights: Array
-    places: tuple[Surface, ...]
+    places: tuple[LevelFace, ...]
     pose: bytes
 
     def has(self, height: float) -> bool:

@@ -18,7 +18,7 @@ from planners.scene.body import Body
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_inside, refuse_overlaps
 from planners.scene.moved_object import MovedObject, symmetry_turns
 from planners.scene.placements import CONTAINMENT_SLACK, box_top
-from planners.scene.rest import REST_GAP, Footing, Surface, Unsupported, find_footing, level_places, lowest_point
+from planners.scene.rest import REST_GAP, Footing, LevelFace, Unsupported, find_footing, level_places, lowest_point
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import ExtrudedSolid, Solid
 from planners.scene.standing import Fall, Standing, first_fall
@@ -46,7 +46,7 @@ class StillBodies:
     """The cell's own."""
     bodies: tuple[PlacedBody, ...]
     """All of them."""
-    places: tuple[Surface, ...]
+    places: tuple[LevelFace, ...]
     """Level places of all of them that others may rest on."""
     excess: dict[str, float]
     """By name, how far a body's convex shapes reach beyond it [m]."""
@@ -246,7 +246,7 @@ class _GoalPile:
 
         return np.array([turns[0], *filter(is_kept, turns[1:])])
 
-    def _rests(self, index: int, T_world_body: Transform, under: Sequence[Surface]) -> bool:
+    def _rests(self, index: int, T_world_body: Transform, under: Sequence[LevelFace]) -> bool:
         """Tell whether a turned object rests where it is on what is under it, and all others with it."""
         body = self.bodies[index]
         footing = find_footing(body.solid, T_world_body, body.com, under)
@@ -268,7 +268,7 @@ class _GoalPile:
         lifted = raised(turned, RAISE + body.solid.excess)
         return first_overlap([lifted], beside) is None and first_overlap([turned], above) is None
 
-    def _places_of_others(self, index: int) -> list[Surface]:
+    def _places_of_others(self, index: int) -> list[LevelFace]:
         return [
             place
             for i, (body, footing) in enumerate(zip(self.bodies, self.footings, strict=True))

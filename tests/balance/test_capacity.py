@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Unbalanced
-from planners.balance.contacts import Cup, Friction, HandForceLimit, PushContact
+from planners.balance.contacts import Cup, Friction, HandLimits, PushContact
 from planners.balance.lifter import LifterModel
 from planners.balance.solver import Balance
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z
@@ -37,7 +37,7 @@ def test_no_hold_lifts_more_than_the_capacity(random_lift, model):
 @pytest.mark.parametrize("max_tilt", [0.0, 0.2, MAX_TILT])
 def test_the_cups_share_is_reached_at_some_tilt(model, max_tilt):
     cup = Cup.on_top((0.0, 0.0, 0.02), 0.0175, 20.0, mu=0.6)
-    plate = Plate(4.0, np.zeros(3), cup, Friction(), HandForceLimit(), model)
+    plate = Plate(4.0, np.zeros(3), cup, Friction(), HandLimits(), model)
     expected = Balance(4.0, np.zeros(3), cup, lifter_model=model).capacity(max_tilt).cup
     lifts = []
     for tilt in np.linspace(0.0, max_tilt, 25):
@@ -49,7 +49,7 @@ def test_the_cups_share_is_reached_at_some_tilt(model, max_tilt):
 
 
 def test_the_pushers_share_is_reached_along_the_edge_of_its_cone():
-    limits, friction = HandForceLimit(17.0, 100.0, 100.0), Friction(push=0.5)
+    limits, friction = HandLimits(17.0, 100.0, 100.0), Friction(push=0.5)
     held = Balance(4.0, np.zeros(3), Cup.on_top((0, 0, 0.02), 0.0175, 0.0), friction, limits)
     plate = Plate(4.0, np.zeros(3), held.cup, friction, limits, "paper")
     R = rotation_y(math.atan(0.5))

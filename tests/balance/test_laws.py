@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Balanced, Unbalanced
-from planners.balance.contacts import Cup, GripContacts, HandForceLimit, PushContact
+from planners.balance.contacts import Cup, GripContacts, HandLimits, PushContact
 from planners.balance.solver import Balance
 from planners.errors import LiftwrightError
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, transform
@@ -62,7 +62,7 @@ def test_a_pad_bears_a_bending_moment_up_to_its_stiffness(share):
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_two_hands_and_the_cup_share_a_level_weight(share):
     """Lever arms: cup in the middle at its 20 N, the hands on either side balance each other's moment."""
-    limits = HandForceLimit(normal=17.0, grip=10.0, push=10.0)
+    limits = HandLimits(normal=17.0, grip=10.0, push=10.0)
     grip = GripContacts(np.array([[0.0, -0.14, -0.02], [0.0, -0.14, 0.02]]), GRIP.normals)
     held = balance(mass=share * 40.0 / 9.81, limits=limits)
     answer = held.solve(np.eye(3), NOTHING, grip, PUSH)
@@ -142,7 +142,7 @@ def check_monotonic(random_lift, improve):
         lambda: PushContact(np.zeros(3), np.array([0.0, 0.0, 2.0])),
         lambda: GripContacts(np.zeros((3, 3)), GRIP.normals),
         lambda: Cup(transform(), 0.0, 20.0),
-        lambda: HandForceLimit(normal=float("nan")),
+        lambda: HandLimits(normal=float("nan")),
     ],
 )
 def test_what_cannot_be_is_refused(build):

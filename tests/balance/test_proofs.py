@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Unbalanced
-from planners.balance.contacts import HandForceLimit
+from planners.balance.contacts import HandLimits
 from planners.balance.lifter import LifterModel
 from planners.balance.proofs import TwistTable
 from tests.support.balance_statement import state_balance
@@ -103,7 +103,7 @@ def test_the_power_of_a_proof_is_the_most_of_all_allowed_forces(random_lift, mod
     """Without the gripper's net limit the closed form is exact, with it never too small."""
     for seed, count in enumerate(TOPPLING):
         lift = random_lift(seed, model, count, True, True)
-        limits = HandForceLimit(normal, net, net, squeeze)
+        limits = HandLimits(normal, net, net, squeeze)
         heavy = replace(lift, plate=replace(lift.plate, limits=limits, mass=TOO_HEAVY))
         answer = heavy.solve()
         assert isinstance(answer, Unbalanced)

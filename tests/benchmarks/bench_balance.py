@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from planners.balance.balanced import Unbalanced
-from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
+from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
 from planners.balance.proofs import TwistTable
 from planners.balance.solver import Balance
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z
@@ -19,7 +19,7 @@ Item = TypeVar("Item")
 
 HALF = np.array([0.15, 0.15, 0.02])
 CORNERS = HALF * np.array([[-1, -1, -1], [-1, 1, -1], [1, 1, -1], [1, -1, -1]])
-PLATE = Plate(4.0, np.zeros(3), Cup.on_top((0.1, 0.0, 0.02), 0.0175, 20.0), Friction(), HandForceLimit(), "paper")
+PLATE = Plate(4.0, np.zeros(3), Cup.on_top((0.1, 0.0, 0.02), 0.0175, 20.0), Friction(), HandLimits(), "paper")
 POSES, GRIPS, PUSHES = 151, 30, 64
 PROBLEMS, STATED = 400, 10
 

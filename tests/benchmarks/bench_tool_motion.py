@@ -18,12 +18,12 @@ from planners.motion.joint_metric import JointMetric
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
 from planners.motion.timing import JointLimits, time_path
+from planners.plan.segment import SegmentKind
 from planners.progress import silent
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_segment import ToolSegment
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.tool_scene import build_tool_scene
-from planners.segment import SegmentKind
 from tests.benchmarks.path_shortening import lengths_shortened
 from tests.benchmarks.random_piles import PILES
 from tests.benchmarks.tasks import Note, task_body

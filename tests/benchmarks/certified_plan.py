@@ -39,11 +39,10 @@ def certified_plan(pipeline: Pipeline, body: Mapping[str, Any]) -> CertifiedPlan
     pipeline = replace(pipeline, solver=replace(pipeline.solver, certify=certifier, clock=process_time))
     begun, reason, outcome = clocks(), "", ""
     try:
-        pipeline.solve({"id": "benchmark", "task": task}, silent)
+        plan = pipeline.solve({"id": "benchmark", "task": task}, silent)
     except CertificateFailed as failure:
-        outcome, reason = UNCERTIFIED, str(failure)
-    document = certifier.document
-    assert document is not None
+        plan, outcome, reason = failure.plan, UNCERTIFIED, str(failure)
+    document = plan.document()
     return CertifiedPlan(
         document,
         outcome or document["outcome"],

@@ -9,7 +9,7 @@ from typing import Any
 
 from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.manipulation.contacts.dense_contact_states import ContactSampling, DenseContactStateGraph
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
@@ -70,7 +70,7 @@ def _no_rotation_rule(_scene: PlateLiftScene, settings: LiftSettings) -> LiftSet
 def _paper_threshold(scene: PlateLiftScene, settings: LiftSettings) -> LiftSettings:
     """Join poses by the displacement of the centre of mass alone, with a threshold that gives the paper's edges."""
     wanted = PAPER["ab1"].dcsg_edges
-    prism = Prism.from_outline(scene.plate.outline, scene.plate.height)
+    prism = ConvexPrism.from_outline(scene.plate.outline, scene.plate.height)
 
     def sampling(thousandths: int) -> ContactSampling:
         return replace(settings.sampling, rotation_threshold=math.pi, com_threshold_per_size=1e-3 * thousandths)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.documents import certified, sent
 
-from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
+from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
 from planners.certify import CellReference, RobotSurfaces
 from planners.certify.balances import contact_sets
 from planners.certify.lift_task import read_lift_task
@@ -98,7 +98,7 @@ def press_against_one_another(document: Document, force: float) -> None:
         task["plate"]["mass"], np.array(task["plate"]["com"]),
         Cup.on_top(position, cup["radius"], cup["max_force"], mu=cup["mu"], kappa=cup["kappa"]),
         Friction(friction["grip"], friction["push"], friction["environment"], friction["eps"]),
-        HandForceLimit(100.0, 100.0, 100.0, first["squeeze"]), task["lifter_model"],
+        HandLimits(100.0, 100.0, 100.0, first["squeeze"]), task["lifter_model"],
     )  # fmt: skip
     statement = state_balance(plate, R, np.zeros((0, 3)), grip, push)
     weight = np.concatenate([-9.81 * plate.mass * R[2], np.zeros(3)])

@@ -7,11 +7,11 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planners.geometry.polygon import ShapeError, rectangle
-from planners.geometry.polyhedron import ElementKind, Polyhedron, Prism
+from planners.geometry.polyhedron import ConvexPrism, ElementKind, Polyhedron
 from tests.support.polyhedra import face_normal
 
 HEXAGON = [[0.2 * np.cos(a), 0.2 * np.sin(a)] for a in np.pi / 3 * np.arange(6)]
-PRISMS = [Prism.from_outline(rectangle(0.3, 0.4), 0.04), Prism.from_outline(HEXAGON, 0.03)]
+PRISMS = [ConvexPrism.from_outline(rectangle(0.3, 0.4), 0.04), ConvexPrism.from_outline(HEXAGON, 0.03)]
 DIMENSION = {ElementKind.VERTEX: 0, ElementKind.EDGE: 1, ElementKind.FACE: 2}
 
 
@@ -48,7 +48,7 @@ def test_bottom_elements_carry_the_numbers_of_the_outline():
 
 
 def test_a_box_has_its_frame_at_its_centre():
-    vertices = Prism.from_outline(rectangle(0.3, 0.4), 0.04).polyhedron.vertices
+    vertices = ConvexPrism.from_outline(rectangle(0.3, 0.4), 0.04).polyhedron.vertices
     assert vertices.min(axis=0) == pytest.approx([-0.15, -0.2, -0.02])
     assert vertices.max(axis=0) == pytest.approx([0.15, 0.2, 0.02])
 
@@ -62,4 +62,4 @@ def test_an_open_surface_is_refused():
 @pytest.mark.parametrize("height", [0.0, -0.1, float("nan")])
 def test_a_prism_without_height_is_refused(height):
     with pytest.raises(ShapeError):
-        Prism.from_outline(HEXAGON, height)
+        ConvexPrism.from_outline(HEXAGON, height)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from planners.graph.search import cheapest_path
-from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.motion.assignment import PostureAssigner
 from planners.manipulation.motion.manipulation_sequence import ManipulationSequence
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.plan.verdicts import PlanningOutcome
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
 
 
@@ -17,7 +18,7 @@ def lift() -> tuple[PlateLiftPlanner, LiftPlan]:
     """AB3: four starts, hands that regrasp, and motions in between that cannot be held."""
     planner = planner_of(task_body("ab3"))
     plan = planner.plan()
-    assert plan.outcome is LiftOutcome.SOLVED
+    assert plan.outcome is PlanningOutcome.SOLVED
     return planner, plan
 
 

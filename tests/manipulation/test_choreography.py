@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planners.geometry.pose import rotation_angle
-from planners.segment import SegmentKind
+from planners.plan.segment import SegmentKind
 from tests.kinematics.arm_oracle import PinocchioArm
 
 STILL = [kind for kind in SegmentKind if kind is not SegmentKind.TRANSFER]

@@ -10,8 +10,8 @@ from planners.graph.rejections import Rejections
 from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
 from planners.manipulation.graph.manipulation_graph import HandHold, build_graph
 from planners.manipulation.graph.node_examiner import NodeExaminer, hands_of
-from planners.manipulation.lift_plan import LiftOutcome
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.plan.verdicts import PlanningOutcome
 from tests.manipulation.lift_probe import planner_of, task_body
 from tests.manipulation.test_reach import pairs_of_postures
 
@@ -105,7 +105,7 @@ def test_the_sequence_is_the_least_forceful_of_the_starts_cheapest_ones():
 
 
 def test_minimised_force_is_no_larger_than_that_of_the_cheapest_sequence(gentle, solved):
-    assert gentle[1].outcome is LiftOutcome.SOLVED
+    assert gentle[1].outcome is PlanningOutcome.SOLVED
     assert gentle[1].search["max_force"] <= solved.search["max_force"] + 1e-6
 
 

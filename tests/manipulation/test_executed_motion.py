@@ -14,7 +14,7 @@ from planners.hands import arm_motion
 from planners.manipulation.motion.choreography import PERSISTENCE, Choreographer, StuckStep, _at_rest, _Run
 from planners.manipulation.motion.phase_track import PhaseTrack
 from planners.motion.query import MotionOutcome, MotionResult
-from planners.segment import SegmentKind
+from planners.plan.segment import SegmentKind
 from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.manipulation.lift_probe import FclCell, planner_of, task_body
 

@@ -9,7 +9,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.geometry.pose import transform
 from planners.graph.search import ALIVE, DEAD, RESOLUTION, UNKNOWN
 from planners.manipulation.contacts.contact_states import NO_CONTACT
@@ -24,7 +24,7 @@ SAMPLING = ContactSampling(
     lifted_azimuths=2,
 )
 POSES = DenseContactStateGraph.build(
-    Prism.from_outline([[-0.1, -0.1], [0.15, -0.05], [0.0, 0.12]], 0.03),
+    ConvexPrism.from_outline([[-0.1, -0.1], [0.15, -0.05], [0.0, 0.12]], 0.03),
     [0.0, 0.0, 0.0],
     transform(None, [0.3, 0.0, 1.1]),
     SAMPLING,

@@ -10,7 +10,8 @@ import pytest
 from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.manipulation.lift_attempts import plan_lift
-from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_plan import LiftPlan
+from planners.plan.verdicts import PlanningOutcome
 from planners.planning import lift_settings
 from planners.progress import silent
 from planners.scene.scene import build_scene
@@ -35,14 +36,14 @@ def ab1(cells) -> LiftPlan:
 
 def test_a_lift_without_the_reserve_asked_for_keeps_as_much_as_there_is(ab1: LiftPlan, cells: dict[str, Cell]) -> None:
     """No plan is found with a step or two more, and the summary says what there is."""
-    assert ab1.outcome is LiftOutcome.SOLVED
+    assert ab1.outcome is PlanningOutcome.SOLVED
     assert ab1.reserve is not None
     kept = ab1.reserve.value
     assert 0.0 < kept < 0.1
     assert f"{100 * kept:.1f} %" in ab1.summary
     assert ab1.reserve.limited_by in ab1.summary
     more = planner_of(task_body("ab1", reserve=kept + 0.02), cells).plan()
-    assert more.outcome is LiftOutcome.NOT_FOUND
+    assert more.outcome is PlanningOutcome.NOT_FOUND
 
 
 def test_the_smallest_reserve_of_the_samples_is_the_plans(ab1: LiftPlan) -> None:
@@ -67,8 +68,8 @@ def test_a_lift_that_needs_more_holds_is_found_without_being_asked_for_them(cell
     body = task_body("ab1", reserve=0.1)
     half = math.radians(10.0)
     body["plate_pose"][3:] = [math.cos(half), 0.0, 0.0, math.sin(half)]
-    assert planner_of({**body, "options": {"reserve": 0.0}}, cells).plan().outcome is LiftOutcome.NOT_FOUND
-    assert planned(body, cells).outcome is LiftOutcome.SOLVED
+    assert planner_of({**body, "options": {"reserve": 0.0}}, cells).plan().outcome is PlanningOutcome.NOT_FOUND
+    assert planned(body, cells).outcome is PlanningOutcome.SOLVED
 
 
 @pytest.mark.slow
@@ -76,10 +77,10 @@ def test_what_only_tolerances_stand_against_is_told_so(cells: dict[str, Cell]) -
     body = task_body("ab3", reserve=0.1)
     body["plate"] = {**body["plate"], "mass_tolerance": 0.02, "com_tolerance": 0.005}
     plan = planned(body, cells)
-    assert plan.outcome is LiftOutcome.NOT_FOUND
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
     assert "plate.com_tolerance" in plan.summary
     body["plate"] = {**body["plate"], "mass_tolerance": 0.0, "com_tolerance": 0.0}
-    assert planned(body, cells).outcome is LiftOutcome.SOLVED
+    assert planned(body, cells).outcome is PlanningOutcome.SOLVED
 
 
 def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPlan, cells: dict[str, Cell]) -> None:
@@ -90,5 +91,5 @@ def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPla
     planner.begin()
     for reserve in (kept + 0.01, kept, kept + 0.005):
         searched = planner_of(task_body("ab1", reserve=reserve), cells)
-        found = searched.planned(searched.begin(), low=False, explained=False).outcome is LiftOutcome.SOLVED
+        found = searched.planned(searched.begin(), low=False, explained=False).outcome is PlanningOutcome.SOLVED
         assert planner.may_keep(reserve, low=False) == found

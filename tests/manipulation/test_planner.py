@@ -9,9 +9,10 @@ import pytest
 from support.documents import cell_of
 
 from planners.errors import PlanningFaultError
-from planners.manipulation.lift_plan import LiftOutcome, LiftPlan
+from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_search import LiftSearch
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.plan.verdicts import PlanningOutcome
 from tests.manipulation.lift_probe import planner_of, task_body
 
 
@@ -34,7 +35,7 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
     assert most[planner.sampling.workcell.pusher] == pytest.approx(25.5, abs=0.1)
     largest = max(most.values())
     _, true = planned(normal=largest, net=largest)
-    assert generous.outcome is true.outcome is LiftOutcome.SOLVED
+    assert generous.outcome is true.outcome is PlanningOutcome.SOLVED
     assert len(generous.segments) == len(true.segments)
     for ours, theirs in zip(generous.segments, true.segments, strict=True):
         assert ours.kind is theirs.kind
@@ -49,7 +50,7 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
 
 def test_a_task_may_allow_less() -> None:
     _, plan = planned(normal=16.0, net=16.0)
-    assert plan.outcome is LiftOutcome.SOLVED
+    assert plan.outcome is PlanningOutcome.SOLVED
     for segment in plan.segments:
         for each in segment.contact_sets:
             assert np.linalg.norm(each.balance.hand_wrenches[:, :3], axis=1).max() <= 16.0

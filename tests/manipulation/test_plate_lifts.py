@@ -16,7 +16,7 @@ from support.samples import told
 from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
-from planners.manipulation.lift_plan import LiftOutcome
+from planners.plan.verdicts import PlanningOutcome
 from planners.planning import plan
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import ROOT, planner_of, task_body
@@ -142,7 +142,7 @@ def test_a_cell_turned_and_moved_with_its_task_gives_the_same_sequence(tmp_path,
         },
     }
     here, there = planner_of(body, cells).plan(), planner_of(turned, moved).plan()
-    assert there.outcome is here.outcome is LiftOutcome.SOLVED
+    assert there.outcome is here.outcome is PlanningOutcome.SOLVED
     assert [(s.contact, s.hands) for s in there.steps] == [(s.contact, s.hands) for s in here.steps]
     assert [s.force for s in there.steps] == pytest.approx([s.force for s in here.steps], abs=1e-4)
 
@@ -157,7 +157,7 @@ def test_a_mirrored_cell_lifts_the_mirrored_plate(tmp_path, cells):
     planner = planner_of({**body, "cell": "own"}, mirrored)
     assert (planner.sampling.workcell.gripper, planner.sampling.workcell.pusher) == ("left", "right")
     lifted = planner.plan()
-    assert lifted.outcome is LiftOutcome.SOLVED
+    assert lifted.outcome is PlanningOutcome.SOLVED
     original = planner_of(task_body("ab3"), cells).plan()
     assert lifted.search["max_force"] == pytest.approx(original.search["max_force"], rel=0.1)
 
@@ -193,14 +193,14 @@ def test_only_given_holds_are_used(planner, solved, cells):
         "pushes": [lists["pushes"][index] for index in used[1]],
     }
     lifted = planner_of(task_body("ab3", **chosen), cells).plan()
-    assert lifted.outcome is LiftOutcome.SOLVED
+    assert lifted.outcome is PlanningOutcome.SOLVED
     assert (lifted.graph["grips"], lifted.graph["pushes"]) == (len(used[0]), len(used[1]))
     assert lifted.search["cost"] <= solved.search["cost"] + 1e-9
 
 
 def test_one_useless_grip_is_not_enough(planner, cells):
     lifted = planner_of(task_body("ab3", grips=holds_as_given(planner)["grips"][:1]), cells).plan()
-    assert lifted.outcome is LiftOutcome.NOT_FOUND
+    assert lifted.outcome is PlanningOutcome.NOT_FOUND
     assert lifted.summary
     assert lifted.causes
 

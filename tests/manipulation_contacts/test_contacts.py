@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planners.geometry.polygon import rectangle
-from planners.geometry.polyhedron import Element, ElementKind, Polyhedron, Prism
+from planners.geometry.polyhedron import ConvexPrism, Element, ElementKind, Polyhedron
 from planners.geometry.pose import rotation_from_vector
 from planners.manipulation.contacts.contact_states import (
     ENVIRONMENT_FACE,
@@ -23,8 +23,8 @@ from planners.manipulation.contacts.contact_states import (
 )
 
 
-def polygon(n: int) -> Prism:
-    return Prism.from_outline([[np.cos(a), np.sin(a)] for a in 2 * np.pi / n * np.arange(n)], 0.1)
+def polygon(n: int) -> ConvexPrism:
+    return ConvexPrism.from_outline([[np.cos(a), np.sin(a)] for a in 2 * np.pi / n * np.arange(n)], 0.1)
 
 
 def points(contact: PrincipalContact, plate: Polyhedron, environment: Polyhedron) -> tuple[set[int], set[int]]:
@@ -34,7 +34,7 @@ def points(contact: PrincipalContact, plate: Polyhedron, environment: Polyhedron
 
 
 def test_inclusion_is_one_element_shrinking_while_the_other_shrinks_or_stays():
-    plate, environment = polygon(3).polyhedron, Prism.from_outline(rectangle(1, 1), 1).polyhedron
+    plate, environment = polygon(3).polyhedron, ConvexPrism.from_outline(rectangle(1, 1), 1).polyhedron
     contacts = [PrincipalContact(a, b) for a, b in product(plate.boundary, environment.boundary)]
     for strong, weak in product(contacts[::3], contacts[::2]):
         (a, b), (c, d) = points(strong, plate, environment), points(weak, plate, environment)
@@ -52,7 +52,7 @@ def test_a_plate_with_n_sides_has_one_face_n_edges_n_vertices_and_no_contact(n):
 
 
 def test_relaxations_of_a_rectangle_are_those_of_fig_4_of_the_paper():
-    graph = contact_state_graph(Prism.from_outline(rectangle(0.3, 0.3), 0.04))
+    graph = contact_state_graph(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.04))
 
     def weaker(kind: str, index: int) -> set[tuple[str, int | None]]:
         return {(b.element, b.index) for a, b in graph.relaxations if (a.element, a.index) == (kind, index)}
@@ -78,7 +78,7 @@ def test_relaxation_is_transitive_and_never_mutual():
 
 
 def test_merging_graphs_keeps_shared_states_once():
-    plate = Prism.from_outline(rectangle(1, 1), 0.1)
+    plate = ConvexPrism.from_outline(rectangle(1, 1), 0.1)
     boundary = plate.polyhedron.boundary
     both = {ENVIRONMENT_FACE: frozenset[Element](), Element(ElementKind.FACE, 1): frozenset[Element]()}
     graphs = [goal_contact_relaxation(PrincipalContact(plate.bottom, face), boundary, both) for face in both]

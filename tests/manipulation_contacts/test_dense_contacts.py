@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import area, centroid, rectangle
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.geometry.pose import inverse, rotation_angle, rotation_z, transform
 from planners.manipulation.contacts.contact_states import NO_CONTACT
 from planners.manipulation.contacts.dense_contact_states import (
@@ -24,27 +24,27 @@ from planners.manipulation.contacts.dense_contact_states import (
 SUPPORT = 1.094
 
 
-def hull_prism(seed: int) -> Prism:
+def hull_prism(seed: int) -> ConvexPrism:
     """A random convex plate, its frame somewhere beside its middle."""
     points = np.random.default_rng(seed).normal(scale=0.2, size=(7, 2))
-    return Prism.from_outline(points[ConvexHull(points).vertices], 0.03)
+    return ConvexPrism.from_outline(points[ConvexHull(points).vertices], 0.03)
 
 
-def regular(n: int) -> Prism:
-    return Prism.from_outline([[0.2 * np.cos(a), 0.2 * np.sin(a)] for a in 2 * np.pi / n * np.arange(n)], 0.05)
+def regular(n: int) -> ConvexPrism:
+    return ConvexPrism.from_outline([[0.2 * np.cos(a), 0.2 * np.sin(a)] for a in 2 * np.pi / n * np.arange(n)], 0.05)
 
 
 PLATES = {
-    "acrylic": (Prism.from_outline(rectangle(0.3, 0.3), 0.04), 0.0),
-    "plywood": (Prism.from_outline(rectangle(0.4, 0.5), 0.044), math.radians(20)),
-    "triangle": (Prism.from_outline([[0, 0], [0.4, 0.05], [0.1, 0.3]], 0.02), -2.5),
+    "acrylic": (ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.04), 0.0),
+    "plywood": (ConvexPrism.from_outline(rectangle(0.4, 0.5), 0.044), math.radians(20)),
+    "triangle": (ConvexPrism.from_outline([[0, 0], [0.4, 0.05], [0.1, 0.3]], 0.02), -2.5),
     "hexagon": (regular(6), 1.0),
     "random 1": (hull_prism(1), 0.3),
     "random 2": (hull_prism(2), 3.0),
 }
 
 
-def dense(shape: Prism, yaw: float, sampling: ContactSampling | None = None) -> DenseContactStateGraph:
+def dense(shape: ConvexPrism, yaw: float, sampling: ContactSampling | None = None) -> DenseContactStateGraph:
     com = np.array([*centroid(shape.outline), 0.0]) + np.array([0.01, -0.02, 0.005])
     at_rest = rest_pose(transform(rotation_z(yaw), [0.3, -0.1, 0.0]), shape, SUPPORT)
     return DenseContactStateGraph.build(shape, com, at_rest, sampling)

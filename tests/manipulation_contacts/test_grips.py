@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import depth_inside, rectangle
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.manipulation.holds.grips import (
     CupFootprint,
     GripSampling,
@@ -23,27 +23,27 @@ from planners.manipulation.holds.grips import (
 from planners.scene.lift_placements import GivenGrip
 
 JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))
-ACRYLIC = Prism.from_outline(rectangle(0.3, 0.3), 0.04)
-PLYWOOD = Prism.from_outline(rectangle(0.4, 0.5), 0.044)
+ACRYLIC = ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.04)
+PLYWOOD = ConvexPrism.from_outline(rectangle(0.4, 0.5), 0.044)
 SAMPLING = GripSampling()
 
 
-def random_plate(seed: int) -> Prism:
+def random_plate(seed: int) -> ConvexPrism:
     points = np.random.default_rng(seed).normal(scale=0.2, size=(7, 2))
-    return Prism.from_outline(points[ConvexHull(points).vertices], 0.03)
+    return ConvexPrism.from_outline(points[ConvexHull(points).vertices], 0.03)
 
 
 PLATES = [
     ACRYLIC,
     PLYWOOD,
-    Prism.from_outline([[0, 0], [0.5, 0.05], [0.1, 0.4]], 0.02),
-    Prism.from_outline([[0.2 * math.cos(a), 0.2 * math.sin(a)] for a in math.pi / 3 * np.arange(6)], 0.05),
+    ConvexPrism.from_outline([[0, 0], [0.5, 0.05], [0.1, 0.4]], 0.02),
+    ConvexPrism.from_outline([[0.2 * math.cos(a), 0.2 * math.sin(a)] for a in math.pi / 3 * np.arange(6)], 0.05),
     *(random_plate(seed) for seed in range(6)),
 ]
 
 
 @pytest.fixture(params=range(len(PLATES)))
-def plate(request) -> Prism:
+def plate(request) -> ConvexPrism:
     return PLATES[request.param]
 
 
@@ -108,7 +108,7 @@ def test_the_grips_of_a_rectangle_are_symmetric(size, axis):
     places = np.array(
         [
             grip.T_plate_tcp[0][:2, [2, 3]].ravel()
-            for grip in generate_grips(Prism.from_outline(rectangle(*size[:2]), size[2]), JAW)
+            for grip in generate_grips(ConvexPrism.from_outline(rectangle(*size[:2]), size[2]), JAW)
         ]
     )
     mirror = np.ones(4)
@@ -129,8 +129,8 @@ def test_neighbouring_grips_on_a_side_are_equally_far_apart(plate):
 
 
 def test_no_grip_on_a_plate_thicker_than_the_opening():
-    assert generate_grips(Prism.from_outline(rectangle(0.3, 0.3), 0.0811), JAW) == ()
-    assert generate_grips(Prism.from_outline(rectangle(0.3, 0.3), 0.0809), JAW) != ()
+    assert generate_grips(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.0811), JAW) == ()
+    assert generate_grips(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.0809), JAW) != ()
 
 
 @pytest.mark.parametrize("centre", [(0.11, 0.02), (0.09, 0.003), (0.12, -0.07), (-0.03, 0.105), (0.0, -0.095)])
@@ -167,11 +167,11 @@ def test_a_sampling_that_means_nothing_is_refused():
 def test_a_plate_thicker_than_the_opening_may_still_be_held_across_a_sharp_corner():
     """An equilateral triangle's corner of 60 degrees is held with friction above tan 30 degrees, at any width."""
     corners = [(0.4 * math.cos(a), 0.4 * math.sin(a)) for a in (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0)]
-    triangle = Prism.from_outline(corners, 0.2)
+    triangle = ConvexPrism.from_outline(corners, 0.2)
     assert least_opening(triangle, 0.5) == pytest.approx(0.2)
     assert least_opening(triangle, 0.6) == pytest.approx(0.0)
 
 
 def test_a_box_is_held_across_its_least_side():
-    assert least_opening(Prism.from_outline(rectangle(0.3, 0.06), 0.1), 0.5) == pytest.approx(0.06)
-    assert least_opening(Prism.from_outline(rectangle(0.3, 0.2), 0.1), 0.5) == pytest.approx(0.1)
+    assert least_opening(ConvexPrism.from_outline(rectangle(0.3, 0.06), 0.1), 0.5) == pytest.approx(0.06)
+    assert least_opening(ConvexPrism.from_outline(rectangle(0.3, 0.2), 0.1), 0.5) == pytest.approx(0.1)

@@ -10,36 +10,36 @@ from scipy.spatial import ConvexHull
 
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import rectangle
-from planners.geometry.polyhedron import Prism
-from planners.manipulation.holds.pushes import Push, PushSampling, generate_pushes, given_pushes
+from planners.geometry.polyhedron import ConvexPrism
+from planners.manipulation.holds.pushes import PlatePush, PushSampling, generate_pushes, given_pushes
 from planners.scene.lift_placements import GivenPush
 from tests.support.polyhedra import face_normal
 
 TIP = 0.010
 SAMPLING = PushSampling()
-ACRYLIC = Prism.from_outline(rectangle(0.3, 0.3), 0.04)
-PLYWOOD = Prism.from_outline(rectangle(0.4, 0.5), 0.044)
+ACRYLIC = ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.04)
+PLYWOOD = ConvexPrism.from_outline(rectangle(0.4, 0.5), 0.044)
 
 
-def random_plate(seed: int) -> Prism:
+def random_plate(seed: int) -> ConvexPrism:
     points = np.random.default_rng(seed).normal(scale=0.2, size=(7, 2))
-    return Prism.from_outline(points[ConvexHull(points).vertices], 0.03)
+    return ConvexPrism.from_outline(points[ConvexHull(points).vertices], 0.03)
 
 
 PLATES = [
     ACRYLIC,
     PLYWOOD,
-    Prism.from_outline([[0, 0], [0.5, 0.05], [0.1, 0.4]], 0.02),
+    ConvexPrism.from_outline([[0, 0], [0.5, 0.05], [0.1, 0.4]], 0.02),
     *(random_plate(seed) for seed in range(6)),
 ]
 
 
 @pytest.fixture(params=range(len(PLATES)))
-def plate(request) -> Prism:
+def plate(request) -> ConvexPrism:
     return PLATES[request.param]
 
 
-def outside(plate: Prism, points: np.ndarray) -> np.ndarray:
+def outside(plate: ConvexPrism, points: np.ndarray) -> np.ndarray:
     """(m,) largest distance of each point beyond a face's plane."""
     body = plate.polyhedron
     planes = [(face_normal(body, k), body.vertices[face[0]]) for k, face in enumerate(body.faces)]
@@ -107,7 +107,9 @@ def test_at_the_sides_the_stick_comes_from_above_and_under_the_plate_from_below(
 @pytest.mark.parametrize("height", [0.014, 0.018, 0.02, 0.03, 0.04, 0.08])
 def test_at_the_sides_the_tip_keeps_off_the_support_where_the_plate_is_thick_enough(height):
     sides = [
-        push for push in generate_pushes(Prism.from_outline(rectangle(0.3, 0.3), height), TIP) if push.normal[2] == 0.0
+        push
+        for push in generate_pushes(ConvexPrism.from_outline(rectangle(0.3, 0.3), height), TIP)
+        if push.normal[2] == 0.0
     ]
     assert sides
     for push in sides:
@@ -128,10 +130,10 @@ def test_the_retreat_leaves_the_plate_and_moves_the_stick_back(plate):
 @pytest.mark.parametrize("size", [[0.3, 0.3, 0.04], [0.4, 0.5, 0.044], [0.9, 0.2, 0.03]])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_the_pushes_of_a_rectangle_are_symmetric(size, axis):
-    def keys(pushes: tuple[Push, ...], mirror: np.ndarray) -> set[tuple[float, ...]]:
+    def keys(pushes: tuple[PlatePush, ...], mirror: np.ndarray) -> set[tuple[float, ...]]:
         return {tuple(np.round([*(p.point * mirror), *(p.axis * mirror)], 9) + 0.0) for p in pushes}
 
-    pushes = generate_pushes(Prism.from_outline(rectangle(*size[:2]), size[2]), TIP)
+    pushes = generate_pushes(ConvexPrism.from_outline(rectangle(*size[:2]), size[2]), TIP)
     mirror = np.ones(3)
     mirror[axis] = -1.0
     assert keys(pushes, mirror) == keys(pushes, np.ones(3))

@@ -14,10 +14,10 @@ from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array, inverse, rotation_from_vector, transform
 from planners.motion.trajectory import Trajectory
+from planners.plan.segment import SegmentKind
 from planners.regrasp.statics.hold_statics import EPS, PRESSED, HoldStatics, UnheldError
 from planners.regrasp.tool_segment import ContactForce, SuckedObject, ToolHold, ToolSegment
 from planners.scene.tool_scene import build_tool_scene
-from planners.segment import SegmentKind
 
 GRAVITY = 9.81
 CUP_FORCE = 20.0

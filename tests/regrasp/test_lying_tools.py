@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from planners.geometry.pose import Transform, rotation_z, to_pose7, transform
+from planners.plan.verdicts import PlanningOutcome
 from planners.progress import silent
 from planners.regrasp.grasps.handovers import HandoverDatabase, build_handovers
 from planners.regrasp.grasps.tool_grasps import Fingertips, ToolGrasps, tool_grasps
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.tool_plan import RegraspOutcome, ToolPlan
+from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.rest import Footing, Surface, find_footing
+from planners.scene.rest import Footing, LevelFace, find_footing
 from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
 from tests.cell.cell_probe import gripper_hulls
@@ -21,7 +22,7 @@ from tests.regrasp.tool_tasks import TABLE, box, scene_of
 STANDING = ToolPlannerSettings()
 LYING = STANDING.with_fingertips()
 NAMES = {"long": "long_symmetric", "short": "short_asymmetric"}
-FLOOR = Surface("table", 0.0, np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
+FLOOR = LevelFace("table", 0.0, np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]))
 OBJECT = box("a", [0.45, 0.2], [0.45, -0.2], (0.07, 0.06, 0.04))
 
 
@@ -75,7 +76,7 @@ def planned(scene: SuctionToolScene, handovers: HandoverDatabase, settings: Tool
 def test_a_tool_that_lies_is_taken_up_and_used(number, x, y, yaw, which, tool, handovers):
     scene = scene_of(OBJECT, tool=NAMES[which], tool_pose=lying(tool, number, x, y, yaw))
     plan = planned(scene, handovers)
-    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
+    assert plan.outcome is PlanningOutcome.SOLVED, plan.causes
 
 
 def test_settings_are_those_of_how_the_tool_starts(tool):
@@ -109,7 +110,7 @@ def test_without_fingertips_the_missing_millimetres_are_told(which, tool, grippe
     sideways = int(np.argmin([abs(T[2, 0]) for T in resting(tool)]))
     scene = scene_of(OBJECT, tool=NAMES[which], tool_pose=lying(tool, sideways, 0.38, -0.25, 1.6))
     plan = planned(scene, standing, STANDING)
-    assert plan.outcome is RegraspOutcome.NOT_FOUND
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
     (cause,) = plan.causes
     assert (cause.where, cause.unit, cause.needed) == ("/tool_pose", "m", STANDING.handovers.clearance.margin)
     heights = [
@@ -127,6 +128,6 @@ def test_without_fingertips_the_missing_millimetres_are_told(which, tool, grippe
 def test_a_tool_out_of_reach_is_told_as_such(tool, which, handovers):
     scene = scene_of(OBJECT, tool=NAMES[which], tool_pose=lying(tool, 0, 0.7, -0.7, 1.6))
     plan = planned(scene, handovers)
-    assert plan.outcome is RegraspOutcome.NOT_FOUND
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
     assert "does not reach" in plan.summary
     assert all(cause.where == "/tool_pose" for cause in plan.causes)

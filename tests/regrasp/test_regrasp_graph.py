@@ -8,8 +8,8 @@ import pytest
 
 from planners.regrasp.graph.regrasp_graph import (
     Handover,
+    LayeredRegraspGraph,
     Pick,
-    RegraspGraph,
     RegraspGraphError,
     RoundLayers,
     Sequence,
@@ -30,11 +30,11 @@ def random_layers(rng: np.random.Generator, ends: int) -> RoundLayers:
     return RoundLayers(costs(ends, 2 * GRASPS), costs(2 * GRASPS), costs(ends, 2 * GRASPS), handovers)
 
 
-def random_graph(seed: int) -> tuple[RegraspGraph, nx.DiGraph]:
+def random_graph(seed: int) -> tuple[LayeredRegraspGraph, nx.DiGraph]:
     rng = np.random.default_rng(seed)
     start = rng.random(2 * GRASPS) < 0.4
     rounds = (random_layers(rng, 1), random_layers(rng, GOALS))
-    return RegraspGraph(start, rounds, MOST), written_out(start, rounds)
+    return LayeredRegraspGraph(start, rounds, MOST), written_out(start, rounds)
 
 
 def written_out(start: np.ndarray, rounds: tuple[RoundLayers, RoundLayers]) -> nx.DiGraph:
@@ -134,4 +134,4 @@ def test_layers_of_different_sizes_are_refused() -> None:
     rng = np.random.default_rng(0)
     layers = (random_layers(rng, 1), random_layers(rng, 1))
     with pytest.raises(RegraspGraphError):
-        RegraspGraph(np.ones(2 * GRASPS + 2, dtype=bool), layers, MOST)
+        LayeredRegraspGraph(np.ones(2 * GRASPS + 2, dtype=bool), layers, MOST)

@@ -10,6 +10,7 @@ import pytest
 from planners.cell.cell import Cell
 from planners.contract.task_spec import read_task
 from planners.geometry.convex import ConvexShape
+from planners.plan.verdicts import PlanningOutcome
 from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.grasps.handovers import HandoverDatabase
@@ -17,7 +18,6 @@ from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.planner import SuctionToolPlanner, infeasible_plan
 from planners.regrasp.suction.suction_hold import suction_margin
 from planners.regrasp.tool_capacity import largest_lift, least_width
-from planners.regrasp.tool_plan import RegraspOutcome
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import SuctionTool
@@ -69,7 +69,7 @@ def test_what_is_too_heavy_for_the_cup_is_infeasible_with_both_numbers() -> None
     scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3], mass=2.2))
     plan = infeasible_plan(scene)
     assert plan is not None
-    assert plan.outcome is RegraspOutcome.INFEASIBLE
+    assert plan.outcome is PlanningOutcome.INFEASIBLE
     cause = plan.causes[0]
     assert cause.needed == pytest.approx(2.2 * 9.81)
     assert cause.available == pytest.approx(scene.tool.cup.max_force)
@@ -81,7 +81,7 @@ def test_what_the_cup_bears_and_no_hand_may_carry_with_the_tool_is_infeasible_wi
     scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3], mass=1.001 * left - 0.25))
     plan = infeasible_plan(scene)
     assert plan is not None
-    assert plan.outcome is RegraspOutcome.INFEASIBLE
+    assert plan.outcome is PlanningOutcome.INFEASIBLE
     (cause,) = plan.causes
     assert "payload" in cause.reason
     assert (cause.needed, cause.available, cause.unit) == (
@@ -98,14 +98,14 @@ def test_what_one_of_two_hands_may_carry_is_not_proven_impossible() -> None:
 def test_what_is_too_heavy_and_at_its_goal_already_stays_there() -> None:
     scene = scene_of(box("block", [0.3, 0.3], [0.3, 0.3], mass=20.0))
     assert infeasible_plan(scene) is None
-    assert planner_of(scene, none_for(scene.cell, scene.tool)).plan().outcome is RegraspOutcome.SOLVED
+    assert planner_of(scene, none_for(scene.cell, scene.tool)).plan().outcome is PlanningOutcome.SOLVED
 
 
 def test_a_tool_that_no_grasp_was_found_for_is_not_proven_impossible() -> None:
     scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3]))
     assert infeasible_plan(scene) is None
     plan = planner_of(scene, none_for(scene.cell, scene.tool)).plan()
-    assert plan.outcome is RegraspOutcome.NOT_FOUND
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
     assert plan.causes
 
 
@@ -113,7 +113,7 @@ def test_fingers_that_may_hardly_squeeze_prove_a_task_impossible() -> None:
     scene = replace(scene_of(box("block", [0.3, 0.3], [0.3, -0.3])), grip_force_limit=0.5)
     plan = infeasible_plan(scene)
     assert plan is not None
-    assert plan.outcome is RegraspOutcome.INFEASIBLE
+    assert plan.outcome is PlanningOutcome.INFEASIBLE
     assert [cause.unit for cause in plan.causes] == ["N"]
 
 
@@ -144,7 +144,7 @@ def test_what_no_arm_reaches_with_the_tool_is_infeasible_with_both_lengths(
     scene = scene_of(box("block", start, goal), obstacles=[SHELF])
     plan = infeasible_plan(scene)
     assert plan is not None
-    assert plan.outcome is RegraspOutcome.INFEASIBLE
+    assert plan.outcome is PlanningOutcome.INFEASIBLE
     (cause,) = plan.causes
     assert (cause.stage, cause.where, cause.unit) == ("reach", "block", "m")
     assert where in cause.reason
@@ -158,10 +158,10 @@ def test_a_tool_that_no_arm_reaches_is_infeasible() -> None:
     scene = scene_of(box("block", [0.3, 0.3], [0.3, -0.3]), obstacles=[SHELF], tool_pose=[*FAR, 1.094, 1, 0, 0, 0])
     plan = infeasible_plan(scene)
     assert plan is not None
-    assert plan.outcome is RegraspOutcome.INFEASIBLE
+    assert plan.outcome is PlanningOutcome.INFEASIBLE
     assert [(cause.stage, cause.where) for cause in plan.causes] == [("reach", "tool")]
 
 
 def test_what_is_out_of_reach_and_at_its_goal_already_stays_there() -> None:
     scene = scene_of(box("block", FAR, FAR), obstacles=[SHELF])
-    assert planner_of(scene, none_for(scene.cell, scene.tool)).plan().outcome is RegraspOutcome.SOLVED
+    assert planner_of(scene, none_for(scene.cell, scene.tool)).plan().outcome is PlanningOutcome.SOLVED

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.plan.segment import SegmentKind
+from planners.plan.verdicts import PlanningOutcome
 from planners.progress import silent
 from planners.regrasp.grasps.handovers import HandoverDatabase, build_handovers
 from planners.regrasp.grasps.tool_grasps import tool_grasps
 from planners.regrasp.planner import SuctionToolPlanner
-from planners.regrasp.tool_plan import RegraspOutcome, ToolPlan
+from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.clashes import arm_frames
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
-from planners.segment import SegmentKind
 
 TASKS = Path(__file__).parents[2] / "assets" / "tasks"
 SETTINGS = ToolPlannerSettings()
@@ -47,7 +48,7 @@ def planned(request: pytest.FixtureRequest, handovers: HandoverDatabase) -> tupl
 
 def test_every_shipped_pile_is_planned(planned: tuple[SuctionToolScene, ToolPlan]) -> None:
     scene, plan = planned
-    assert plan.outcome is RegraspOutcome.SOLVED
+    assert plan.outcome is PlanningOutcome.SOLVED
     assert sorted(plan.order) == sorted(each.name for each in scene.objects)
 
 
@@ -109,7 +110,7 @@ def test_second_thoughts_about_slow_motion_never_make_one_object_slower(handover
     for thoughts in (0, 1, 4):
         settings = replace(SETTINGS, slow_motion=0.0, second_thoughts=thoughts)
         plan = SuctionToolPlanner(scene, settings, handovers, silent).plan()
-        assert plan.outcome is RegraspOutcome.SOLVED
+        assert plan.outcome is PlanningOutcome.SOLVED
         seconds.append(sum(segment.trajectory.duration for segment in plan.segments))
     assert seconds == sorted(seconds, reverse=True)
 
@@ -118,7 +119,7 @@ def test_a_spent_budget_is_told_as_not_found_with_counts(handovers: HandoverData
     motion = replace(SETTINGS.motion, straight_attempts=0, max_iterations=0)
     settings = replace(SETTINGS, motion=motion, tries=3, orders=0)
     plan = SuctionToolPlanner(scene_of("can_stack"), settings, handovers, silent).plan()
-    assert plan.outcome is RegraspOutcome.NOT_FOUND
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
     assert not plan.segments
     assert plan.causes
     assert sum(plan.rejections.counts().values()) >= 3

@@ -10,14 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planners.plan.verdicts import PlanningOutcome
 from planners.progress import silent
-from planners.regrasp.graph.regrasp_figures import EdgeKind, EdgeState, LayerName
+from planners.regrasp.graph.regrasp_figures import EdgeState, LayerName, RegraspEdgeKind
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.pile.pile_planner import SuctionFinder
 from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.statics.hold_statics import HoldStatics
-from planners.regrasp.tool_plan import RegraspOutcome, ToolPlan
+from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import StopoverSettings, ToolPlannerSettings
 from planners.scene.clashes import gap, placed_body
 from planners.scene.tool_placements import StillBodies
@@ -55,7 +56,7 @@ TASKS = {
 def test_objects_nobody_listed_end_at_one_of_their_goals(objects: list, handovers: HandoverDatabase) -> None:
     scene = scene_of(*objects)
     plan = planned(scene, handovers)
-    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
+    assert plan.outcome is PlanningOutcome.SOLVED, plan.causes
     places = {name: poses[-1] for segment in plan.segments for name, poses in segment.body_poses.items()}
     for each in scene.objects:
         assert np.abs(each.goals - places[each.name]).max(axis=(1, 2)).min() < 1e-8
@@ -64,7 +65,7 @@ def test_objects_nobody_listed_end_at_one_of_their_goals(objects: list, handover
 def test_objects_that_stand_on_each_others_goals_change_places_by_way_of_a_third(handovers: HandoverDatabase) -> None:
     scene = scene_of(box("one", [0.35, 0.2], [0.35, -0.2]), box("other", [0.35, -0.2], [0.35, 0.2]))
     plan = planned(scene, handovers)
-    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
+    assert plan.outcome is PlanningOutcome.SOLVED, plan.causes
     assert sorted(Counter(plan.order).values()) == [1, 2]
     assert "put aside" in plan.summary
 
@@ -74,7 +75,7 @@ def test_what_only_one_arm_may_carry_is_carried_by_that_arm(handovers: HandoverD
     scene = scene_of(box("heavy", [0.35, 0.15], [0.35, 0.05], mass=0.5))
     weak = replace(scene, carry_force_limits={"left": 5.0, "right": 17.6})
     plan = planned(weak, handovers)
-    assert plan.outcome is RegraspOutcome.SOLVED, plan.causes
+    assert plan.outcome is PlanningOutcome.SOLVED, plan.causes
     laden = [segment for segment in plan.segments if segment.sucked is not None]
     assert laden
     assert {hold.arm for segment in laden for hold in segment.holds} == {"right"}
@@ -107,7 +108,7 @@ def test_the_suction_poses_are_asked_once_for_every_object() -> None:
 
 def test_an_object_that_is_out_of_reach_is_not_found_with_the_reason(handovers: HandoverDatabase) -> None:
     plan = planned(scene_of(box("far", [0.8, 0.8], [0.35, 0.2])), handovers)
-    assert plan.outcome is RegraspOutcome.NOT_FOUND
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
     assert any("does not reach" in cause.reason for cause in plan.causes)
 
 
@@ -117,12 +118,12 @@ def test_the_figures_of_a_regrasp_graph_show_the_sequence_that_was_moved(handove
     assert figures.moved
     chosen = [figures.edges[number] for number in figures.sequence]
     assert all(edge.state is EdgeState.CHOSEN for edge in chosen)
-    assert [edge.kind for edge in chosen].count(EdgeKind.PICK) == 1
+    assert [edge.kind for edge in chosen].count(RegraspEdgeKind.PICK) == 1
     assert all(before.end == after.start for before, after in itertools.pairwise(chosen))
-    assert sum(edge.kind is EdgeKind.HANDOVER for edge in chosen) == plan.search["handovers"]
+    assert sum(edge.kind is RegraspEdgeKind.HANDOVER for edge in chosen) == plan.search["handovers"]
     layers = {(layer.layer, layer.goal): set(layer.possible) for layer in figures.layers}
     assert chosen[0].end in layers[LayerName.INITIAL, None]
-    (first, second) = [edge for edge in chosen if edge.kind is EdgeKind.TRANSFER]
+    (first, second) = [edge for edge in chosen if edge.kind is RegraspEdgeKind.TRANSFER]
     assert first.end in layers[LayerName.SUCTION, None]
     assert second.end in layers[LayerName.GOAL, second.goal]
     for layer in figures.layers:

@@ -12,7 +12,7 @@ from planners.geometry.pose import rotation_angle, rotation_from_vector, rotatio
 from planners.scene.rest import (
     REST_GAP,
     REST_TILT,
-    Surface,
+    LevelFace,
     footprint,
     gaps,
     lowest_face,
@@ -24,7 +24,7 @@ from planners.scene.rest import (
 from planners.scene.solid import solid_of
 
 BOX = solid_of(Box(type="box", size=(0.2, 0.1, 0.06)))
-SQUARE = Surface("square", 1.0, np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]))
+SQUARE = LevelFace("square", 1.0, np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]))
 TINY = st.floats(-REST_TILT, REST_TILT)
 
 

@@ -13,11 +13,11 @@ from scipy.optimize import linprog
 from planners.contract.shapes import Box
 from planners.geometry.pose import Array, Transform, rotation_z, transform
 from planners.scene.body import Body
-from planners.scene.rest import Footing, Surface, Unsupported, find_footing, level_places
+from planners.scene.rest import Footing, LevelFace, Unsupported, find_footing, level_places
 from planners.scene.solid import solid_of
 from planners.scene.standing import Fall, Standing, first_fall
 
-TABLE = Surface("table", 0.0, np.array([[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]]))
+TABLE = LevelFace("table", 0.0, np.array([[-5.0, -5.0], [5.0, -5.0], [5.0, 5.0], [-5.0, 5.0]]))
 HEIGHT = 0.02
 Given = tuple[Sequence[float], float, Sequence[float]]
 """Length and width [m], mass [kg], and x, y [m] and level of a box."""

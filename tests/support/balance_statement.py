@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cvxpy as cp
 import numpy as np
 
-from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact, contact_axes
+from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
 from planners.balance.template import K_HAND, K_SUCTION
 from planners.geometry.pose import Array, Transform, inverse, transform
@@ -28,7 +28,7 @@ class Plate:
     """(3,), plate frame [m]."""
     cup: Cup
     friction: Friction
-    limits: HandForceLimit
+    limits: HandLimits
     lifter_model: LifterModel
     gravity: float = 9.81
 

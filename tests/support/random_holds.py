@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 
 from planners.balance.balanced import Balanced, Unbalanced
-from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
+from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
 from planners.balance.lifter import LifterModel
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array, rotation_x, rotation_y, rotation_z
@@ -87,7 +87,7 @@ def random_lift(seed: int, model: LifterModel, environment: int, grip: bool, pus
         com=rng.uniform(-0.02, 0.02, 3),
         cup=cup,
         friction=Friction(*rng.uniform(0.3, 0.8, 3), eps=rng.uniform(0.004, 0.02)),
-        limits=HandForceLimit(
+        limits=HandLimits(
             rng.uniform(10.0, 25.0), rng.uniform(8.0, 30.0), rng.uniform(8.0, 30.0), rng.choice([None, 20.0, 60.0])
         ),
         lifter_model=model,

@@ -22,6 +22,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import load_tools
 from workers.simulation.stage import simulate_plan
+from workers.software import describe_software
 from workers.solver.handover_store import HandoverStore
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
 
@@ -49,19 +50,25 @@ class Pipeline:
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
         cells = {name: load_cell(name) for name in known_cells()}
-        return cls(TaskSolver(cells, load_tools(), handovers))
+        return cls(TaskSolver(cells, load_tools(), handovers, software=describe_software()))
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
         self.solve({"id": "warm-up", "task": {**reference_task(), "options": FEW_HOLDS}}, silent)
         return self
 
-    def compile(self) -> None:
+    def compile(self, kind: str | None = None) -> None:
         """Compile every kernel that is not compiled yet, and compute the handovers of every shipped tool.
 
-        Takes minutes the first time, seconds after that.
+        Takes a minute the first time, seconds after that.
+
+        Args:
+            kind: of task; None: both.
         """
-        self.solve({"id": "compile", "task": reference_task()}, silent)
+        if kind != "suction_tool":
+            self.solve({"id": "compile", "task": reference_task()}, silent)
+        if kind == "plate_lift":
+            return
         tasks = reference_tool_tasks()
         for task in tasks:
             self.solve({"id": "compile", "task": task}, silent)

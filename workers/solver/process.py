@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 REPORT_SECONDS = 0.05
 """Least time between two reports of stages that have begun [s]: reports must not slow the work down."""
 COMPILE = "--compile"
-"""Argument with which the process only compiles what is not compiled yet."""
+"""Argument with which the process only compiles what is not compiled yet: all of it, or the part that follows."""
+PARTS = ("plate_lift", "suction_tool")
+"""Kinds of tasks whose kernels can be compiled apart."""
 GZIP_LEVEL = 3
 """Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
 
@@ -167,6 +169,7 @@ def _load_pipeline() -> Pipeline:
 if __name__ == "__main__":
     if COMPILE in sys.argv:
         threading.Thread(target=_listen_to_the_worker, args=(SimpleQueue(),), daemon=True).start()
-        _load_pipeline().compile()
+        part = sys.argv[sys.argv.index(COMPILE) + 1 :]
+        _load_pipeline().compile(part[0] if part and part[0] else None)
     else:
         main(lambda: _load_pipeline().warm_up().answer)

@@ -9,17 +9,23 @@ import ast
 import hashlib
 import os
 import platform
+import re
+import shutil
 import subprocess
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import structlog
 from llvmlite import binding
+from numba.core.caching import UserProvidedCacheLocator
 
 from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
-from workers.solver.process import COMPILE
+from workers.solver.process import COMPILE, PARTS
 from workers.solver.protocol import HANDOVERS_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,17 +61,70 @@ def warm_up(settings: WorkerSettings) -> None:
     forget_stale_kernels()
     log.info(
         "loading kernels and handovers of the shipped tools; the first start compiles and computes them, "
-        "which takes minutes",
+        "which takes a minute",
         handovers=str(settings.handovers_dir),
     )
-    command = (*settings.solver_command, COMPILE)
-    # It ends when its stdin does: with this process, however that ends.
-    environment = {**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL) as compiler:
-        return_code = compiler.wait()
-    if return_code != 0:
-        raise WarmUpFailed(return_code)
+    if any(path for folder in _cache_folders() for path in _compiled(folder)):
+        _compile(settings, {"": os.environ.get(CACHE_VARIABLE, "")})
+    else:
+        # Two processes never compile into one cache: its index has no lock, and could name a kernel's code by another.
+        with TemporaryDirectory() as scratch:
+            apart = {part: f"{scratch}/{part}" for part in PARTS}
+            _compile(settings, apart)
+            for path in apart.values():
+                _keep_kernels(Path(path))
     mark_warm(settings)
+
+
+def _compile(settings: WorkerSettings, caches: Mapping[str, str]) -> None:
+    """Have one process compile each part at the same time; `caches` are where its kernels go, by part.
+
+    Raises:
+        WarmUpFailed: one of them does not work.
+    """
+    with ExitStack() as stack:
+        compilers = [
+            stack.enter_context(
+                subprocess.Popen(
+                    (*settings.solver_command, COMPILE, part),
+                    env={**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir), CACHE_VARIABLE: cache},
+                    # It ends when its stdin does: with this process, however that ends.
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                )
+            )
+            for part, cache in caches.items()
+        ]
+        codes = [compiler.wait() for compiler in compilers]
+    failed = next((code for code in codes if code != 0), 0)
+    if failed:
+        raise WarmUpFailed(failed)
+
+
+def _keep_kernels(cache: Path) -> None:
+    """Move the kernels that a process compiled to where the compiler looks for them.
+
+    Of a kernel that is there already, the one of more signatures is kept: the other's are compiled when they are asked
+    for.
+    """
+    kept_apart = os.environ.get(CACHE_VARIABLE)
+    for source in {path.parent for path in _sources_of_kernels(KERNEL_FOLDERS)}:
+        name = UserProvidedCacheLocator.get_suitable_cache_subpath(str(source / "any.py"))
+        target = Path(kept_apart) / name if kept_apart else source / "__pycache__"
+        kernels: dict[str, list[Path]] = {}
+        for path in _compiled(cache / name) if (cache / name).is_dir() else ():
+            kernels.setdefault(_kernel_of(path), []).append(path)
+        target.mkdir(parents=True, exist_ok=True)
+        there = Counter(_kernel_of(path) for path in _compiled(target))
+        for kernel, paths in kernels.items():
+            if len(paths) > there[kernel]:
+                for path in paths:
+                    shutil.copy2(path, target / path.name)
+
+
+def _kernel_of(path: Path) -> str:
+    """Return the name of a compiled file without what tells its signatures apart."""
+    return re.sub(r"(\.\d+)?\.nb[ic]$", "", path.name)
 
 
 def is_warm(settings: WorkerSettings) -> bool:
@@ -113,12 +172,17 @@ def forget_stale_kernels(packages: tuple[Path, ...] = KERNEL_FOLDERS, cache_dir:
         cache_dir: where compiled kernels are kept; None: where the compiler is told to, else beside the sources.
     """
     newest = max((path.stat().st_mtime_ns for path in _sources_of_kernels(packages)), default=0)
-    kept_apart = os.environ.get(CACHE_VARIABLE) if cache_dir is None else cache_dir
-    folders = (Path(kept_apart),) if kept_apart else packages
+    folders = _cache_folders(packages, cache_dir)
     stale = [path for folder in folders for path in _compiled(folder) if path.stat().st_mtime_ns < newest]
     for path in stale:
         path.unlink(missing_ok=True)
     return len(stale)
+
+
+def _cache_folders(packages: tuple[Path, ...] = KERNEL_FOLDERS, cache_dir: str | None = None) -> tuple[Path, ...]:
+    """Return the folders in which compiled kernels are kept."""
+    kept_apart = os.environ.get(CACHE_VARIABLE) if cache_dir is None else cache_dir
+    return (Path(kept_apart),) if kept_apart else packages
 
 
 def _sources_of_kernels(packages: tuple[Path, ...]) -> set[Path]:

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from planners.geometry.polyhedron import Boundary, Element, ElementKind, Prism
+from planners.geometry.polyhedron import Boundary, ConvexPrism, Element, ElementKind
 from planners.geometry.pose import Array, skew
 
 
@@ -103,7 +103,7 @@ def merge(graphs: Iterable[ContactStateGraph]) -> ContactStateGraph:
     return ContactStateGraph(tuple(contacts), relaxations)
 
 
-def contact_state_graph(plate: Prism) -> ContactStateGraph:
+def contact_state_graph(plate: ConvexPrism) -> ContactStateGraph:
     """Return the contact states of a plate's bottom on a flat environment: face, edges, vertices, no contact."""
     strongest = PrincipalContact(plate.bottom, ENVIRONMENT_FACE)
     return merge([goal_contact_relaxation(strongest, plate.polyhedron.boundary, FLAT_ENVIRONMENT)])

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import area, side_directions
-from planners.geometry.polyhedron import Element, ElementKind, Prism
+from planners.geometry.polyhedron import ConvexPrism, Element, ElementKind
 from planners.geometry.pose import Array, Transform, rotation_z, transform
 from planners.manipulation.contacts.contact_states import (
     ENVIRONMENT_FACE,
@@ -136,7 +136,7 @@ class RestingPlate:
         LiftwrightError: if the pose is not flat within 1e-9 rad (`rest_pose` makes it so).
     """
 
-    shape: Prism
+    shape: ConvexPrism
     com: Array
     """(3,) centre of mass in the plate's frame [m]."""
     T_world_plate: Transform
@@ -281,7 +281,10 @@ class DenseContactStateGraph:
 
     @staticmethod
     def build(
-        shape: Prism, com: Sequence[float] | Array, T_world_plate: Transform, sampling: ContactSampling | None = None
+        shape: ConvexPrism,
+        com: Sequence[float] | Array,
+        T_world_plate: Transform,
+        sampling: ContactSampling | None = None,
     ) -> DenseContactStateGraph:
         """Sample the contact states of a plate that lies flat and join the samples.
 
@@ -359,7 +362,7 @@ class DenseContactStateGraph:
         return PlateMotion(self.plate, start, end, contact, points)
 
 
-def rest_pose(T_world_plate: Transform, shape: Prism, support_height: float) -> Transform:
+def rest_pose(T_world_plate: Transform, shape: ConvexPrism, support_height: float) -> Transform:
     """Return the exactly flat pose nearest to a nearly flat one: place and yaw kept, bottom at `support_height` [m]."""
     yaw = math.atan2(T_world_plate[1, 0], T_world_plate[0, 0])
     position = [*T_world_plate[:2, 3], support_height + 0.5 * shape.height]
@@ -381,7 +384,7 @@ def _samples(plate: RestingPlate, contact: PrincipalContact, sampling: ContactSa
     return _contact_samples(plate, element, tilts)
 
 
-def _layers(shape: Prism, sampling: ContactSampling) -> list[float]:
+def _layers(shape: ConvexPrism, sampling: ContactSampling) -> list[float]:
     """Return the clearances of the poses off the environment: near enough to be joined, and one above the goal."""
     first = min(sampling.first_layer, sampling.goal_height)
     step = 0.8 * _thresholds(shape, sampling)[0]
@@ -434,7 +437,7 @@ def _polar(radii: Array, azimuths: Array) -> Array:
     return (radii[:, None, None] * directions[None, :, :]).reshape(-1, 2)
 
 
-def _thresholds(shape: Prism, sampling: ContactSampling) -> tuple[float, float]:
+def _thresholds(shape: ConvexPrism, sampling: ContactSampling) -> tuple[float, float]:
     """Return the largest displacement of the centre of mass [m] and the largest rotation [rad] of an edge."""
     return sampling.com_threshold_per_size * math.sqrt(area(shape.outline)), sampling.rotation_threshold
 

@@ -167,7 +167,9 @@ class _NodeKey:
         )
 
 
-Failure = EdgeFailure | MotionFailure | BlockedMotion | TransitFailure | PairFailure | LoneTransitFailure | RiseFailure
+GraphFailure = (
+    EdgeFailure | MotionFailure | BlockedMotion | TransitFailure | PairFailure | LoneTransitFailure | RiseFailure
+)
 
 
 class Failures:
@@ -175,7 +177,7 @@ class Failures:
 
     def __init__(self, balance: HoldBalance) -> None:
         self._balance = balance
-        self._failures: list[Failure] = []
+        self._failures: list[GraphFailure] = []
         self._unbalanced_motions: set[int] = set()
 
     def of_reach(self, balance: HoldBalance) -> Failures:
@@ -186,7 +188,7 @@ class Failures:
         kept._unbalanced_motions = balance.unbalanced_motions()
         return kept
 
-    def add(self, failure: Failure, graph: ManipulationStateGraph) -> int:
+    def add(self, failure: GraphFailure, graph: ManipulationStateGraph) -> int:
         """Remember a failure and apply it; return how many edges or nodes it killed."""
         self._failures.append(failure)
         return _apply(failure, graph)
@@ -212,7 +214,7 @@ class Failures:
         return _kill(graph, edges[impossible[grip_row, push_row]])
 
 
-def _apply(failure: Failure, graph: ManipulationStateGraph) -> int:
+def _apply(failure: GraphFailure, graph: ManipulationStateGraph) -> int:
     killed = 0
     if isinstance(failure, LoneTransitFailure | TransitFailure):
         lost = set(failure.nodes(graph)) - graph.lost_starts

@@ -11,7 +11,7 @@ import numpy as np
 
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import inward_normals, segment_distance
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.geometry.pose import Array, rotation_z, transform
 from planners.graph.rejections import Rejection
 from planners.manipulation.holds.rim import RimPatch, RimStation, rim_stations
@@ -59,7 +59,7 @@ class CupFootprint:
 
 
 @dataclass(frozen=True, eq=False)
-class Grip:
+class PlateGrip:
     """Two antipodal contacts, and the two poses of the hand that reach them. Everything in the plate's frame.
 
     The hand can be turned by half a turn about its approach direction; this swaps the fingers. The first axis of the
@@ -83,7 +83,7 @@ class Grip:
         return self.T_plate_tcp[0, :3, 2]
 
 
-def least_opening(plate: Prism, friction: float) -> float:
+def least_opening(plate: ConvexPrism, friction: float) -> float:
     """Return a lower bound of the opening with which two pads can hold a plate anywhere, antipodal with friction [m].
 
     Two pads hold two faces whose normals are opposite within twice the friction angle. Besides top and bottom these
@@ -102,8 +102,8 @@ def least_opening(plate: Prism, friction: float) -> float:
 
 
 def generate_grips(
-    plate: Prism, jaw: Jaw, *, cup: CupFootprint | None = None, sampling: GripSampling | None = None
-) -> tuple[Grip, ...]:
+    plate: ConvexPrism, jaw: Jaw, *, cup: CupFootprint | None = None, sampling: GripSampling | None = None
+) -> tuple[PlateGrip, ...]:
     """Spread grips evenly along the rim, square to the side faces, fingers on top and bottom.
 
     Left out are grips whose pad would stick out at a corner or meet the cup's pad; none is left on a plate that the
@@ -125,7 +125,7 @@ def generate_grips(
     )
 
 
-def lack_of_grips(plate: Prism, jaw: Jaw, cup: CupFootprint | None, sampling: GripSampling) -> Rejection:
+def lack_of_grips(plate: ConvexPrism, jaw: Jaw, cup: CupFootprint | None, sampling: GripSampling) -> Rejection:
     """Say why `generate_grips` finds no place: the plate is too thick, too small, or the cup covers what is left."""
     needed = plate.height + sampling.opening_clearance
     if needed > jaw.width_max:
@@ -139,12 +139,12 @@ def lack_of_grips(plate: Prism, jaw: Jaw, cup: CupFootprint | None, sampling: Gr
     return Rejection("sampling", "the cup is where the pads would be")
 
 
-def given_grips(given: Sequence[GivenGrip], plate: Prism) -> tuple[Grip, ...]:
+def given_grips(given: Sequence[GivenGrip], plate: ConvexPrism) -> tuple[PlateGrip, ...]:
     """Make grips of those that a task gives."""
     return tuple(_level_grip(index, grip.position, grip.approach, plate.height) for index, grip in enumerate(given))
 
 
-def _stations(plate: Prism, jaw: Jaw, sampling: GripSampling) -> Sequence[RimStation]:
+def _stations(plate: ConvexPrism, jaw: Jaw, sampling: GripSampling) -> Sequence[RimStation]:
     """Spread places along the rim at which a pad lies on the face."""
     across, along = jaw.pad_size
     depth_to = sampling.depth + 0.5 * along
@@ -152,13 +152,13 @@ def _stations(plate: Prism, jaw: Jaw, sampling: GripSampling) -> Sequence[RimSta
     return rim_stations(plate.outline, sampling.count, patch)
 
 
-def _level_grip(index: int, position: Array, approach: Array, height: float) -> Grip:
+def _level_grip(index: int, position: Array, approach: Array, height: float) -> PlateGrip:
     """Assemble a grip in the plate's plane, fingers on top and bottom."""
     opening = np.array([0.0, 0.0, 1.0])
     T_plate_tcp = transform(np.column_stack([np.cross(opening, approach), opening, approach]), position)
     points = np.array([position - 0.5 * height * opening, position + 0.5 * height * opening])
     normals = np.array([opening, -opening])
-    return Grip(
+    return PlateGrip(
         index=index,
         T_plate_tcp=np.array([T_plate_tcp, T_plate_tcp @ transform(rotation_z(math.pi))]),
         width=height,

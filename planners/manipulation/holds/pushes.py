@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.errors import LiftwrightError
-from planners.geometry.polyhedron import Prism
+from planners.geometry.polyhedron import ConvexPrism
 from planners.geometry.pose import Array, frame_from_z, rotation_z, transform
 from planners.manipulation.holds.rim import RimPatch, RimStation, rim_stations
 from planners.scene.lift_placements import PUSH_CONE, GivenPush
@@ -58,7 +58,7 @@ class PushSampling:
 
 
 @dataclass(frozen=True, eq=False)
-class Push:
+class PlatePush:
     """One point contact, and the poses of the hand that reach it. Everything in the plate's frame."""
 
     index: int
@@ -79,7 +79,9 @@ class Push:
         return back / np.linalg.norm(back)
 
 
-def generate_pushes(plate: Prism, tip_radius: float, sampling: PushSampling | None = None) -> tuple[Push, ...]:
+def generate_pushes(
+    plate: ConvexPrism, tip_radius: float, sampling: PushSampling | None = None
+) -> tuple[PlatePush, ...]:
     """Spread pushes evenly along the rim: on the side faces, and under the plate near the rim.
 
     Contacts on the sides are at mid-thickness, or higher where the tip would be too close to the support.
@@ -106,7 +108,7 @@ def generate_pushes(plate: Prism, tip_radius: float, sampling: PushSampling | No
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
 
 
-def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[Push, ...]:
+def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[PlatePush, ...]:
     """Make pushes of those that a task gives, at `rolls` turns of the hand about the stick."""
     contacts = ((push.point, push.normal, push.axis) for push in given)
     return tuple(_push(index, contact, tip_radius, rolls) for index, contact in enumerate(contacts))
@@ -126,7 +128,7 @@ def _side_contacts(station: RimStation, height: float, sampling: PushSampling) -
     ]
 
 
-def _bottom_contacts(station: RimStation, plate: Prism, sampling: PushSampling) -> list[_Contact]:
+def _bottom_contacts(station: RimStation, plate: ConvexPrism, sampling: PushSampling) -> list[_Contact]:
     """Under the plate, the stick coming from outside the rim and below."""
     inward, along = np.array([*station.inward, 0.0]), np.array([*station.along, 0.0])
     point = np.array([*(station.point + sampling.bottom_depth * station.inward), -0.5 * plate.height])
@@ -137,13 +139,13 @@ def _bottom_contacts(station: RimStation, plate: Prism, sampling: PushSampling) 
     ]
 
 
-def _push(index: int, contact: _Contact, tip_radius: float, rolls: int) -> Push:
+def _push(index: int, contact: _Contact, tip_radius: float, rolls: int) -> PlatePush:
     point, normal, axis = contact
     frame = frame_from_z(axis, _square_hint(axis))
     centre = point - tip_radius * normal
     turns = 2.0 * math.pi * np.arange(rolls) / rolls
     T_plate_tcp = np.array([transform(frame @ rotation_z(float(turn)), centre) for turn in turns])
-    return Push(index, point, normal, axis, T_plate_tcp)
+    return PlatePush(index, point, normal, axis, T_plate_tcp)
 
 
 def _square_hint(axis: Array) -> Array:

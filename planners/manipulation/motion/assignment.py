@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
-from planners.manipulation.graph.failures import Failure, MotionFailure, PairFailure, RiseFailure, TransitFailure
+from planners.manipulation.graph.failures import GraphFailure, MotionFailure, PairFailure, RiseFailure, TransitFailure
 from planners.manipulation.graph.manipulation_graph import HandHold
 from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
@@ -36,7 +36,7 @@ class HoldSplit:
 class NoAssignment:
     """Why no postures fit a path: failures found, and holds that must be told apart by posture to apply them."""
 
-    failures: tuple[Failure, ...]
+    failures: tuple[GraphFailure, ...]
     split: tuple[HoldSplit, ...]
     edge: int | None
     """An edge to give up where neither is to be had."""
@@ -65,11 +65,11 @@ class PostureAssigner:
         self._rising = rising
 
     @cached_property
-    def _factors(self) -> dict[HoldPhase, list[tuple[int, Failure]]]:
+    def _factors(self) -> dict[HoldPhase, list[tuple[int, GraphFailure]]]:
         """For each phase the sets that its posture must be in, each with the failure it is if it is empty."""
         return {phase: list(self._sets(phase)) for phase in self.sequence.phases}
 
-    def _sets(self, phase: HoldPhase) -> Iterator[tuple[int, Failure]]:
+    def _sets(self, phase: HoldPhase) -> Iterator[tuple[int, GraphFailure]]:
         follower, sequence = self.follower, self.sequence
         hand, index = phase.hand, phase.hold.index
         other: Hand = "push" if hand == "grip" else "grip"
@@ -96,7 +96,7 @@ class PostureAssigner:
 
     def problem(self) -> NoAssignment | None:
         """Return why postures of single hands cannot fit, or None."""
-        failures: list[Failure] = []
+        failures: list[GraphFailure] = []
         split: dict[HandHold, HoldSplit] = {}
         for phase, factors in self._factors.items():
             hold = phase.hold
@@ -124,7 +124,7 @@ class PostureAssigner:
 
     def pair_problem(self) -> NoAssignment:
         """Say why no pair of postures fits: the motions where none does, which holds to split, or where to give up."""
-        failures: list[Failure] = []
+        failures: list[GraphFailure] = []
         clashing: dict[HoldPhase, None] = {}
         for grip in (e for e in self.sequence.phases if e.hand == "grip"):
             for push in (e for e in self.sequence.phases if e.hand == "push"):
@@ -214,7 +214,7 @@ class PostureAssigner:
         return self._rising.together(self.sequence.poses[last], *holds)
 
 
-def _conflict(postures: int, factors: list[tuple[int, Failure]]) -> list[tuple[int, Failure]]:
+def _conflict(postures: int, factors: list[tuple[int, GraphFailure]]) -> list[tuple[int, GraphFailure]]:
     """Choose few of the factors that already leave none of the postures: none of them can be spared."""
     chosen = list(factors)
     for factor in factors:

@@ -27,6 +27,7 @@ from planners.hands.arm_motion import (
 from planners.kinematics.inverse import BRANCHES
 from planners.manipulation.contacts.contact_states import PrincipalContact
 from planners.manipulation.contacts.dense_contact_states import PlateMotion
+from planners.manipulation.lift_segment import BalancedContacts, GripHold, LiftSegment, PushHold
 from planners.manipulation.motion.assignment import Assignment
 from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
 from planners.manipulation.motion.phase_track import PhaseTrack
@@ -40,7 +41,7 @@ from planners.motion.query import MotionSettings
 from planners.motion.spacing import spaced, spent_on_the_way
 from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
 from planners.motion.trajectory import Trajectory, hold_still
-from planners.segment import ContactSet, GripHold, PushHold, Segment, SegmentKind
+from planners.plan.segment import SegmentKind
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class _State:
     """Of the path, that is being realised."""
     holding: dict[Hand, HoldPhase] = field(default_factory=dict)
     loose: list[Hand] = field(default_factory=list)
-    segments: list[Segment] = field(default_factory=list)
+    segments: list[LiftSegment] = field(default_factory=list)
 
 
 class Choreographer:
@@ -121,7 +122,7 @@ class Choreographer:
         )
         self.torques = LiftTorques(workcell)
 
-    def realise(self, sequence: ManipulationSequence, assignment: Assignment) -> tuple[Segment, ...] | StuckStep:
+    def realise(self, sequence: ManipulationSequence, assignment: Assignment) -> tuple[LiftSegment, ...] | StuckStep:
         """Plan all motion of a path, or say where it got stuck."""
         run = _Run(self, sequence, assignment)
         return run.realise()
@@ -144,7 +145,7 @@ class _Run:
         self._doing: tuple[Step, Hand | None, int] = ("rest", None, 0)
         """What is being done, for the report if it fails."""
 
-    def realise(self) -> tuple[Segment, ...] | StuckStep:
+    def realise(self) -> tuple[LiftSegment, ...] | StuckStep:
         for phase in self.sequence.phases:
             self.tracks[phase] = PhaseTrack.of(self.follower, self.sequence, phase, self.assignment[phase])
         try:
@@ -314,18 +315,18 @@ class _Run:
 
     def _sets_in_motion(
         self, motion: PlateMotion, T_world_plate: Array, ends: tuple[int, int]
-    ) -> tuple[ContactSet, ...]:
+    ) -> tuple[BalancedContacts, ...]:
         """Balance the plate at both ends, in their own contacts, and often enough in between."""
         hands = self._hands()
-        chosen = [ContactSet(0, self._balanced(self.balance_at(ends[0], hands)))]
+        chosen = [BalancedContacts(0, self._balanced(self.balance_at(ends[0], hands)))]
         last = len(T_world_plate) - 1
         com_world, pace = self.follower.poses.plate.com_world(T_world_plate), self.plan.pace
         for sample in spaced(spent_on_the_way(T_world_plate, com_world, pace.set_rotation, pace.set_travel)):
             where = T_world_plate[sample], motion.contact_points, hands
             refusal = self.plan.balance.refusal(*where)
             answer = self.plan.balance.solve(*where) if refusal is None else refusal
-            chosen.append(ContactSet(sample, self._balanced(answer)))
-        chosen.append(ContactSet(last, self._balanced(self.balance_at(ends[1], hands))))
+            chosen.append(BalancedContacts(sample, self._balanced(answer)))
+        chosen.append(BalancedContacts(last, self._balanced(self.balance_at(ends[1], hands))))
         return tuple(chosen)
 
     def balance_at(self, pose: int, hands: HandPair) -> Balanced | Unbalanced:
@@ -345,7 +346,7 @@ class _Run:
         plates = np.repeat(self.state.T_world_plate[None], len(trajectory.time), axis=0)
         with self._during("rest", None, self.state.edge):
             answer = self._balanced(self.balance_at(self.state.pose, self._hands()))
-            sets = tuple(ContactSet(k, answer) for k in _at_rest(trajectory.time, self.plan.pace.set_pause))
+            sets = tuple(BalancedContacts(k, answer) for k in _at_rest(trajectory.time, self.plan.pace.set_pause))
             self._append(kind, movers, trajectory, plates, (pose.contact, pose.contact_points), sets)
 
     def _append(
@@ -355,7 +356,7 @@ class _Run:
         trajectory: Trajectory,
         T_world_plate: Array,
         support: tuple[PrincipalContact, Array],
-        sets: tuple[ContactSet, ...],
+        sets: tuple[BalancedContacts, ...],
     ) -> None:
         """Append a segment, or get stuck where a joint would need too much torque in it."""
         for each in sets:
@@ -363,7 +364,7 @@ class _Run:
             if rejection is not None:
                 raise Stuck(rejection)
         grip, push = self._holds()
-        segment = Segment(
+        segment = LiftSegment(
             kind=kind,
             movers=movers,
             contact=support[0],

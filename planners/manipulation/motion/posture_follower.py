@@ -13,8 +13,8 @@ import numpy as np
 
 from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
-from planners.manipulation.holds.grips import Grip
-from planners.manipulation.holds.pushes import Push
+from planners.manipulation.holds.grips import PlateGrip
+from planners.manipulation.holds.pushes import PlatePush
 from planners.manipulation.reach.hand_reach import Hand, HandReach, PlateQuery, ReachedPostures
 
 
@@ -52,7 +52,7 @@ class PostureFollower:
         poses: DenseContactStateGraph,
         reached: ReachedPostures,
         queries: PostureQueries,
-        holds: tuple[tuple[Grip, ...], tuple[Push, ...]],
+        holds: tuple[tuple[PlateGrip, ...], tuple[PlatePush, ...]],
         settings: SweepSettings | None = None,
     ) -> None:
         """Gather what is asked.

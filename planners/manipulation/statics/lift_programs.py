@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from planners.balance.contacts import Cup, Friction, HandForceLimit
+from planners.balance.contacts import Cup, Friction, HandLimits
 from planners.balance.solver import Balance
 from planners.balance.uncertainty import Uncertainty
 from planners.scene.lift_scene import PlateLiftScene
@@ -50,8 +50,8 @@ def tolerant_program(scene: PlateLiftScene, stated: Balance) -> Balance:
     return stated.for_all(Uncertainty(scene.mass_tolerance, scene.com_tolerance))
 
 
-def hand_force_limit(scene: PlateLiftScene) -> HandForceLimit:
+def hand_force_limit(scene: PlateLiftScene) -> HandLimits:
     """Return what the hands may do: what the task asks for, and no more than each arm's payload leaves."""
     asked, cell = scene.hand_force_limit, scene.cell
     gripper, pusher = (cell.payload_force(arms[0]) for arms in (cell.gripper_arms, cell.pusher_arms))
-    return HandForceLimit(asked.normal, min(asked.net, gripper), min(asked.net, pusher), scene.squeeze)
+    return HandLimits(asked.normal, min(asked.net, gripper), min(asked.net, pusher), scene.squeeze)

@@ -10,8 +10,8 @@ import numpy as np
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array
+from planners.manipulation.lift_segment import BalancedContacts, LiftSegment
 from planners.plan.verdicts import LeastReserve
-from planners.segment import ContactSet, Segment
 
 STEPS = 200
 """A reserve is found as a whole multiple of one part in so many [1]."""
@@ -93,7 +93,7 @@ def _each_relaxed(stated: Balance, kept: Balance, held: HeldPlate) -> Iterable[t
 class ReservedSegments:
     """The segments of a plan with forces that keep as much back as there can be, and how much that is."""
 
-    segments: tuple[Segment, ...]
+    segments: tuple[LiftSegment, ...]
     samples: tuple[Array, ...]
     """For each segment (n,) the reserve at its samples [1]; NaN where no hand is on the plate."""
     least: LeastReserve | None
@@ -101,7 +101,10 @@ class ReservedSegments:
 
 
 def keeping_most(
-    segments: Sequence[Segment], program: Balance, planned: float, bearable: Callable[[Segment, ContactSet], bool]
+    segments: Sequence[LiftSegment],
+    program: Balance,
+    planned: float,
+    bearable: Callable[[LiftSegment, BalancedContacts], bool],
 ) -> ReservedSegments:
     """Choose at every contact set the forces that are farthest from all limits; of these, those of least effort (5a).
 
@@ -116,18 +119,18 @@ def keeping_most(
         bearable: whether the arms' joints bear the forces of a contact set; else those planned are kept.
     """
     scale, known = ReserveScale(program), dict[int, tuple[float, Balanced]]()
-    chosen, curves = list[Segment](), list[Array]()
+    chosen, curves = list[LiftSegment](), list[Array]()
     least: tuple[float, int, int, HeldPlate] | None = None
     for number, segment in enumerate(segments):
         curve, time = np.full(len(segment.trajectory.time), np.nan), segment.trajectory.time
         if segment.grip is not None or segment.push is not None:
-            sets, values = list[ContactSet](), list[float]()
+            sets, values = list[BalancedContacts](), list[float]()
             for each in segment.contact_sets:
                 # Where the plate rests many sets share one answer.
                 if id(each.balance) not in known:
                     known[id(each.balance)] = scale.forces_keeping_most(each.balance, planned)
                 value, balance = known[id(each.balance)]
-                better = ContactSet(each.sample, balance)
+                better = BalancedContacts(each.sample, balance)
                 if not bearable(segment, better):
                     value, better = planned, each
                 sets.append(better)

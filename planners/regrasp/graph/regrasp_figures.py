@@ -23,7 +23,7 @@ class LayerName(StrEnum):
     """The tool on the object at one of its goals."""
 
 
-class EdgeKind(StrEnum):
+class RegraspEdgeKind(StrEnum):
     """What an edge does."""
 
     PICK = "pick"
@@ -59,7 +59,7 @@ class LayerFigures:
 class EdgeFigures:
     """An edge that was tried."""
 
-    kind: EdgeKind
+    kind: RegraspEdgeKind
     round: int
     """0: the tool alone; 1: with the object."""
     start: int | None

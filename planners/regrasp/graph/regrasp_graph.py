@@ -95,7 +95,7 @@ class RoundLayers:
     """(n, n) whether the left arm's grasp [row] can be handed to the right arm's [column]; and right to left."""
 
 
-class RegraspGraph:
+class LayeredRegraspGraph:
     """Layers and edges, and the best sequence among the edges that are left."""
 
     def __init__(self, start: NDArray[np.bool_], rounds: tuple[RoundLayers, RoundLayers], most_handovers: int) -> None:

@@ -8,10 +8,10 @@ from planners.geometry.pose import Transform
 from planners.regrasp.graph.grasp_layer import GraspLayer
 from planners.regrasp.graph.regrasp_figures import (
     EdgeFigures,
-    EdgeKind,
     EdgeState,
     LayerFigures,
     LayerName,
+    RegraspEdgeKind,
     RegraspFigures,
 )
 from planners.regrasp.graph.regrasp_graph import Edge, Handover, Pick, Sequence
@@ -61,10 +61,10 @@ def _edge(edge: Edge, route: SuctionRoute, chosen: Sequence | None) -> EdgeFigur
         state, rejection = EdgeState.CHOSEN, None
     reason = None if rejection is None else rejection.reason
     if isinstance(edge, Pick):
-        return EdgeFigures(EdgeKind.PICK, 0, None, edge.node, None, state, reason)
+        return EdgeFigures(RegraspEdgeKind.PICK, 0, None, edge.node, None, state, reason)
     if isinstance(edge, Handover):
-        return EdgeFigures(EdgeKind.HANDOVER, edge.round, edge.giver, edge.receiver, None, state, reason)
-    return EdgeFigures(EdgeKind.TRANSFER, edge.round, edge.node, edge.node, _goal(edge), state, reason)
+        return EdgeFigures(RegraspEdgeKind.HANDOVER, edge.round, edge.giver, edge.receiver, None, state, reason)
+    return EdgeFigures(RegraspEdgeKind.TRANSFER, edge.round, edge.node, edge.node, _goal(edge), state, reason)
 
 
 def _goal(edge: Edge) -> int | None:

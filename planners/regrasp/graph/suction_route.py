@@ -12,7 +12,7 @@ from planners.graph.rejections import Rejection
 from planners.regrasp.graph.grasp_layer import GraspLayer, NodeMask
 from planners.regrasp.graph.handover_ways import HandoverMasks, LoadHandovers
 from planners.regrasp.graph.object_progress import ObjectStage, Tell
-from planners.regrasp.graph.regrasp_graph import Edge, RegraspGraph, RoundLayers, Sequence
+from planners.regrasp.graph.regrasp_graph import Edge, LayeredRegraspGraph, RoundLayers, Sequence
 from planners.regrasp.motion.travel_time import NodeTravelTimes
 from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.scene.moved_object import side_of
@@ -76,7 +76,7 @@ class SuctionRoute:
         """Edges whose motion was tried; those that failed are deleted, the reason says why."""
         self.sequences = 0
         """How many sequences were tried."""
-        self._graphs: dict[tuple[int, int], RegraspGraph] = {}
+        self._graphs: dict[tuple[int, int], LayeredRegraspGraph] = {}
         tools = [self.suction.T_world_tool, *(goal.T_world_tool for goal in self.goals)]
         self._side = side_of(np.array(tools), np.zeros(3))
         self.goal_order = sorted(range(len(self.goals)), key=self._turn_to)
@@ -87,7 +87,7 @@ class SuctionRoute:
         if key not in self._graphs:
             self._ask(*key)
             self.tell(ObjectStage.GRAPH)
-            graph = RegraspGraph(self.start.nodes, self._rounds(*key), self._most if handovers else 0)
+            graph = LayeredRegraspGraph(self.start.nodes, self._rounds(*key), self._most if handovers else 0)
             for edge, rejection in self.tried.items():
                 if rejection is not None:
                     graph.delete(edge)

@@ -11,10 +11,10 @@ from planners.geometry.pose import Array, Transform, inverse
 from planners.hands.arm_motion import openings
 from planners.kinematics.forward import flange_poses
 from planners.motion.trajectory import Trajectory, hold_still
+from planners.plan.segment import SegmentKind
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.tool_segment import SuckedObject, ToolHold, ToolSegment
 from planners.regrasp.tool_workcell import TOOL_FRAME, ToolWorkcell
-from planners.segment import SegmentKind
 
 
 @dataclass(frozen=True)

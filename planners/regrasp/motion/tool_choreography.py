@@ -13,6 +13,7 @@ from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
 from planners.hands.arm_motion import Stuck
+from planners.plan.segment import SegmentKind
 from planners.regrasp.motion.cartesian_path import (
     CartesianPath,
     Leg,
@@ -31,7 +32,6 @@ from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_segment import SuckedObject
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import TOOL_FRAME
-from planners.segment import SegmentKind
 
 _UP = np.array([0.0, 0.0, 1.0])
 

@@ -9,13 +9,13 @@ from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection
 from planners.hands.arm_motion import Stuck, among_all, touching
+from planners.plan.segment import SegmentKind
 from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture
 from planners.regrasp.motion.scene_state import HeldGrasp, SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.tool_motion import TOUCH, ToolMotion, commonest
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.tool_settings import ToolPace
-from planners.segment import SegmentKind
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from planners.kinematics.forward import flange_poses
 from planners.motion.checker import EdgeChecker
 from planners.motion.path import CurvePath, JointPath
 from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
+from planners.plan.segment import SegmentKind
 from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture, StraightLeg
 from planners.regrasp.motion.scene_state import SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
@@ -26,7 +27,6 @@ from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker
 from planners.regrasp.statics.static_hold import CarryingHand, StaticHold
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.segment import SegmentKind
 
 SLOWER = 1.05
 """A motion that cup or fingers do not hold is slowed by this much more than it need be: its timing changes too."""

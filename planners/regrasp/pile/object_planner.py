@@ -28,7 +28,7 @@ from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.motion.tool_choreography import ToolChoreographer
 from planners.regrasp.motion.tool_room import ToolRoom
 from planners.regrasp.suction.suction_poses import SuctionPoses
-from planners.regrasp.tool_plan import ConsideredSuction, RegraspStep
+from planners.regrasp.tool_plan import ConsideredSuction, GraspStep
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.moved_object import MovedObject
 
@@ -48,7 +48,7 @@ class ObjectReport:
     stopover: Stopover | None = None
     """Why the object was only to be put down on its way; None where it was to go to its goal."""
     suctions: list[ConsideredSuction] = field(default_factory=list)
-    steps: list[RegraspStep] = field(default_factory=list)
+    steps: list[GraspStep] = field(default_factory=list)
     rejections: Rejections = field(default_factory=Rejections)
     counts: Counter[str] = field(default_factory=Counter)
     figures: RegraspFigures | None = None
@@ -285,10 +285,10 @@ class ObjectPlanner:
         for edge in sequence.edges:
             if isinstance(edge, Handover):
                 held = self.routes.held(edge.receiver)
-                report.steps.append(RegraspStep(report.name, edge.round, held.arm, held.grasp, "handover"))
+                report.steps.append(GraspStep(report.name, edge.round, held.arm, held.grasp, "handover"))
             elif isinstance(edge, Pick):
                 held = self.routes.held(edge.node)
-                report.steps.append(RegraspStep(report.name, 0, held.arm, held.grasp, by))
+                report.steps.append(GraspStep(report.name, 0, held.arm, held.grasp, by))
         report.counts["handovers"] += sequence.handovers
 
 

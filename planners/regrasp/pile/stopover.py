@@ -20,7 +20,7 @@ from planners.regrasp.tool_settings import StopoverSettings
 from planners.scene.body import Body
 from planners.scene.clashes import PlacedBody, first_overlap, placed_body
 from planners.scene.moved_object import MovedObject
-from planners.scene.rest import Footing, Surface, find_footing, lies_in_plane, lowest_face
+from planners.scene.rest import Footing, LevelFace, find_footing, lies_in_plane, lowest_face
 from planners.scene.solid import FlatFace
 from planners.scene.tool_placements import StillBodies
 
@@ -116,7 +116,7 @@ class Stopovers:
                 if isinstance(footing, Footing):
                     yield footing
 
-    def _grid(self, place: Surface) -> Iterator[tuple[float, float]]:
+    def _grid(self, place: LevelFace) -> Iterator[tuple[float, float]]:
         low, high = place.outline.min(axis=0), place.outline.max(axis=0)
         # About the middle, so that places on either side of the robot are mirror images.
         counts = np.floor(0.5 * (high - low) / self.settings.spacing).astype(int)

@@ -26,6 +26,7 @@ from planners.geometry.pose import Array, Transform, transform
 from planners.geometry.wrench import wrench_about
 from planners.graph.rejections import Rejection
 from planners.motion.spacing import spaced, spent_on_the_way
+from planners.plan.segment import SegmentKind
 from planners.regrasp.statics.finger_forces import FingerForces, least_squeeze, squeezed
 from planners.regrasp.statics.mass_properties import MassProperties
 from planners.regrasp.statics.resting import RestingPoints, resting_points
@@ -35,7 +36,6 @@ from planners.scene.body import Body
 from planners.scene.solid import FlatFace, solid_of
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
-from planners.segment import SegmentKind
 
 EPS = 0.0075
 """Torsional friction of a finger, as a length [m]; as in paper B, and no task's choice."""

@@ -92,9 +92,10 @@ class LadenArm:
         """
         rows = (timed.positions, timed.velocities, timed.accelerations)
         Q, V, A = (np.ascontiguousarray(row[:, joints]) for row in rows)
-        still, limits = np.zeros((len(Q), 6)), (1.0 - reserve) * self.arm.torque_max
-        at_rest = joint_torques(self.weighed, Q, still, still, still, still[:, :3])
-        inertial = joint_torques(self.weighed, Q, V, A, still, still[:, :3]) - at_rest
+        still, middle = np.zeros((len(Q), 6)), np.zeros((len(Q), 3))
+        limits = (1.0 - reserve) * self.arm.torque_max
+        at_rest = joint_torques(self.weighed, Q, still, still, still, middle)
+        inertial = joint_torques(self.weighed, Q, V, A, still, middle) - at_rest
         room = np.where(inertial < 0.0, limits + at_rest, limits - at_rest)
         share = float(np.min(room / np.maximum(np.abs(inertial), _ROUNDING), initial=1.0))
         if share >= _SLOWEST**-2:

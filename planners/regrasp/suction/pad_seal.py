@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from planners.geometry.facets import Facet
+from planners.geometry.facets import Facet, Indices
 from planners.geometry.pose import Array
 from planners.geometry.surface import side_neighbours
 
-Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _ROUNDING = 1e-9

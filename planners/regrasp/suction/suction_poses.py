@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.geometry import surface
-from planners.geometry.facets import Facet, FacetSettings, find_facets
+from planners.geometry.facets import Facet, FacetSettings, Indices, find_facets
 from planners.geometry.pose import Array, Transform, rotation_z
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.suction.pad_seal import Pad, PadFit, PadSurface, facet_grid, narrow_places
 from planners.regrasp.suction.suction_hold import CupStrength, cup_wrenches, least_margin, suction_margin, weight
 from planners.scene.moved_object import side_of
-
-Indices = NDArray[np.int64]
-Surface = tuple[Array, Indices]
-"""Vertices (n, 3) [m] and triangles (m, 3), counter-clockwise from outside."""
+from planners.scene.solid import Surface
 
 STAGE = "suction"
 """Under which suction poses are counted among the rejections."""

@@ -23,7 +23,7 @@ def _commit() -> str | None:
     given = os.environ.get(COMMIT_VARIABLE)
     if given:
         return given
-    git = Path(__file__).resolve().parents[2] / ".git"
+    git = Path(__file__).resolve().parents[1] / ".git"
     if not (git / "HEAD").is_file():
         return None
     head = (git / "HEAD").read_text().strip()

@@ -1,4 +1,4 @@
-"""Segments: what a plan is made of. Both planners write them; `planners.contract` puts them into JSON."""
+"""Segments of a plate lift: what hands and plate do in one stretch of motion."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PushHold:
 
 
 @dataclass(frozen=True, eq=False)
-class ContactSet:
+class BalancedContacts:
     """All contacts on the body at one sample, in balance with its weight."""
 
     sample: int
@@ -45,7 +45,7 @@ class ContactSet:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class LiftSegment:
     """One stretch of a plan; it starts where the last ended."""
 
     kind: SegmentKind
@@ -63,4 +63,4 @@ class Segment:
     """(n,) inner distance of each gripper's pads [m]."""
     T_world_body: Array
     """(n, 4, 4)"""
-    contact_sets: tuple[ContactSet, ...]
+    contact_sets: tuple[BalancedContacts, ...]
