@@ -17,21 +17,22 @@ TOOL_TASK = "domino_pile.json"
 PARAMETERS = sorted(PlanQuery.model_fields)
 
 
-@pytest.fixture
-def plans(client: httpx.Client) -> list[dict[str, Any]]:
+@pytest.fixture(scope="module")
+def plans(address: str) -> list[dict[str, Any]]:
     """One plan of each state and kind, oldest first; `order-7` twice."""
-    posted = [
-        client.post("/v1/plans", json=body).json()
-        for body in (
-            task(external_id="order-7"), task(external_id="fail"), task(external_id="order-7", seed=1),
-            task(TOOL_TASK, external_id="order-8"),
-        )
-    ]  # fmt: skip
-    ended = [finished(client, plan) for plan in posted]
-    held = client.post("/v1/plans", json=task(external_id="hang")).json()
-    waiting = client.post("/v1/plans", json=task(external_id="cancelled")).json()
-    client.post(waiting["links"]["cancel"])
-    return [*ended, held, finished(client, waiting)]
+    with httpx.Client(base_url=address, timeout=30.0) as client:
+        posted = [
+            client.post("/v1/plans", json=body).json()
+            for body in (
+                task(external_id="order-7"), task(external_id="fail"), task(external_id="order-7", seed=1),
+                task(TOOL_TASK, external_id="order-8"),
+            )
+        ]  # fmt: skip
+        ended = [finished(client, plan) for plan in posted]
+        held = client.post("/v1/plans", json=task(external_id="hang")).json()
+        waiting = client.post("/v1/plans", json=task(external_id="cancelled")).json()
+        client.post(waiting["links"]["cancel"])
+        return [*ended, held, finished(client, waiting)]
 
 
 def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:

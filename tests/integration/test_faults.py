@@ -18,10 +18,21 @@ LONGEST_CANCEL_SECONDS = 1.0
 LONGEST_ORPHAN_SECONDS = 2.0
 
 
-@pytest.fixture
-def service(tmp_path: Path) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path, FAKE_SOLVER, worker_slots=1) as service:
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("data")
+
+
+@pytest.fixture(scope="module")
+def shared(data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, FAKE_SOLVER, worker_slots=1) as service:
         yield service
+
+
+@pytest.fixture
+def service(shared: ServiceProcess) -> ServiceProcess:
+    """Return a service that runs; started again where the test before this one left none."""
+    return shared if shared.process is not None else shared.start()
 
 
 def post(client: httpx.Client, wish: str) -> dict:
@@ -125,8 +136,9 @@ def test_an_idle_solver_that_is_killed_costs_no_job(service: ServiceProcess) -> 
         assert (plan["state"], plan["attempts"]) == ("succeeded", 1)
 
 
-def test_a_data_directory_has_one_worker(service: ServiceProcess, tmp_path: Path) -> None:
-    rival = ServiceProcess(tmp_path, FAKE_SOLVER)
+def test_a_data_directory_has_one_worker(service: ServiceProcess, data_dir: Path) -> None:
+    assert service.process is not None
+    rival = ServiceProcess(data_dir, FAKE_SOLVER)
     with pytest.raises(AssertionError, match="ended instead"):
         rival.start()
     assert rival.process is not None

@@ -16,7 +16,7 @@ from workers.stores.database import open_database
 
 @pytest.mark.parametrize(
     "postgres",
-    [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=needs_postgres)],
+    [pytest.param(False), pytest.param(True, marks=[needs_postgres, pytest.mark.slow])],
     ids=["sqlite", "postgres"],
 )
 def test_jobs_that_wait_and_run_while_the_software_is_replaced_all_end(postgres: bool, tmp_path: Path) -> None:

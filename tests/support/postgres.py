@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import shutil
 import signal
@@ -10,6 +11,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -34,15 +36,13 @@ class PostgresServer:
     def __init__(self) -> None:
         assert BINARIES is not None, "PostgreSQL is not installed"
         self._binaries = BINARIES
-        # Not in a folder of the test: those are closed to the server's account.
-        self.folder = Path(tempfile.mkdtemp(prefix="liftwright-postgres-"))
+        self.folder = _new_folder()
         """The server's account may write there."""
+        # Copied with its owner.
+        subprocess.run(["cp", "-a", f"{_fresh_cluster()}/.", str(self.folder)], check=True)
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         self.process: subprocess.Popen[bytes] | None = None
-        if self._account:
-            shutil.chown(self.folder, NOBODY)
-        self.run("initdb", "--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8", "-D", self.folder)
 
     @property
     def url(self) -> str:
@@ -52,7 +52,7 @@ class PostgresServer:
     def run(self, program: str, *words: object) -> None:
         """Run one of PostgreSQL's programs as the account of the server."""
         command = [str(self._binaries / program), *map(str, words)]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/", **self._account)
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/", **_account())
 
     def start(self) -> Self:
         """Start, and wait until it answers."""
@@ -130,7 +130,7 @@ class PostgresServer:
         with (self.folder / "server.log").open("ab") as told:
             self.process = subprocess.Popen(
                 [str(self._binaries / "postgres"), "-D", str(self.folder), *words],
-                stdout=told, stderr=told, cwd="/", **self._account,
+                stdout=told, stderr=told, cwd="/", **_account(),
             )  # fmt: skip
 
     def _make_database(self) -> None:
@@ -143,9 +143,28 @@ class PostgresServer:
         where = {"host": "127.0.0.1", "port": self.port, "user": "liftwright", "dbname": database}
         return psycopg.connect(**where, connect_timeout=5, options=options)
 
-    @property
-    def _account(self) -> dict[str, Any]:
-        return {"user": NOBODY, "group": NOBODY, "extra_groups": ()} if os.geteuid() == 0 else {}
+
+def _account() -> dict[str, Any]:
+    return {"user": NOBODY, "group": NOBODY, "extra_groups": ()} if os.geteuid() == 0 else {}
+
+
+def _new_folder() -> Path:
+    """Make a folder for the server's account; not in one of a test, for those are closed to it."""
+    folder = Path(tempfile.mkdtemp(prefix="liftwright-postgres-"))
+    if _account():
+        shutil.chown(folder, NOBODY)
+    return folder
+
+
+@cache
+def _fresh_cluster() -> Path:
+    """Return the files of a server on which nothing was done yet, made once in a process."""
+    folder = _new_folder()
+    atexit.register(shutil.rmtree, folder)
+    settings = ("--auth=trust", "--username=liftwright", "--no-sync", "--encoding=UTF8")
+    command = [str(BINARIES / "initdb"), *settings, "-D", str(folder)]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd="/", **_account())
+    return folder
 
 
 @contextmanager
