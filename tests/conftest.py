@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 from support import samples
 from support.plan_shelf import PlanShelf
 
-from workers.solver.warm_up import KERNEL_FOLDERS, forget_stale_kernels
+from workers.solver.warm_up import forget_stale_kernels
 
 LONG_FIRST = (
     "viewer/test_viewer_in_browser",
@@ -29,9 +28,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Test no kernel that was compiled before the last change of any source."""
+    """Test no kernel that was compiled before the last change of any source; tests keep none of their own."""
     samples.take(whole=config.option.whole)
-    forget_stale_kernels((*KERNEL_FOLDERS, Path(__file__).parent))
+    forget_stale_kernels()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -114,7 +114,7 @@ def test_riding_on_an_attached_plate_is_attached_with_the_product(model):
     assert np.array_equal(riding.first_collision(Q), attached.first_collision(Q))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _collisions_at_poses(kernel, frame, poses, q):
     scratch = make_scratch(kernel)
     found = np.empty(len(poses), np.int32)

@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from planners.contract.task_spec import read_task
 from planners.progress import Progress, silent
 from workers.settings import HANDOVERS_FOLDER
 from workers.solver.pipeline import Pipeline
@@ -43,7 +44,8 @@ class PlanShelf:
 
     def take(self, request: Request, progress: Progress) -> bytes:
         """Return the document of a request; where another process is making it, wait for that."""
-        name = hashlib.sha256(json.dumps(request["task"], sort_keys=True).encode()).hexdigest()
+        # A service passes a task on with all that it left to defaults.
+        name = hashlib.sha256(read_task(request["task"]).model_dump_json().encode()).hexdigest()
         path = self._folder / f"{name}.json"
         with (self._folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
