@@ -12,6 +12,7 @@ from workers.solver.warm_up import forget_stale_kernels
 
 LONG_FIRST = (
     "viewer/test_viewer_in_browser",
+    "viewer/test_documents_in_browser",
     "acceptance/",
     "regrasp/test_hard_objects",
     "integration/",

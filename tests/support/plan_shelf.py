@@ -12,23 +12,29 @@ import sys
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from planners.contract.task_spec import read_task
 from planners.progress import Progress, silent
+from planners.scene.scene import build_scene, with_centres
 from workers.settings import HANDOVERS_FOLDER
-from workers.solver.pipeline import Pipeline
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, Request
 
 from .service import ROOT
+
+if TYPE_CHECKING:
+    from workers.solver.pipeline import Pipeline
 
 NOBODY = "shelved-" + "0" * 24
 """The id of documents on the shelf, in place of which each reader has one's own."""
 
 
 class PlanShelf:
-    """A folder with one document for each task, and a lock beside it. Processes of one run share it; no two runs do."""
+    """A folder with one document for each task, and a lock beside it. Processes of one run share it; no two runs do.
+
+    Tasks name no uploaded meshes.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -45,7 +51,9 @@ class PlanShelf:
     def take(self, request: Request, progress: Progress) -> bytes:
         """Return the document of a request; where another process is making it, wait for that."""
         # A service passes a task on with all that it left to defaults.
-        name = hashlib.sha256(read_task(request["task"]).model_dump_json().encode()).hexdigest()
+        task = read_task(request["task"])
+        stated = with_centres(task, build_scene(task)).model_dump_json()
+        name = hashlib.sha256(stated.encode()).hexdigest()
         path = self._folder / f"{name}.json"
         with (self._folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -60,6 +68,9 @@ class PlanShelf:
 
     @cached_property
     def _pipeline(self) -> Pipeline:
+        # What is on the shelf already needs none of it.
+        from workers.solver.pipeline import Pipeline
+
         return Pipeline.load(ROOT / "data" / HANDOVERS_FOLDER)
 
 
