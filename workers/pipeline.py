@@ -29,7 +29,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
-from workers.simulation.stage import simulate_plan
+from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
 from workers.solver.handover_store import HandoverStore
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
@@ -129,7 +129,7 @@ class Pipeline:
         certified = self.clock()
         stages = [("scene", built - begun), *found.statistics.times, ("certify", certified - planned)]
         if found.outcome == "solved" and task.options.simulate:
-            simulation = self.simulate(found.document(), scene, progress, task.seed)
+            simulation = self.simulate(found, scene, progress, task.seed)
             found = found.model_copy(update={"simulation": simulation})
             stages.append(("simulate", self.clock() - certified))
         return found.model_copy(update={"statistics": found.statistics.taking(stages, self.clock() - begun)})
