@@ -39,9 +39,9 @@ def test_a_wrench_on_a_hand_is_borne_by_the_joints_through_the_jacobian(scene) -
     wrench = np.array([3.0, -2.0, 8.0, 0.6, -0.4, 0.3])
     with LiftWorld(scene, SETTINGS) as world:
         advance(world, scene, 0.4)
-        before = world.torque_use[:6] * arm.torque_max
+        before = world.torques[:6].copy()
         advance(world, scene, 0.4, wrench)
-        after = world.torque_use[:6] * arm.torque_max
+        after = world.torques[:6].copy()
     q = scene.start_positions[:6]
     at = flange_pose(arm.dh, arm.T_world_base, q)[:3, 3].copy()
     expected = -jacobian(arm.dh, arm.T_world_base, q, at).T @ wrench

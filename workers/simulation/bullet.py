@@ -11,7 +11,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -66,8 +65,7 @@ def box_shape(size: Array, client: int, at: Array | None = None) -> int:
 
 def hull_shape(vertices: Array, client: int) -> int:
     """Return the convex hull of vertices (n, 3) in the body's frame [m]."""
-    options: dict[str, Any] = {"vertices": vertices.tolist()}
-    return bullet.createCollisionShape(bullet.GEOM_MESH, physicsClientId=client, **options)
+    return bullet.createCollisionShape(bullet.GEOM_MESH, vertices=vertices.tolist(), physicsClientId=client)
 
 
 def convex_shape(body: Body, at: Array, client: int) -> int:

@@ -80,12 +80,12 @@ class SimulatedHand(ABC):
     @property
     def pressed(self) -> bool:
         """Whether it presses on the plate anywhere."""
-        return self.touch.engaged and bool(np.any(self.touch.forces))
+        return self.touch.engaged and bool(self.touch.forces.any())
 
     @property
     def slip(self) -> float:
         """How far it has slid on the plate since it got hold of it [m]."""
-        return float(self.touch.slips.mean()) if self.touch.engaged else 0.0
+        return float(self.touch.slips.sum()) / len(self.touch.slips) if self.touch.engaged else 0.0
 
     @abstractmethod
     def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
@@ -111,7 +111,7 @@ class SimulatedHand(ABC):
     def correction(self, positions: Array) -> Array:
         """Return the (6,) joint corrections at the planned joint positions (6,) [rad]."""
         away = self._forward + self._trim
-        if not np.any(away):
+        if not away.any():
             return np.zeros(6)
         return moved_joints(self.arm, self.T_flange_hand, positions, away) - positions
 

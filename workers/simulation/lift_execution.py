@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -298,7 +299,7 @@ class _Watch:
 
     def _overload(self, forces: dict[str, Array]) -> str | None:
         s = self._settings
-        net = {name: float(np.linalg.norm(force)) for name, force in forces.items()}
+        net = {name: math.sqrt(force @ force) for name, force in forces.items()}
         worst = max(net, key=lambda name: net[name])
         self._overloaded = self._overloaded + self._step if net[worst] > self._limit else 0.0
         if self._overloaded > s.overload_time:

@@ -30,7 +30,7 @@ class LiftReference(Timeline):
         """Take a solved plan, and the pad's centre (3,) in the plate's frame [m]."""
         super().__init__(plan.segments)
         poses = self.poses("plate", plan.bodies["plate"].pose)
-        # One by one: all at once the last digits of some norms are others.
+        # Normalised one by one: together, some quaternions get another last digit, and physics makes much of it.
         self.T_world_plate = np.array([from_pose7(pose) for pose in poses])
         """(n, 4, 4)"""
         self._planned = {name: np.concatenate([_wrenches(each, name) for each in plan.segments]) for name in BEARERS}

@@ -92,7 +92,7 @@ class SuctionLifter:
         force = force0 + self.stiffness * (lag + self._settings.damping_time * rate)
         wrench, excess = self._exert(force, torque, plate, math.inf)
         force0 -= excess
-        self.slid += float(np.linalg.norm(excess)) / self.stiffness
+        self.slid += math.sqrt(excess @ excess) / self.stiffness
         return wrench
 
     def lets_go(self, step: float) -> str | None:
@@ -119,7 +119,7 @@ class SuctionLifter:
         outward = R @ self._outward
         self.pull = min(max(0.0, float(force @ outward)), most)
         across = force - (force @ outward) * outward
-        size, grip = float(np.linalg.norm(across)), self._mu * self.pull
+        size, grip = math.sqrt(across @ across), self._mu * self.pull
         excess = across * max(0.0, 1.0 - grip / size) if size > 0.0 else np.zeros(3)
         self.force = self.pull * outward + across - excess
         arm = R @ self._arm
@@ -129,7 +129,7 @@ class SuctionLifter:
         """Keep a torque (3,) within what the pad bears: paper B's (5g) about its x and y, friction about its normal."""
         axes, twist = R_world_plate @ self._axes, self._radius * grip
         most = np.array([self._bending, self._bending, twist])
-        return axes @ np.clip(axes.T @ torque, -most, most)
+        return axes @ np.minimum(np.maximum(axes.T @ torque, -most), most)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,7 @@ class ToolExecution:
         self.recorder = Recorder(TOOL_UNITS, length_digits=6)
         self.time = 0.0
         """[s]"""
+        self._moment = self.timeline.at(self.time)
         self._fingers: dict[str, FingerHold] = {}
         self._cup: CupHold | None = None
         self._positions = {name: self.timeline.poses(name, plan.bodies[name].pose)[:, :3] for name in world.bodies}
@@ -92,10 +93,10 @@ class ToolExecution:
 
     def _step(self) -> ToolFailure | None:
         timeline = self.timeline
-        failure = self._take_and_let_go(timeline.at(self.time))
+        failure = self._take_and_let_go(self._moment)
         if failure is not None:
             return failure
-        ahead = timeline.at(self.time + self.settings.step)
+        self._moment = ahead = timeline.at(self.time + self.settings.step)
         self._advance(ahead.between(timeline.positions), ahead.between(timeline.velocities))
         if self._steps % self._look == 0:
             failure = self._give_way() or self._standing.look(self._held(), self.time)
@@ -222,13 +223,14 @@ class ToolExecution:
         """Record how it is now; without a moment of the plan nothing is off it."""
         pull, share = _NO_LOAD if self._load is None else (self._load.pull, self._load.share)
         off = {name: 0.0 if moment is None else self._off(name, moment) for name in self._held()}
+        tool_off = off.pop(TOOL_NAME, 0.0)
         self.recorder.add(
             self.time,
             suction_load=pull,
             suction_share=share,
             left_squeeze=self._squeezes.get("left", 0.0),
             right_squeeze=self._squeezes.get("right", 0.0),
-            tool_off_plan=off.pop(TOOL_NAME, 0.0),
+            tool_off_plan=tool_off,
             object_off_plan=max(off.values(), default=0.0),
         )
         if len(self.recorder.time) % MOTION_EVERY == 1:

@@ -10,6 +10,9 @@ from numba import njit
 from planners.geometry.pose import Array
 from workers.simulation.world import Motion
 
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+"""Axes after x, y and z, and those after them."""
+
 
 class Touch:
     """Points of one hand on the plate, each a spring and damper within its friction cone.
@@ -65,8 +68,10 @@ class Touch:
 
     def wrench(self, R_world_plate: Array) -> Array:
         """Return the (6,) wrench that it exerts on the plate about the middle of its points, world axes [N, Nm]."""
-        arms = (self.anchors - self.anchors.mean(axis=0)) @ R_world_plate.T
-        return np.concatenate([self.forces.sum(axis=0), np.cross(arms, self.forces).sum(axis=0)])
+        arms, forces = (self.anchors - self.anchors.mean(axis=0)) @ R_world_plate.T, self.forces
+        # The cross product, in a fifth of the time that NumPy's takes for so few.
+        torques = arms.take(_NEXT, 1) * forces.take(_LAST, 1) - arms.take(_LAST, 1) * forces.take(_NEXT, 1)
+        return np.concatenate([forces.sum(axis=0), torques.sum(axis=0)])
 
     def act(self, T_world_hand: Array, hand_twist: Array, plate: Motion) -> Array:
         """Compute all forces and return their (6,) total on the plate about its centre of mass, world axes.

@@ -69,10 +69,10 @@ class CellWorld:
         """(12,) of all joints [rad]."""
         self.velocities = np.zeros(12)
         """[rad/s]"""
+        self.torques = np.zeros(12)
+        """Of the servos [Nm]."""
         self.bodies: dict[str, FreeBody] = {}
         """What moves freely, by name."""
-        self.torque_use = np.zeros(12)
-        """(12,) torque of each joint's servo over its limit [1]."""
 
     def __enter__(self) -> Self:
         """Enter."""
@@ -86,15 +86,14 @@ class CellWorld:
 
     def drive(self, positions: Array, velocities: Array) -> None:
         """Set the (12,) targets of all joints for the next step [rad, rad/s]."""
-        for i, arm in enumerate(self._arms.values()):
-            part = slice(6 * i, 6 * i + 6)
+        for name, part in self._joints.items():
             bullet.setJointMotorControlArray(
-                arm,
+                self._arms[name],
                 range(6),
                 bullet.POSITION_CONTROL,
                 targetPositions=positions[part],
                 targetVelocities=velocities[part],
-                forces=self._torque_max[part],
+                forces=self.cell.arms[name].torque_max,
                 positionGains=[self._servo_gain] * 6,
                 velocityGains=[1.0] * 6,
                 physicsClientId=self.client,
@@ -120,21 +119,15 @@ class CellWorld:
     def advance(self) -> None:
         """Take one step of the physics."""
         bullet.stepSimulation(physicsClientId=self.client)
-        for i, arm in enumerate(self._arms.values()):
-            part = slice(6 * i, 6 * i + 6)
-            states = bullet.getJointStates(arm, range(6), physicsClientId=self.client)
-            self.positions[part] = [state[0] for state in states]
-            self.velocities[part] = [state[1] for state in states]
-            self.torque_use[part] = [state[3] for state in states]
-            self.torque_use[part] /= self._torque_max[part]
+        for name, part in self._joints.items():
+            states = bullet.getJointStates(self._arms[name], range(6), physicsClientId=self.client)
+            self.positions[part], self.velocities[part], _, self.torques[part] = zip(*states, strict=True)
         for body in self.bodies.values():
             body.read()
 
     def hand(self, arm: str, T_flange_hand: Transform) -> tuple[Transform, Array]:
         """Return `T_world_hand` and its (6,) twist about its origin, world axes."""
-        i = list(self._arms).index(arm)
-        part = slice(6 * i, 6 * i + 6)
-        body = self.cell.arms[arm]
+        part, body = self._joints[arm], self.cell.arms[arm]
         q = np.ascontiguousarray(self.positions[part])
         T = flange_pose(body.dh, body.T_world_base, q) @ T_flange_hand
         J = jacobian(body.dh, body.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
@@ -160,10 +153,10 @@ class CellWorld:
             for part in body.solid.convex_parts:
                 self._static(hull_shape(part.vertices, client), to_pose7(body.T_world_body))
         self._arms = _load_arms(self.cell, client)
-        self._torque_max = np.concatenate([arm.torque_max for arm in self.cell.arms.values()])
-        for i, arm in enumerate(self._arms.values()):
-            for joint in range(6):
-                bullet.resetJointState(arm, joint, start_positions[6 * i + joint], physicsClientId=client)
+        self._joints = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(self._arms)}
+        for name, part in self._joints.items():
+            for joint, position in enumerate(start_positions[part]):
+                bullet.resetJointState(self._arms[name], joint, position, physicsClientId=client)
 
     def _static(self, shape: int, pose: list[float]) -> None:
         body = bullet.createMultiBody(
@@ -226,7 +219,7 @@ class FreeBody:
 
     def __init__(self, body: Body, mass: float, moments: Array | None, client: int) -> None:
         """Put a body where it is at the start; see `CellWorld.add`."""
-        self.name, self.mass, self._client = body.name, mass, client
+        self.name, self._client = body.name, client
         axes = np.eye(3)
         if moments is None:
             axes, moments = _principal(MassProperties.homogeneous(mass, body.com, *body.solid.surface()).tensor)
@@ -239,8 +232,10 @@ class FreeBody:
         self.center, self.velocity, self.spin = np.zeros(3), np.zeros(3), np.zeros(3)
         """(3,) centre of mass [m], its velocity [m/s], angular velocity [rad/s]; world axes."""
         self._R = np.eye(3)
+        self._mass_inverse = np.eye(3) / mass
         self._inertia_inverse: Array | None = None
-        """World axes; computed once a step where it is asked for."""
+        self._T_world_body: Transform | None = None
+        """World axes; computed once a step where they are asked for."""
         self.read()
 
     def read(self) -> None:
@@ -249,7 +244,7 @@ class FreeBody:
         linear, angular = bullet.getBaseVelocity(self.id, physicsClientId=self._client)
         self._R = np.array(bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
         self.center, self.velocity, self.spin = np.array(position), np.array(linear), np.array(angular)
-        self._inertia_inverse = None
+        self._inertia_inverse = self._T_world_body = None
 
     @property
     def motion(self) -> Motion:
@@ -259,7 +254,9 @@ class FreeBody:
     @property
     def T_world_body(self) -> Transform:
         """Where the body's own frame is."""
-        return transform(self._R, self.center) @ self._T_center_body
+        if self._T_world_body is None:
+            self._T_world_body = transform(self._R, self.center) @ self._T_center_body
+        return self._T_world_body
 
     def twist_at(self, point: Array) -> Array:
         """Return the (6,) velocity of the body at a point (3,) of the world, world axes."""
@@ -273,7 +270,7 @@ class FreeBody:
         a, b = skew(one - self.center), skew(other - self.center)
         W = np.empty((6, 6))
         W[:3, 3:] = -a @ inertia_inverse
-        W[:3, :3] = W[:3, 3:] @ b + np.eye(3) / self.mass
+        W[:3, :3] = W[:3, 3:] @ b + self._mass_inverse
         W[3:, :3] = inertia_inverse @ b
         W[3:, 3:] = inertia_inverse
         return W
