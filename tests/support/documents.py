@@ -8,7 +8,6 @@ from typing import Any
 
 from planners.cell.cell import Cell
 from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify
-from workers.simulation.simulate import simulate
 
 
 def sent(document: Mapping[str, Any]) -> bytes:
@@ -34,8 +33,3 @@ def cell_of(cell: Cell) -> dict[str, Any]:
 def bodies_of(cell: Cell) -> dict[str, dict[str, Any]]:
     """Return the entries of a cell's own bodies in the member `bodies`."""
     return {name: body.model_dump(mode="json") for name, body in cell.body_documents().items()}
-
-
-def simulated(*arguments: Any, **named: Any) -> dict[str, Any]:
-    """Execute the plan of a lift as `simulate` does, and return what came of it as JSON data."""
-    return simulate(*arguments, **named).model_dump(mode="json")

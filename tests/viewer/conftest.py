@@ -9,7 +9,7 @@ import pytest
 from support.documents import bodies_of, cell_of
 
 from planners.cell.cell import Cell, load_cell
-from workers.simulation.recorder import UNITS
+from workers.simulation.recording import LIFT_UNITS
 
 
 def contact(sample: int, by: str, kind: str, force: tuple[float, float, float], **members: Any) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def simulation(duration: float, **members: Any) -> dict[str, Any]:
         "cause": None,
         "force_curves": [
             {"name": name, "unit": unit, "time": time.tolist(), "value": np.zeros(len(time)).tolist()}
-            for name, unit in UNITS.items()
+            for name, unit in LIFT_UNITS.items()
         ],
         "minimum_total_force": 19.24,
         "lift": None,

@@ -9,7 +9,7 @@ from support.documents import bodies_of, cell_of
 from viewer.conftest import segment
 
 from planners.cell.cell import Cell
-from workers.simulation.tool_recorder import TOOL_UNITS
+from workers.simulation.recording import TOOL_UNITS
 
 CUP = {"radius": 0.0175, "max_force": 20.0, "mu": 0.5, "kappa": 4.5}
 OBJECTS = ("first", "second")

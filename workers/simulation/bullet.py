@@ -1,8 +1,15 @@
-"""An arm with its hand as a URDF, so that PyBullet has the very kinematics of the plan."""
+"""PyBullet, and what it is given: collision shapes, and an arm with its hand as a URDF of the plan's very kinematics.
+
+PyBullet greets on stdout when it is imported and when a server starts; here it does not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import contextlib
+import ctypes
+import os
+import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -12,6 +19,9 @@ from planners.cell.arm import Arm
 from planners.cell.hand import Gripper
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
 from planners.geometry.surface import Hull, hull_with_faces
+from planners.scene.body import Body
+
+__all__ = ["box_shape", "bullet", "convex_shape", "hull_shape", "quiet", "write_arm_urdf", "write_hull"]
 
 TOUCHING_PARTS = ("pad", "finger", "tip")
 """Parts of hands that touch the plate on purpose: their contact is modelled apart, see `touch`."""
@@ -19,6 +29,60 @@ _LEAST_INERTIA = 1e-4
 """[kg m^2]"""
 _BASE_MASS = 2.0
 """Not published, and without effect: the base is fixed [kg]."""
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep the greeting of PyBullet's C code to itself: stdout may carry a protocol, stderr a progress bar."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    for stream, _ in kept:
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        # C keeps a buffer of its own.
+        ctypes.CDLL(None).fflush(None)
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
+
+
+with quiet():
+    import pybullet as bullet
+
+
+def box_shape(size: Array, client: int, at: Array | None = None) -> int:
+    """Return a box of full lengths (3,) whose centre is at (3,) `at` of the body's frame [m]."""
+    return bullet.createCollisionShape(
+        bullet.GEOM_BOX, halfExtents=0.5 * size, collisionFramePosition=[0.0, 0.0, 0.0] if at is None else at,
+        physicsClientId=client,
+    )  # fmt: skip
+
+
+def hull_shape(vertices: Array, client: int) -> int:
+    """Return the convex hull of vertices (n, 3) in the body's frame [m]."""
+    return bullet.createCollisionShape(bullet.GEOM_MESH, vertices=vertices.tolist(), physicsClientId=client)
+
+
+def convex_shape(body: Body, at: Array, client: int) -> int:
+    """Return the shape of a convex body whose own frame is at (3,) `at`, its axes those of the shape."""
+    if body.shape.type == "box":
+        return box_shape(np.array(body.shape.size), client, at)
+    (part,) = body.solid.convex_parts
+    return hull_shape(part.vertices + at, client)
+
+
+def write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:
+    """Write a hull, moved into a link's frame, as an OBJ file and return the file's name."""
+    vertices = hull[0] @ T_link_frame[:3, :3].T + T_link_frame[:3, 3]
+    lines = [f"v {_three(vertex)}" for vertex in vertices]
+    lines += ["f " + " ".join(str(index + 1) for index in face) for face in hull[1]]
+    path.write_text("\n".join(lines) + "\n")
+    return path.name
 
 
 def write_arm_urdf(arm: Arm, folder: Path) -> Path:
@@ -39,12 +103,6 @@ def write_arm_urdf(arm: Arm, folder: Path) -> Path:
     path = folder / f"{arm.name}.urdf"
     path.write_text(f'<?xml version="1.0"?>\n<robot name={quoteattr(arm.name)}>\n' + "\n".join(links) + "\n</robot>\n")
     return path
-
-
-def flange_from_link(arm: Arm) -> Transform:
-    """Return `T_link6_flange`."""
-    a, alpha, d, _ = arm.dh[5]
-    return transform(rotation_x(alpha), [a, 0.0, d])
 
 
 def _link(arm: Arm, number: int, T_link_frame: Transform, folder: Path) -> str:
@@ -103,15 +161,6 @@ def _inertial(masses: list[tuple[float, Array]], T_link_frame: Transform) -> str
         f'<inertial><origin xyz="{_three(place)}"/><mass value="{total:.9g}"/>'
         f'<inertia ixx="{inertia:.9g}" iyy="{inertia:.9g}" izz="{inertia:.9g}" ixy="0" ixz="0" iyz="0"/></inertial>'
     )
-
-
-def write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:
-    """Write a hull, moved into a link's frame, as an OBJ file and return the file's name."""
-    vertices = hull[0] @ T_link_frame[:3, :3].T + T_link_frame[:3, 3]
-    lines = [f"v {_three(vertex)}" for vertex in vertices]
-    lines += ["f " + " ".join(str(index + 1) for index in face) for face in hull[1]]
-    path.write_text("\n".join(lines) + "\n")
-    return path.name
 
 
 def _origin(T: Transform) -> str:
