@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.pose import Array, Transform, inverse, rotation_angle, small_motion
 from planners.plan.segment import Grip
 from planners.regrasp.statics.finger_forces import least_squeeze
-from planners.regrasp.statics.hold_statics import EPS
 from planners.regrasp.suction.suction_hold import SuctionLimit, suction_margins
 from planners.scene.suction_tool import CupData
 from planners.scene.tool_scene import SuctionToolScene
@@ -153,7 +153,7 @@ class FingerHold:
     @property
     def squeeze(self) -> float:
         """The least squeeze with which the fingers do what they do now [N]."""
-        return float(least_squeeze(self.bond.wrench_in_parent()[None], self._width, self._mu, EPS)[0])
+        return float(least_squeeze(self.bond.wrench_in_parent()[None], self._width, self._mu, SOFT_FINGER_EPS)[0])
 
     def lets_go(self, squeeze: float, period: float) -> str | None:
         """Say why the fingers lose the tool after a period [s] of needing a squeeze [N]; None while they do not."""
