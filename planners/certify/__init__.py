@@ -5,9 +5,9 @@ unreduced hulls of the robots' meshes, balances are assembled again in the world
 """
 
 from planners.certify.certify import certify
-from planners.certify.scene_facts import CellReference
+from planners.certify.common.scene import CellReference
+from planners.certify.motion.robot_surfaces import RobotSurfaces, load_surfaces
 from planners.certify.settings import CertifySettings
-from planners.certify.surfaces import RobotSurfaces, load_surfaces
 from planners.plan.verdicts import Certificate, Check
 
 __all__ = ["CellReference", "Certificate", "CertifySettings", "Check", "RobotSurfaces", "certify", "load_surfaces"]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from planners.certify.common.scene import CellReference, require_stated
 from planners.certify.evidence import Evidence
-from planners.certify.lift_checks import LiftExamination
+from planners.certify.lift.examination import LiftExamination
+from planners.certify.motion.robot_surfaces import RobotSurfaces
 from planners.certify.plan_view import MalformedDocument, PlanView, read_plan
-from planners.certify.scene_facts import CellReference
 from planners.certify.settings import CertifySettings
-from planners.certify.stated import require_stated
-from planners.certify.surfaces import RobotSurfaces
-from planners.certify.tool_checks import ToolExamination
+from planners.certify.tool.examination import ToolExamination
 from planners.contract.task_spec import PlateLiftTask
 from planners.plan.verdicts import Certificate, Check
 

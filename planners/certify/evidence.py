@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from planners.certify.common.scene import CellReference, scene_checks
+from planners.certify.motion.robot_surfaces import RobotSurfaces
 from planners.certify.plan_view import MalformedDocument, PlanView
-from planners.certify.scene_facts import CellReference, scene_checks
 from planners.certify.settings import CertifySettings
-from planners.certify.surfaces import RobotSurfaces
 from planners.geometry.pose import Array
 from planners.plan.scenery import CellDocument
 from planners.plan.verdicts import Check

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from planners.certify.body_shape import BodyShape, box, cylinder, mesh, prism
+from planners.certify.geometry.body_shape import BodyShape, box, cylinder, mesh, prism
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import LiftwrightError

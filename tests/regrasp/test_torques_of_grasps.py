@@ -17,9 +17,8 @@ from support.tool_plans import FEW, block, few_handovers
 
 from planners.cell.arm import Arm
 from planners.certify import CertifySettings
-from planners.certify.balances import contact_sets
-from planners.certify.joint_torque import torque_check
-from planners.certify.motion import motions_of
+from planners.certify.common.joint_torque import torque_check
+from planners.certify.motion.segment_motion import contact_sets, motions_of
 from planners.certify.plan_view import read_plan
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, inverse, transform
