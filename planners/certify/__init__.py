@@ -5,7 +5,7 @@ unreduced hulls of the robots' meshes, balances are assembled again in the world
 """
 
 from planners.certify.certify import certify
-from planners.certify.common.scene import CellReference
+from planners.certify.evidence import CellReference
 from planners.certify.motion.robot_surfaces import RobotSurfaces, load_surfaces
 from planners.certify.settings import CertifySettings
 from planners.plan.verdicts import Certificate, Check

@@ -10,9 +10,15 @@ import numpy as np
 
 from planners.certify.finding import Finding
 from planners.certify.motion.segment_motion import BodyContacts
-from planners.certify.plan_view import ContactView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
+from planners.plan.contacts import (
+    BearingContact,
+    EnvironmentContact,
+    PointContact,
+    SoftFingerContact,
+    SuctionContact,
+)
 from planners.plan.scenery import ARMS
 from planners.plan.verdicts import Check
 
@@ -78,34 +84,26 @@ class ConeChecks:
     def run(self, sets: Sequence[BodyContacts]) -> list[Check]:
         """Check all contact sets."""
         for contact_set in sets:
-            for contact in contact_set.contacts:
-                self._contact(contact, f"{contact_set.where} by {_name(contact)}")
-            self._hands(contact_set)
-        findings = (
-            self._friction,
-            self._suction,
-            self._suction_moment,
-            self._torque,
-            self._normal,
-            self._hand,
-            self._cup,
-            self._parameters,
-        )
-        return [finding.check() for finding in findings]
-
-    def _hands(self, contact_set: BodyContacts) -> None:
-        for arm in ARMS:
-            forces = [c.force for c in contact_set.contacts if c.by == arm]
-            if forces:
-                net = float(np.linalg.norm(np.sum(forces, axis=0)))
+            for contact in contact_set.bearing:
+                where = f"{contact_set.where} by {contact_name(contact)} ({contact.kind})"
+                if contact.kind == "suction":
+                    self._suction_limits(contact, where)
+                else:
+                    self._contact(contact, where)
+            for arm, net in net_forces(contact_set).items():
                 self._hand.note(self._limits.hands[arm] + self._slack - net, f"{contact_set.where} by {arm}")
+        return [
+            self._friction.check(),
+            self._suction.check(),
+            self._suction_moment.check(),
+            self._torque.check(),
+            self._normal.check(),
+            self._hand.check(),
+            self._cup.check(),
+            self._parameters.check(),
+        ]
 
-    def _contact(self, contact: ContactView, where: str) -> None:
-        if contact.kind == "suction":
-            self._suction_limits(contact, where)
-            return
-        if contact.kind == "inertia":
-            return
+    def _contact(self, contact: SoftFingerContact | PointContact | EnvironmentContact, where: str) -> None:
         pressed = float(contact.force @ contact.normal)
         sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
         turning = float(contact.torque @ contact.normal)
@@ -114,35 +112,30 @@ class ConeChecks:
         if contact.kind == "soft_finger":
             self._same(contact.eps, self._limits.eps, f"{where}: eps")
             sliding = math.hypot(sliding, turning / max(contact.eps, 1e-12))
+            self._same(contact.limit, self._limits.finger(contact.by, contact.squeeze), f"{where}: limit")
         else:
             other = math.hypot(other, turning)
-        if contact.kind == "soft_finger":
-            self._same(contact.limit, self._limits.finger(contact.by, contact.squeeze), f"{where}: limit")
-        elif contact.kind == "point":
+        if contact.kind == "point":
             self._same(contact.limit, self._limits.normal, f"{where}: limit")
         self._torque.note(self._slack - other, where)
         self._friction.note(contact.mu * pressed - sliding + self._slack, where)
-        self._normal.note(pressed + self._slack, f"{where}")
-        if contact.limit < math.inf:
+        self._normal.note(pressed + self._slack, where)
+        if contact.limit is not None:
             self._normal.note(contact.limit + self._slack - pressed, where)
 
-    def _same(self, value: float, stated: float | None, where: str) -> None:
-        if stated is None or not math.isfinite(value):
+    def _same(self, value: float | None, stated: float | None, where: str) -> None:
+        if stated is None or value is None:
             self._parameters.require(False, where, "is not known")
         else:
             self._parameters.note(self._equal - abs(value - stated), where)
 
-    def _suction_limits(self, contact: ContactView, where: str) -> None:
+    def _suction_limits(self, contact: SuctionContact, where: str) -> None:
         cup, slack = self._limits.cup, self._slack
         if cup is not None:
             self._same(contact.mu, cup.mu, f"{where}: mu")
             self._same(contact.radius, cup.radius, f"{where}: radius")
             self._same(contact.kappa, cup.kappa, f"{where}: kappa")
             self._same(contact.limit, cup.max_force, f"{where}: limit")
-        x, z = contact.x_axis, contact.normal
-        axes = np.array([x, np.cross(z, x)])
-        shear, bend = axes @ contact.force, axes @ contact.torque
-        pull, twist = -float(contact.force @ z), float(contact.torque @ z)
         force = contact.suction_force
         self._cup.note(contact.limit + slack - force, where)
         self._cup.note(force + slack, f"{where}: presses")
@@ -152,12 +145,36 @@ class ConeChecks:
             self._suction.note(slack - abs(up - force), f"{where}: suction_force")
             self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
             return
+        pull, shear, twist, bend = pad_loads(contact)
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
         hold = contact.mu * (force if self._limits.model == "paper" else contact.limit - force)
         slips, twists, peels = pad_margins(hold, shear, twist, bend, contact.radius, contact.kappa)
         self._suction.note(float(slips) + slack, f"{where}: shear")
         self._suction_moment.note(float(twists) + slack, f"{where}: twist")
         self._suction_moment.note(float(peels) + slack, f"{where}: peel")
+
+
+def net_forces(contact_set: BodyContacts) -> dict[str, float]:
+    """Return what each hand that touches the body exerts on it in all [N]."""
+    forces = {arm: contact_set.forces(arm) for arm in ARMS}
+    return {arm: float(np.linalg.norm(np.sum(found, axis=0))) for arm, found in forces.items() if found}
+
+
+def contact_name(contact: BearingContact) -> str:
+    """Name who makes a contact."""
+    return contact.by if contact.finger is None else f"{contact.by} finger {contact.finger}"
+
+
+def pad_loads(contact: SuctionContact) -> tuple[float, Array, float, Array]:
+    """Return what a suction pad bears.
+
+    Returns:
+        The pull outward [N], shear along the pad's x and y (2,) [N], torque about its normal [Nm], and about its x and
+        y (2,) [Nm].
+    """
+    x, z = contact.x_axis, contact.normal
+    axes = np.array([x, np.cross(z, x)])
+    return -float(contact.force @ z), axes @ contact.force, float(contact.torque @ z), axes @ contact.torque
 
 
 def pad_margins(
@@ -179,12 +196,7 @@ def pad_margins(
     return slips, twists, peels
 
 
-def _name(contact: ContactView) -> str:
-    finger = "" if contact.finger is None else f" finger {contact.finger}"
-    return f"{contact.by}{finger} ({contact.kind})"
-
-
-def x_axis_error(contact: ContactView, T_world_body: Array) -> float:
+def x_axis_error(contact: SuctionContact, T_world_body: Array) -> float:
     """Return the angle between a pad's x axis as stated and as it is [rad]."""
     return angle(contact.x_axis, pad_x_axes(T_world_body[None], contact.normal[None])[0])
 

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from planners.certify.common.cones import angle
+from planners.certify.common.cones import angle, contact_name
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
-from planners.certify.plan_view import ContactView, PlanView
-from planners.certify.settings import CertifySettings
+from planners.certify.plan_view import T_flange_tcp
 from planners.geometry.pose import Array, Transform, inverse
-from planners.plan.scenery import ARMS
+from planners.plan.contacts import (
+    BearingContact,
+    EnvironmentContact,
+    PointContact,
+    SoftFingerContact,
+    SuctionContact,
+)
 from planners.plan.verdicts import Check
 
-Maker = Callable[[SegmentMotion, BodyContacts, ContactView, str], None]
-"""Checks a contact from the side of who makes it; the text names the contact."""
 _SAME_PLACE = 1e-7
 """Points that round to the same multiple of this are one place [m]; tolerances are thousands of it."""
 
@@ -27,43 +30,55 @@ _SAME_PLACE = 1e-7
 class ContactPlaceChecks(ABC):
     """Looks at each contact from both sides: the body that it acts on, and who makes it."""
 
-    def __init__(self, plan: PlanView, settings: CertifySettings) -> None:
-        self._plan, self._settings = plan, settings
+    def __init__(self, evidence: Evidence) -> None:
+        self._evidence, self._plan, self._settings = evidence, evidence.plan, evidence.settings
         self._points = Finding("contact_points", "m")
         self._normals = Finding("contact_normals", "rad")
         self._known: dict[tuple[int, bytes], tuple[float, list[Array]]] = {}
 
-    def run(self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[BodyContacts]]) -> list[Check]:
-        """Check all contact sets of each segment."""
-        for motion, group in zip(motions, sets, strict=True):
-            for contact_set in group:
-                for contact in contact_set.contacts:
-                    if contact.kind != "inertia":
-                        self._contact(motion, contact_set, contact)
+    def run(self) -> list[Check]:
+        """Check all contact sets."""
+        for motion in self._evidence.motions:
+            for contact_set in motion.contacts:
+                for contact in contact_set.bearing:
+                    self._contact(motion, contact_set, contact)
         return [self._points.check(), self._normals.check()]
 
-    def _contact(self, motion: SegmentMotion, contact_set: BodyContacts, contact: ContactView) -> None:
-        finger = "" if contact.finger is None else f" finger {contact.finger}"
-        where = f"{contact_set.where} by {contact.by}{finger}"
-        body = self._plan.bodies[contact.body].shape
-        T = contact_set.T_world_body
+    def _contact(self, motion: SegmentMotion, contact_set: BodyContacts, contact: BearingContact) -> None:
+        where = f"{contact_set.where} by {contact_name(contact)}"
+        body, T = self._plan.bodies[contact.body].shape, contact_set.T_world_body
         # An edge or a corner of the body may press on a face: then the face alone has the normal.
         normal = None if contact.kind == "environment" else -contact.normal
-        slant = self._slant(contact)
-        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}", slant)
-        maker = self._makers().get(contact.kind)
-        if maker is None:
-            self._points.require(False, where, f"nothing makes contacts of kind {contact.kind} here")
-        else:
-            maker(motion, contact_set, contact, where)
+        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}", self._slant(contact))
+        match contact:
+            case SoftFingerContact():
+                self._finger(motion, contact, where)
+            case PointContact():
+                self._tip(motion, contact, where)
+            case EnvironmentContact():
+                self._carrier(motion, contact, where)
+            case SuctionContact():
+                self._cup(motion, contact_set, contact, where)
 
-    def _slant(self, contact: ContactView) -> float:
+    def _slant(self, contact: BearingContact) -> float:
         """Return the largest angle between a contact's normal and that of the body it acts on [rad]."""
         return self._settings.contact_angle
 
+    def _tip(self, motion: SegmentMotion, contact: PointContact, where: str) -> None:
+        """Check a contact from the side of the tip that makes it; where nothing has tips, there is none."""
+        self._points.require(False, where, f"nothing makes contacts of kind {contact.kind} here")
+
     @abstractmethod
-    def _makers(self) -> Mapping[str, Maker]:
-        """Return who makes contacts of each kind."""
+    def _carrier(self, motion: SegmentMotion, contact: EnvironmentContact, where: str) -> None:
+        """Check a contact from the side of the body that carries."""
+
+    @abstractmethod
+    def _cup(self, motion: SegmentMotion, contact_set: BodyContacts, contact: SuctionContact, where: str) -> None:
+        """Check a contact from the side of the cup that makes it."""
+
+    def _on_carrier(self, motion: SegmentMotion, contact: EnvironmentContact, where: str) -> None:
+        shape, pose = self._plan.bodies[contact.by].shape, motion.body_poses[contact.by][contact.sample]
+        self._on_surface(shape, pose, contact.point, contact.normal, f"{where}: on {contact.by}")
 
     def _on_surface(
         self,
@@ -94,18 +109,18 @@ class ContactPlaceChecks(ABC):
             self._known[key] = height, shape.normals_near(point, self._settings.contact_distance)
         return self._known[key]
 
-    def _meets(self, contact: ContactView, point: Array, normal: Array, where: str) -> None:
+    def _meets(self, contact: BearingContact, point: Array, normal: Array, where: str) -> None:
         distance = float(np.linalg.norm(contact.point - point))
         self._points.note(self._settings.contact_distance - distance, where)
         self._normals.note(self._settings.contact_angle - angle(contact.normal, normal), where)
 
-    def _finger(self, motion: SegmentMotion, contact_set: BodyContacts, contact: ContactView, where: str) -> None:
-        if contact.by not in ARMS or self._plan.hands[contact.by].kind != "gripper":
+    def _finger(self, motion: SegmentMotion, contact: SoftFingerContact, where: str) -> None:
+        gripper = self._plan.grippers.get(contact.by)
+        if gripper is None:
             self._points.require(False, where, "has no fingers")
             return
-        width = motion.segment.widths[contact.by][contact.sample : contact.sample + 1]
-        T_flange_tcp = self._plan.hands[contact.by].T_flange_tcp(width)[0]
-        T_world_tcp = motion.frames[contact.by][contact.sample, 6] @ T_flange_tcp
+        width = motion.segment.gripper_width[contact.by][contact.sample : contact.sample + 1]
+        T_world_tcp = motion.frames[contact.by][contact.sample, 6] @ T_flange_tcp(gripper, width)[0]
         # Finger 0 is at -y and presses towards +y.
         inward = T_world_tcp[:3, 1] * (1.0 if contact.finger == 0 else -1.0)
         self._meets(contact, T_world_tcp[:3, 3] - inward * float(width[0]) / 2, inward, f"{where}: at the pad")

@@ -8,9 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
-from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, turns_between
-from planners.certify.plan_view import BodyView, PlanView
+from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, added_up, turns_between
+from planners.certify.plan_view import BodyView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 from planners.plan.verdicts import Check
@@ -23,29 +24,20 @@ _STILL = 1e-9
 """Motion of a sample that counts as none [m]."""
 
 
-def balance_checks(plan: PlanView, sets: Sequence[Sequence[BodyContacts]], settings: CertifySettings) -> list[Check]:
-    """Check forces and moments of the contact sets of each segment."""
+def balance_checks(evidence: Evidence) -> list[Check]:
+    """Check forces and moments of all contact sets, assembled again in the world frame."""
+    plan, settings = evidence.plan, evidence.settings
     force, moment = Finding("balance_force", "N"), Finding("balance_moment", "Nm")
-    for contact_set in (one for group in sets for one in group):
-        body = plan.bodies[contact_set.body]
+    for contact_set in evidence.contacts:
+        body, T = plan.bodies[contact_set.body], contact_set.T_world_body
         if body.mass is None:
             force.require(False, contact_set.where, "has contacts and no mass")
             continue
-        total_force, total_moment = residual(contact_set, body, plan.gravity)
-        force.note(settings.force_balance - float(np.linalg.norm(total_force)), contact_set.where)
-        moment.note(settings.moment_balance - float(np.linalg.norm(total_moment)), contact_set.where)
+        centre = T[:3, :3] @ body.com + T[:3, 3]
+        left, left_moment = added_up(contact_set.contacts, body.mass * plan.cell.gravity, centre)
+        force.note(settings.force_balance - float(np.linalg.norm(left)), contact_set.where)
+        moment.note(settings.moment_balance - float(np.linalg.norm(left_moment)), contact_set.where)
     return [force.check(), moment.check()]
-
-
-def residual(contact_set: BodyContacts, body: BodyView, gravity: Array) -> tuple[Array, Array]:
-    """Return what is left of force [N] and moment about the centre of mass [Nm], world axes."""
-    T = contact_set.T_world_body
-    com = T[:3, :3] @ body.com + T[:3, 3]
-    force, moment = (body.mass or 0.0) * gravity, np.zeros(3)
-    for contact in contact_set.contacts:
-        force = force + contact.force
-        moment = moment + contact.torque + np.cross(contact.point - com, contact.force)
-    return force, moment
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +70,7 @@ class InertialLoad:
         )
 
 
-def inertia_checks(
-    plan: PlanView, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[BodyContacts]], settings: CertifySettings
-) -> list[Check]:
+def inertia_checks(evidence: Evidence) -> list[Check]:
     """Check that the inertia that was counted is what the motion has, at every sample, up to a part of the weight.
 
     Between two contact sets the mean of both, weighted by time, counts: what it balances is held, because cones are
@@ -88,17 +78,17 @@ def inertia_checks(
     another opposite. The moment may miss that part of the weight at a lever of the body's largest radius of gyration.
     """
     force, moment = Finding("inertia", "N"), Finding("angular_inertia", "Nm")
-    gravity = float(np.linalg.norm(plan.gravity))
-    for motion, group in zip(motions, sets, strict=True):
-        for name in sorted({contact_set.body for contact_set in group}):
-            body, mass = plan.bodies[name], plan.bodies[name].mass
-            if mass is None:
+    gravity = float(np.linalg.norm(evidence.plan.cell.gravity))
+    for motion in evidence.motions:
+        for name in sorted({contact_set.body for contact_set in motion.contacts}):
+            body = evidence.plan.bodies[name]
+            if body.mass is None:
                 continue
-            shown = [contact_set for contact_set in group if contact_set.body == name]
+            shown = [contact_set for contact_set in motion.contacts if contact_set.body == name]
             looked_at = slice(shown[0].sample, shown[-1].sample + 1)
             counted = _counted_between(shown, body, motion.segment.time[looked_at])
-            load = InertialLoad.of(body, mass, motion)
-            slack = settings.inertia_fraction * mass * gravity
+            load = InertialLoad.of(body, body.mass, motion)
+            slack = evidence.settings.inertia_fraction * body.mass * gravity
 
             def where(i: int, m: SegmentMotion = motion, first: int = looked_at.start, text: str = name) -> str:
                 return f"{m.segment.place(first + i)}: {text}"
@@ -111,21 +101,15 @@ def inertia_checks(
 
 
 def _counted_between(shown: Sequence[BodyContacts], body: BodyView, time: Array) -> Array:
-    """Return the inertia counted from the first to the last of one body's sets, (n, 6) as `_counted`."""
+    """Return the inertia counted from the first to the last of one body's sets.
+
+    Returns:
+        (n, 6) force [N] and moment about the centre of mass [Nm] of the contacts of kind `inertia`.
+    """
+    centres = [body.centres(one.T_world_body[None])[0] for one in shown]
+    counted = [added_up(one.inertia, np.zeros(3), centre) for one, centre in zip(shown, centres, strict=True)]
     times = [float(one.segment.time[one.sample]) for one in shown]
-    counted = np.array([_counted(one, body) for one in shown])
-    return np.column_stack([np.interp(time, times, column) for column in counted.T])
-
-
-def _counted(contact_set: BodyContacts, body: BodyView) -> Array:
-    """Return force [N] and moment about the centre of mass [Nm] of the contacts of kind `inertia`: (6,)."""
-    com = body.centres(contact_set.T_world_body[None])[0]
-    force, moment = np.zeros(3), np.zeros(3)
-    for contact in contact_set.contacts:
-        if contact.kind == "inertia":
-            force = force + contact.force
-            moment = moment + contact.torque + np.cross(contact.point - com, contact.force)
-    return np.concatenate([force, moment])
+    return np.column_stack([np.interp(time, times, column) for column in np.array(counted).reshape(-1, 6).T])
 
 
 def _momenta(poses: Array, tensor: Array) -> Array:
@@ -149,40 +133,27 @@ def _rates(time: Array, steps: Array) -> Array:
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
-def spacing_check(
-    plan: PlanView,
-    motions: Sequence[SegmentMotion],
-    sets: Sequence[Sequence[BodyContacts]],
-    needs_sets: Callable[[SegmentMotion, BodyView], bool],
-    settings: CertifySettings,
-) -> Check:
-    """Check the spacing of contact sets.
+def spacing_check(evidence: Evidence, needs_sets: Callable[[SegmentMotion, BodyView], bool]) -> Check:
+    """Check that contact sets stand where a segment begins and ends, and close enough together in between.
 
     What a body turns and goes from one set to the next is added up over the samples in between: a way there and back
     is as long as both ways.
 
     Args:
-        plan: the document.
-        motions: of each segment.
-        sets: of each segment.
+        evidence: of the document.
         needs_sets: whether a body's contacts must be shown in a segment.
-        settings: tolerances.
     """
     finding = Finding("contact_sets", "1")
-    for motion, group in zip(motions, sets, strict=True):
-        for body in plan.bodies.values():
+    for motion in evidence.motions:
+        for body in evidence.plan.bodies.values():
             if body.mass is None or body.static or not needs_sets(motion, body):
                 continue
-            samples = sorted({one.sample for one in group if one.body == body.name})
-            _ends(motion, body, samples, finding)
-            _between(motion, body, samples, finding, settings)
+            samples = sorted({one.sample for one in motion.contacts if one.body == body.name})
+            for end, name in ((0, "first"), (motion.samples - 1, "last")):
+                missing = f"no contact set of {body.name} at the {name} sample"
+                finding.require(end in samples, motion.segment.place(end), missing)
+            _between(motion, body, samples, finding, evidence.settings)
     return finding.check()
-
-
-def _ends(motion: SegmentMotion, body: BodyView, samples: list[int], finding: Finding) -> None:
-    segment = motion.segment
-    for end, name in ((0, "first"), (motion.samples - 1, "last")):
-        finding.require(end in samples, segment.place(end), f"no contact set of {body.name} at the {name} sample")
 
 
 def _between(

@@ -7,70 +7,55 @@ the squeeze.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from planners.certify.common.attachments import rotation_angles
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.geometry.triangle_surface import stretches_inside
-from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, relative
-from planners.certify.plan_view import PlanView, SegmentView
-from planners.certify.settings import CertifySettings
-from planners.geometry.pose import Array, Transform
+from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, relative, rotation_angles
+from planners.certify.plan_view import NumberedSegment, PlanView, T_flange_tcp
+from planners.geometry.pose import Transform
 from planners.plan.scenery import ARMS
 from planners.plan.segment import Grip, Push
 from planners.plan.verdicts import Check
 
 
-def hold_checks(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> list[Check]:
+def hold_checks(evidence: Evidence) -> list[Check]:
     """Check grips (pose, opening) and pushes (the tip stays on its point)."""
     place, turn = Finding("grips", "m"), Finding("grip_angles", "rad")
     width, push = Finding("grip_width", "m"), Finding("pushes", "m")
-    for motion in motions:
+    for motion in evidence.motions:
         for grip in motion.segment.grips:
-            _grip(plan, motion, grip, settings, (place, turn, width))
+            _grip(evidence, motion, grip, place, turn, width)
         if motion.segment.push is not None:
-            _push(plan, motion, motion.segment.push, settings, push)
+            _push(evidence, motion, motion.segment.push, push)
     return [finding.check() for finding in (place, turn, width, push)]
 
 
-def held_samples(segment: SegmentView, arm: str, ends: tuple[str, str]) -> slice:
+def _held_samples(segment: NumberedSegment, arm: str, taking: str, leaving: str) -> slice:
     """Return the samples in which a hold stands: only the last while it is being taken, the first while it is left."""
-    taking, leaving = ends
     if segment.kind == taking and (arm in segment.movers or taking == "grip"):
-        return slice(-1, None)
+        return slice(len(segment.time) - 1, None)
     if segment.kind == leaving and (arm in segment.movers or leaving == "release"):
         return slice(0, 1)
-    return slice(None)
+    return slice(0, None)
 
 
-def _grip(
-    plan: PlanView,
-    motion: SegmentMotion,
-    grip: Grip,
-    settings: CertifySettings,
-    findings: tuple[Finding, Finding, Finding],
-) -> None:
-    segment = motion.segment
-    place, turn, width = findings
+def _grip(evidence: Evidence, motion: SegmentMotion, grip: Grip, place: Finding, turn: Finding, width: Finding) -> None:
+    plan, settings, segment = evidence.plan, evidence.settings, motion.segment
     acting = grip is segment.grip
-    chosen = held_samples(segment, grip.arm, ("grip", "release")) if acting else slice(None)
-    samples = np.arange(len(segment.time))[chosen]
-    widths = segment.widths[grip.arm]
-    tcp = motion.frames[grip.arm][:, 6] @ plan.hands[grip.arm].T_flange_tcp(widths)
+    chosen = _held_samples(segment, grip.arm, "grip", "release") if acting else slice(0, None)
+    widths = segment.gripper_width[grip.arm]
+    tcp = motion.frames[grip.arm][:, 6] @ T_flange_tcp(plan.grippers[grip.arm], widths)
     poses = relative(motion.body_poses[grip.body], tcp)[chosen]
-
-    def where(i: int) -> str:
-        return f"{segment.place(int(samples[i]))}: {grip.arm} hand on {grip.body}"
-
-    place.note_all(
-        settings.attachment_distance - np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1), where
-    )
-    turn.note_all(settings.attachment_angle - rotation_angles(poses, grip.T_body_tcp), where)
+    apart = np.linalg.norm(poses[:, :3, 3] - grip.T_body_tcp[:3, 3], axis=1)
+    turned = rotation_angles(poses, grip.T_body_tcp)
     thickness, offset = _thickness(plan.bodies[grip.body].shape, grip.T_body_tcp, settings.seam)
-    width.note_all(settings.contact_distance - np.abs(widths[chosen] - thickness), where)
+    off, name = np.abs(widths[chosen] - thickness), f"{grip.arm} hand on {grip.body}"
+    place.note_samples(segment, settings.attachment_distance - apart, name, first=chosen.start)
+    turn.note_samples(segment, settings.attachment_angle - turned, name, first=chosen.start)
+    width.note_samples(segment, settings.contact_distance - off, name, first=chosen.start)
     width.note(settings.contact_distance - abs(grip.width - thickness), f"{segment.place()}: width of the hold")
     width.note(settings.contact_distance - abs(offset), f"{segment.place()}: the pads do not meet {grip.body} together")
 
@@ -87,55 +72,39 @@ def _thickness(shape: BodyShape, T_body_tcp: Transform, seam: float) -> tuple[fl
     return float(end - begin), float(end + begin) / 2
 
 
-def _push(plan: PlanView, motion: SegmentMotion, push: Push, settings: CertifySettings, finding: Finding) -> None:
-    segment = motion.segment
-    chosen = held_samples(segment, push.arm, ("approach", "retreat"))
-    samples = np.arange(len(segment.time))[chosen]
-    distance = push_errors(plan, motion, push)[chosen]
-    finding.note_all(
-        settings.contact_distance - distance,
-        lambda i: f"{segment.place(int(samples[i]))}: {push.arm} tip on {push.body}",
-    )
-    height, _ = plan.bodies[push.body].shape.surface_distance(push.point)
-    finding.note(settings.contact_distance - abs(height), f"{segment.place()}: point of the push on {push.body}")
-
-
-def push_errors(plan: PlanView, motion: SegmentMotion, push: Push) -> Array:
-    """Return the distances between the tip's contact point and the hold's point on the body: (n,) [m]."""
-    hand = plan.hands[push.arm]
-    assert hand.T_flange_tip is not None
-    body = motion.body_poses[push.body]
-    flange = motion.frames[push.arm][:, 6]
-    tip = flange[:, :3, :3] @ hand.T_flange_tip[:3, 3] + flange[:, :3, 3]
+def _push(evidence: Evidence, motion: SegmentMotion, push: Push, finding: Finding) -> None:
+    plan, allowed, segment = evidence.plan, evidence.settings.contact_distance, motion.segment
+    chosen = _held_samples(segment, push.arm, "approach", "retreat")
+    stick, body, flange = plan.sticks[push.arm], motion.body_poses[push.body], motion.frames[push.arm][:, 6]
+    tip = flange[:, :3, :3] @ stick.T_flange_tip[:3, 3] + flange[:, :3, 3]
     normal = body[:, :3, :3] @ push.normal
     point = body[:, :3, :3] @ push.point + body[:, :3, 3]
-    return np.linalg.norm(tip + hand.tip_radius * normal - point, axis=1)
+    apart = np.linalg.norm(tip + stick.tip_radius * normal - point, axis=1)[chosen]
+    finding.note_samples(segment, allowed - apart, f"{push.arm} tip on {push.body}", first=chosen.start)
+    height, _ = plan.bodies[push.body].shape.surface_distance(push.point)
+    finding.note(allowed - abs(height), f"{segment.place()}: point of the push on {push.body}")
 
 
-def squeeze_check(
-    plan: PlanView, sets: Sequence[BodyContacts], settings: CertifySettings, *, required: bool = True
-) -> Check:
-    """Check the squeezes of all grips, and that the contacts of their fingers are those of a squeeze.
+def squeeze_check(evidence: Evidence, *, required: bool = True) -> Check:
+    """Check the squeezes of all grips: in their range, all along a hold, and in the contacts of both fingers together.
 
     Args:
-        plan: the document.
-        sets: all contact sets.
-        settings: tolerances.
+        evidence: of the document.
         required: whether every grip has to state its squeeze; else those are passed over that do not.
     """
-    finding = Finding("squeeze", "N")
-    _range(plan, finding, settings, required=required)
-    _constancy(plan, finding, settings)
-    for contact_set in sets:
-        _contacts(contact_set, finding, settings, required=required)
+    finding, slack = Finding("squeeze", "N"), evidence.settings.cone_slack
+    _range(evidence.plan, finding, slack, required=required)
+    _constancy(evidence.plan, finding, slack)
+    for contact_set in evidence.contacts:
+        _fingers(contact_set, finding, slack, required=required)
     return finding.check()
 
 
-def _range(plan: PlanView, finding: Finding, settings: CertifySettings, *, required: bool) -> None:
+def _range(plan: PlanView, finding: Finding, slack: float, *, required: bool) -> None:
     for segment in plan.segments:
         for grip in segment.grips:
             where = f"{segment.place()}: {grip.arm} hand"
-            force_range = plan.hands[grip.arm].force_range
+            force_range = plan.grippers[grip.arm].force_range
             if grip.squeeze is None:
                 if required:
                     finding.require(False, where, "no squeeze is stated")
@@ -143,30 +112,26 @@ def _range(plan: PlanView, finding: Finding, settings: CertifySettings, *, requi
                 finding.require(False, where, "nothing is known of how hard its gripper squeezes")
             else:
                 least, most = force_range
-                finding.note(min(grip.squeeze - least, most - grip.squeeze) + settings.cone_slack, where)
+                finding.note(min(grip.squeeze - least, most - grip.squeeze) + slack, where)
 
 
-def _constancy(plan: PlanView, finding: Finding, settings: CertifySettings) -> None:
+def _constancy(plan: PlanView, finding: Finding, slack: float) -> None:
     """A hold lasts from segment to segment for as long as its hand has a grip of its body, up to a release."""
     held: dict[str, Grip] = {}
     for segment in plan.segments:
-        grips = {grip.arm: grip for grip in segment.grips}
-        for arm, grip in grips.items():
-            before = held.get(arm)
+        for grip in segment.grips:
+            before = held.get(grip.arm)
             if before is not None and before.body == grip.body and grip.squeeze != before.squeeze:
                 change = abs((grip.squeeze or 0.0) - (before.squeeze or 0.0))
-                finding.note(settings.cone_slack - change, f"{segment.place()}: {arm} hand, not as before")
-        held = {arm: grip for arm, grip in grips.items() if not _lets_go(segment, grip)}
+                finding.note(slack - change, f"{segment.place()}: {grip.arm} hand, not as before")
+        let_go = segment.grip if segment.kind == "release" else None
+        held = {grip.arm: grip for grip in segment.grips if grip is not let_go}
 
 
-def _lets_go(segment: SegmentView, grip: Grip) -> bool:
-    return segment.kind == "release" and grip is segment.grip
-
-
-def _contacts(contact_set: BodyContacts, finding: Finding, settings: CertifySettings, *, required: bool) -> None:
+def _fingers(contact_set: BodyContacts, finding: Finding, slack: float, *, required: bool) -> None:
     commanded = {grip.arm: grip.squeeze for grip in contact_set.segment.grips}
     for arm in ARMS:
-        fingers = [c for c in contact_set.contacts if c.by == arm and c.kind == "soft_finger"]
+        fingers = [c for c in contact_set.bearing if c.by == arm and c.kind == "soft_finger"]
         if not fingers:
             continue
         where, squeeze = f"{contact_set.where} by {arm}", commanded.get(arm)
@@ -175,10 +140,9 @@ def _contacts(contact_set: BodyContacts, finding: Finding, settings: CertifySett
                 finding.require(False, where, "no squeeze is commanded")
             continue
         for finger in fingers:
-            stated = finger.squeeze
-            if stated is None:
+            if finger.squeeze is None:
                 finding.require(False, f"{where} finger {finger.finger}", "states no squeeze")
             else:
-                finding.note(settings.cone_slack - abs(stated - squeeze), f"{where} finger {finger.finger}: squeeze")
+                finding.note(slack - abs(finger.squeeze - squeeze), f"{where} finger {finger.finger}: squeeze")
         pressed = sum(float(finger.force @ finger.normal) for finger in fingers)
-        finding.note(settings.cone_slack - abs(pressed - 2.0 * squeeze), f"{where}: both fingers together")
+        finding.note(slack - abs(pressed - 2.0 * squeeze), f"{where}: both fingers together")

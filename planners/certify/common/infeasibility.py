@@ -8,12 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.motion.robot_surfaces import pad_face
-from planners.certify.plan_view import ArmView, BodyView, HandView, PlanView
+from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
-from planners.plan.verdicts import Cause, Check
+from planners.plan.scenery import HandDocument
+from planners.plan.verdicts import Check
 
 _TOLERANCES = 0.005
 """Where bodies rest, are held and end may be off by less, all in all [m]: contacts and attachments, goals and settling
@@ -46,9 +48,12 @@ def reach_bound(plan: PlanView, point: Array, further: float) -> Bound:
         further: what a hand reaches with, and how far around the point it may touch [m].
     """
     reaches = []
-    for name, arm in plan.arms.items():
-        needed = float(np.linalg.norm(point - _shoulder(arm)))
-        reaches.append((needed, _stretched(arm) + _hand_length(plan.hands[name]) + further + _TOLERANCES))
+    for name, arm in plan.cell.arms.items():
+        # Each row of the table stretched out from the shoulder: the point of the first axis that the joint turns about.
+        shoulder = arm.T_world_base[:3, 3] + float(arm.dh[0, 2]) * arm.T_world_base[:3, 2]
+        stretched = abs(float(arm.dh[0, 0])) + sum(math.hypot(a, d) for a, _, d, _ in arm.dh[1:].tolist())
+        available = stretched + _hand_length(plan.cell.hands[name]) + further + _TOLERANCES
+        reaches.append((float(np.linalg.norm(point - shoulder)), available))
     needed, available = max(reaches, key=lambda pair: pair[1] - pair[0])
     return Bound(max(needed, _TOLERANCES), (max(needed, _TOLERANCES),), available)
 
@@ -58,29 +63,21 @@ def body_radius(body: BodyView) -> float:
     return float(np.linalg.norm(body.shape.vertices, axis=1).max())
 
 
-def _shoulder(arm: ArmView) -> Array:
-    """Return the point on the first axis at which the first row ends; the joint turns about it: (3,) [m]."""
-    return arm.T_world_base[:3, 3] + float(arm.dh[0, 2]) * arm.T_world_base[:3, 2]
-
-
-def _stretched(arm: ArmView) -> float:
-    """Return how far the flange's origin can be from the shoulder [m]."""
-    return abs(float(arm.dh[0, 0])) + sum(math.hypot(a, d) for a, _, d, _ in arm.dh[1:].tolist())
-
-
-def _hand_length(hand: HandView) -> float:
+def _hand_length(hand: HandDocument) -> float:
     """Return how far from the flange's origin a hand can touch anything: pads opened widest, or the tip's pole [m]."""
-    if hand.tcp_table is None:
-        assert hand.T_flange_tip is not None
+    if hand.kind == "stick":
         return float(np.linalg.norm(hand.T_flange_tip[:3, 3])) + hand.tip_radius
     width, length = pad_face()
-    opening, height = hand.tcp_table.max(axis=0)
+    opening, height = hand.tcp.max(axis=0)
     return math.hypot(width / 2, float(opening) / 2, float(height) + length / 2)
 
 
-def proof_check(plan: PlanView, bounds: Mapping[str, Sequence[Bound]], settings: CertifySettings) -> Check:
-    """Check that one of the bounds, by unit, is a proof, and that each cause states the numbers of one of them."""
-    finding = Finding("infeasibility", "1")
+def proof_check(evidence: Evidence, bounds: Mapping[str, Sequence[Bound]]) -> Check:
+    """Check that one of the bounds, by unit, is a proof, and that each cause states the numbers of one of them.
+
+    A cause may overstate what is available, as long as it is still less than what is needed; never understate it.
+    """
+    finding, settings = Finding("infeasibility", "1"), evidence.settings
     every = [(unit, bound) for unit, group in bounds.items() for bound in group]
     unit, best = max(every, key=lambda item: item[1].missing)
     finding.note(
@@ -91,42 +88,29 @@ def proof_check(plan: PlanView, bounds: Mapping[str, Sequence[Bound]], settings:
         found = best.second_opinion()
         where = f"/explanation: {best.needed:.6g} {unit} needed, {found:.6g} {unit} available as the program finds"
         finding.note(1.0 - found / best.needed + settings.stated_bound, where)
-    causes = () if plan.explanation is None else plan.explanation.causes
-    stated = [_cause(cause, index, bounds, finding, settings) for index, cause in enumerate(causes)]
-    if not any(stated):
+    compared = False
+    for index, cause in enumerate(evidence.plan.stated.explanation.causes):
+        if cause.needed is None or cause.available is None:
+            continue
+        where, group = f"/explanation/causes/{index}", bounds.get(cause.unit or "")
+        if group is None:
+            finding.require(False, f"{where}/unit", f"nothing infeasible is measured in {cause.unit!r}")
+            continue
+        claims = [_claims(cause.needed, cause.available, bound, settings) for bound in group]
+        for said, margin in max(claims, key=lambda found: min(found.values())).items():
+            finding.note(margin, f"{where}/{said}")
+        compared = True
+    if not compared:
         finding.require(False, "/explanation/causes", "none states what makes the task infeasible")
     return finding.check()
 
 
-def _cause(
-    cause: Cause,
-    index: int,
-    bounds: Mapping[str, Sequence[Bound]],
-    finding: Finding,
-    settings: CertifySettings,
-) -> bool:
-    """Compare a cause's numbers with those derived again; return whether it has any."""
-    if cause.needed is None or cause.available is None:
-        return False
-    where = f"/explanation/causes/{index}"
-    group = bounds.get(cause.unit or "")
-    if group is None:
-        finding.require(False, f"{where}/unit", f"nothing infeasible is measured in {cause.unit!r}")
-        return False
-    claims = max((_claims(cause, bound, settings) for bound in group), key=lambda found: min(found.values()))
-    for said, margin in claims.items():
-        finding.note(margin, f"{where}/{said}")
-    return True
-
-
-def _claims(cause: Cause, bound: Bound, settings: CertifySettings) -> dict[str, float]:
+def _claims(needed: float, available: float, bound: Bound, settings: CertifySettings) -> dict[str, float]:
     """Return the margins by which a cause says of a bound what is so: what was needed, what there is, that it lacks."""
-    assert cause.needed is not None
-    assert cause.available is not None
-    off = min(abs(cause.needed - needed) / bound.needed for needed in bound.needed_as_stated)
-    understated = (bound.available - cause.available) / bound.needed
+    off = min(abs(needed - one) / bound.needed for one in bound.needed_as_stated)
+    understated = (bound.available - available) / bound.needed
     return {
-        f"needed: {cause.needed:.6g}, not {bound.needed:.6g}": settings.stated_bound - off,
-        f"available: {cause.available:.6g}, not {bound.available:.6g}": settings.stated_bound - understated,
-        f"available: {cause.available:.6g} would suffice": 1.0 - cause.available / bound.needed,
+        f"needed: {needed:.6g}, not {bound.needed:.6g}": settings.stated_bound - off,
+        f"available: {available:.6g}, not {bound.available:.6g}": settings.stated_bound - understated,
+        f"available: {available:.6g} would suffice": 1.0 - available / bound.needed,
     }

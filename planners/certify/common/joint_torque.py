@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.motion.kinematics import ArmDynamics
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
-from planners.certify.plan_view import ArmView, HandView, PlanView
-from planners.certify.settings import CertifySettings
+from planners.certify.plan_view import PlanView
 from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array
 from planners.plan.scenery import ARMS, JOINT_NAMES, CellDocument
@@ -34,56 +34,45 @@ class _Weighed:
     """(6,) [Nm]."""
 
     @classmethod
-    def of(cls, arm: ArmView, hand: HandView, gravity: Array) -> _Weighed | None:
+    def of(cls, cell: CellDocument, arm: ArmName, gravity: Array) -> _Weighed | None:
         """Return an arm as it is stated; None where masses or torques are not."""
-        if arm.links is None or arm.torque_max is None or hand.com is None:
+        stated, hand = cell.arms[arm], cell.hands[arm]
+        if stated.links is None or stated.torque_max is None or hand.com is None:
             return None
-        masses = np.vstack([arm.links, [hand.mass, *hand.com]])
-        return cls(ArmDynamics(arm.dh, arm.T_world_base, masses, gravity), arm.torque_max)
+        masses = np.array([[part.mass, *part.com] for part in stated.links] + [[hand.mass, *hand.com]])
+        return cls(ArmDynamics(stated.dh, stated.T_world_base, masses, gravity), stated.torque_max)
 
 
-def torque_check(
-    plan: PlanView,
-    motions: Sequence[SegmentMotion],
-    sets: Sequence[Sequence[BodyContacts]],
-    known_cell: CellDocument | None,
-    settings: CertifySettings,
-) -> Check:
+def torque_check(evidence: Evidence) -> Check:
     """Check |torque| of each joint at every sample against its largest torque, less a part of it.
 
-    Args:
-        plan: the document.
-        motions: of each segment.
-        sets: contact sets of each segment.
-        known_cell: the member `cell` that documents of this cell carry, if it is known. Documents of 0.1.0 state
-            neither masses of links nor torques: those of the cell of that name are taken.
-        settings: tolerances.
+    Documents of 0.1.0 state neither masses of links nor torques: those of the known cell of that name are taken.
     """
-    arms = {arm: _weighed(plan, arm, known_cell) for arm in ARMS}
+    arms = {arm: _weighed(evidence, arm) for arm in ARMS}
     unknown = [arm for arm, weighed in arms.items() if weighed is None]
     if unknown:
         where = f"not checked: masses and largest torques are not stated of the {' and the '.join(unknown)} arm"
         return Check(name=NAME, passed=True, margin=None, unit="Nm", where=where)
     finding = Finding(NAME, "Nm")
-    for motion, group in zip(motions, sets, strict=True):
+    for motion in evidence.motions:
         for number, (arm, weighed) in enumerate(arms.items()):
             assert weighed is not None
             columns = slice(6 * number, 6 * number + 6)
             held = _unladen(weighed.dynamics, motion, columns)
-            torques = np.max([np.abs(held + exerting) for exerting in _exerting(plan, motion, group, arm)], axis=0)
+            torques = np.max([np.abs(held + exerting) for exerting in _exerting(evidence.plan, motion, arm)], axis=0)
             finding.note_all(
-                (1.0 - settings.torque_reserve) * weighed.torque_max - torques,
+                (1.0 - evidence.settings.torque_reserve) * weighed.torque_max - torques,
                 lambda i, j, m=motion, first=6 * number: f"{m.segment.place(i)}: {JOINT_NAMES[first + j]}",
             )
     return finding.check()
 
 
-def _weighed(plan: PlanView, arm: ArmName, known_cell: CellDocument | None) -> _Weighed | None:
-    stated = _Weighed.of(plan.arms[arm], plan.hands[arm], plan.gravity)
-    if stated is not None or known_cell is None or plan.stated.cell.name != known_cell.name:
+def _weighed(evidence: Evidence, arm: ArmName) -> _Weighed | None:
+    cell, reference = evidence.plan.cell, evidence.reference
+    stated = _Weighed.of(cell, arm, cell.gravity)
+    if stated is not None or reference is None or cell.name != reference.cell.name:
         return stated
-    known = ArmView.of(known_cell.arms[arm]), HandView.of(known_cell.hands[arm], f"/cell/hands/{arm}")
-    return _Weighed.of(*known, plan.gravity)
+    return _Weighed.of(reference.cell, arm, cell.gravity)
 
 
 def _unladen(dynamics: ArmDynamics, motion: SegmentMotion, columns: slice) -> Array:
@@ -95,7 +84,7 @@ def _unladen(dynamics: ArmDynamics, motion: SegmentMotion, columns: slice) -> Ar
     return dynamics.torques(*np.split(state, 3, axis=1))
 
 
-def _exerting(plan: PlanView, motion: SegmentMotion, group: Sequence[BodyContacts], arm: str) -> Array:
+def _exerting(plan: PlanView, motion: SegmentMotion, arm: str) -> Array:
     """Return the torques (2, n, 6) by which an arm's hand exerts what contacts show: of the set before, and the next.
 
     Between two sets each wrench goes with the body's centre of mass, in world axes, as a weight does. Torques are
@@ -103,8 +92,8 @@ def _exerting(plan: PlanView, motion: SegmentMotion, group: Sequence[BodyContact
     """
     torques = np.zeros((2, motion.samples, 6))
     frames = motion.frames[arm]
-    for name in sorted({contact_set.body for contact_set in group}):
-        shown = [contact_set for contact_set in group if contact_set.body == name]
+    for name in sorted({contact_set.body for contact_set in motion.contacts}):
+        shown = [contact_set for contact_set in motion.contacts if contact_set.body == name]
         centres = plan.bodies[name].centres(motion.body_poses[name])
         samples, count = [contact_set.sample for contact_set in shown], np.arange(motion.samples)
         wrenches = _exerted(shown, arm, centres[samples])

@@ -8,17 +8,18 @@ of a finger that squeezes, friction counts, and what it presses beyond the squee
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from planners.certify.common.cones import contact_name, net_forces, pad_loads
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.motion.segment_motion import BodyContacts
-from planners.certify.plan_view import ContactView, PlanView
-from planners.certify.settings import CertifySettings
+from planners.certify.plan_view import NumberedSegment, PlanView
 from planners.geometry.pose import Array
-from planners.plan.scenery import ARMS
+from planners.plan.contacts import EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
 from planners.plan.verdicts import Check
 
 _NOTHING = 1e-12
@@ -27,39 +28,25 @@ _NOTHING = 1e-12
 
 def payload_limits(plan: PlanView) -> dict[str, float]:
     """Return the net force that each hand may exert [N]: an arm bears its payload, and the hand is part of it."""
-    gravity = float(np.linalg.norm(plan.gravity))
-    return {name: (arm.payload - plan.hands[name].mass) * gravity for name, arm in plan.arms.items()}
+    gravity = float(np.linalg.norm(plan.cell.gravity))
+    return {name: (arm.payload - plan.cell.hands[name].mass) * gravity for name, arm in plan.cell.arms.items()}
 
 
-def net_forces(contact_set: BodyContacts) -> dict[str, float]:
-    """Return what each hand that touches the body exerts on it in all [N]."""
-    return {
-        arm: float(np.linalg.norm(np.sum([c.force for c in contact_set.contacts if c.by == arm], axis=0)))
-        for arm in ARMS
-        if any(c.by == arm for c in contact_set.contacts)
-    }
+def payload_check(evidence: Evidence, carried: Iterable[tuple[NumberedSegment, str, Array]] = ()) -> Check:
+    """Check what each hand exerts in all, by its contacts and by what is known of it besides, against its payload.
 
-
-class PayloadCheck:
-    """The largest net force of each hand, of its contacts and of what is known of it besides."""
-
-    def __init__(self, plan: PlanView, settings: CertifySettings) -> None:
-        self._limits, self._slack = payload_limits(plan), settings.cone_slack
-        self._finding = Finding("payload", "N")
-
-    def note(self, arm: str, nets: Array, where: Callable[[int], str]) -> None:
-        """Note net forces (n,) of a hand [N]."""
-        self._finding.note_all(self._limits[arm] + self._slack - nets, where)
-
-    def note_contacts(self, sets: Sequence[BodyContacts]) -> None:
-        """Note what contacts show."""
-        for contact_set in sets:
-            for arm, net in net_forces(contact_set).items():
-                self._finding.note(self._limits[arm] + self._slack - net, f"{contact_set.where} by {arm}")
-
-    def check(self) -> Check:
-        """Close the check."""
-        return self._finding.check()
+    Args:
+        evidence: of the document.
+        carried: segment, arm and (n,) net forces of its hand [N].
+    """
+    finding, slack = Finding("payload", "N"), evidence.settings.cone_slack
+    limits = payload_limits(evidence.plan)
+    for contact_set in evidence.contacts:
+        for arm, net in net_forces(contact_set).items():
+            finding.note(limits[arm] + slack - net, f"{contact_set.where} by {arm}")
+    for segment, arm, nets in carried:
+        finding.note_all(limits[arm] + slack - nets, lambda i, s=segment, by=arm: f"{s.place(i)} by {by}")
+    return finding.check()
 
 
 @dataclass(frozen=True)
@@ -71,23 +58,20 @@ class Use:
     what: str
 
 
-def reserve_check(
-    plan: PlanView, sets: Sequence[BodyContacts], hands: Mapping[str, float], model: str, settings: CertifySettings
-) -> Check:
+def reserve_check(evidence: Evidence, hands: Mapping[str, float], model: str) -> Check:
     """Check the reserves that a document states against what its contacts leave; the margin is the smallest left.
 
     Where the document states more than there is, the margin is by how much less there is.
 
     Args:
-        plan: the document.
-        sets: all contact sets.
+        evidence: of the document.
         hands: by arm, the largest net force that its hand may exert [N].
         model: of the cup: "paper", "cable" or "dexnet".
-        settings: tolerances.
     """
+    settings = evidence.settings
     least, where = 1.0, "nothing is held"
     short, short_where = math.inf, ""
-    for contact_set in sets:
+    for contact_set in evidence.contacts:
         use = max(uses(contact_set, hands, model, settings.cone_slack), key=lambda each: each.used, default=None)
         if use is None:
             continue
@@ -98,7 +82,7 @@ def reserve_check(
         stated = math.nan if curve is None else float(curve[contact_set.sample])
         if not math.isnan(stated) and left - stated < short:
             short, short_where = left - stated, f"{place}: {stated:g} is stated"
-    for margin, complaint in _stated(plan, least, settings):
+    for margin, complaint in _stated(evidence.plan, least, settings.stated_reserve):
         if margin < short:
             short, short_where = margin, complaint
     if short < -settings.stated_reserve:
@@ -107,9 +91,9 @@ def reserve_check(
     return Check(name="reserve", passed=passed, margin=float(least), unit="1", where=where)
 
 
-def _stated(plan: PlanView, least: float, settings: CertifySettings) -> Iterator[tuple[float, str]]:
+def _stated(plan: PlanView, least: float, rounding: float) -> Iterator[tuple[float, str]]:
     """Yield by how much less there is than the document states as its smallest, of contacts and of its curve."""
-    stated = plan.least_reserve
+    stated = plan.stated.statistics.reserve
     if stated is None:
         return
     yield least - stated.value, f"the smallest reserve: {stated.value:g} is stated"
@@ -119,7 +103,7 @@ def _stated(plan: PlanView, least: float, settings: CertifySettings) -> Iterator
     there = 0 <= stated.segment < len(curves) and curves[stated.segment] is not None
     curve = curves[stated.segment] if there else None
     found = math.nan if curve is None or not 0 <= stated.sample < len(curve) else float(curve[stated.sample])
-    if not abs(found - stated.value) <= settings.stated_reserve:
+    if not abs(found - stated.value) <= rounding:
         yield -1.0, f"the smallest reserve is not at sample {stated.sample} of segment {stated.segment}"
 
 
@@ -132,41 +116,36 @@ def uses(contact_set: BodyContacts, hands: Mapping[str, float], model: str, slac
         model: of the cup.
         slack: force that counts as none [N].
     """
-    for contact in contact_set.contacts:
-        if contact.kind == "suction":
-            yield from _of_cup(contact, model, slack)
-        elif contact.kind != "inertia":
-            yield from _of_contact(contact, slack)
+    for contact in contact_set.bearing:
+        yield from _of_cup(contact, model, slack) if contact.kind == "suction" else _of_contact(contact, slack)
     for arm, net in net_forces(contact_set).items():
         yield Use(max(0.0, net - slack) / hands[arm], f"{arm} hand's payload")
 
 
-def _of_contact(contact: ContactView, slack: float) -> Iterator[Use]:
-    values, name = contact, contact.by if contact.finger is None else f"{contact.by} finger {contact.finger}"
+def _of_contact(contact: SoftFingerContact | PointContact | EnvironmentContact, slack: float) -> Iterator[Use]:
+    name, squeeze = contact_name(contact), 0.0
     pressed = float(contact.force @ contact.normal)
     sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
     if contact.kind == "soft_finger":
-        sliding = math.hypot(sliding, float(contact.torque @ contact.normal) / max(values.eps, _NOTHING))
-    yield Use(max(0.0, sliding - slack) / max(values.mu * pressed, _NOTHING), f"friction of {name}")
-    if values.limit < math.inf:
-        squeeze = values.squeeze or 0.0
-        room = max(values.limit - squeeze, _NOTHING)
+        squeeze = contact.squeeze or 0.0
+        sliding = math.hypot(sliding, float(contact.torque @ contact.normal) / max(contact.eps, _NOTHING))
+    yield Use(max(0.0, sliding - slack) / max(contact.mu * pressed, _NOTHING), f"friction of {name}")
+    if contact.limit is not None:
+        room = max(contact.limit - squeeze, _NOTHING)
         yield Use(max(0.0, pressed - squeeze - slack) / room, f"force of {name}")
 
 
-def _of_cup(contact: ContactView, model: str, slack: float) -> Iterator[Use]:
-    values = contact
-    force, limit = max(values.suction_force, 0.0), values.limit
+def _of_cup(contact: SuctionContact, model: str, slack: float) -> Iterator[Use]:
+    force, limit = max(contact.suction_force, 0.0), contact.limit
     yield Use(max(0.0, force - slack) / limit, "cup: pull")
     if model == "cable":
         return
-    axes = np.array([contact.x_axis, np.cross(contact.normal, contact.x_axis)])
-    shear, bend = np.abs(axes @ contact.force).max(), np.abs(axes @ contact.torque).max()
-    twist = abs(float(contact.torque @ contact.normal))
-    peel = math.pi * values.radius * values.kappa
-    yield Use(max(0.0, math.sqrt(2.0) * bend - slack) / max(peel, _NOTHING), "cup: bending")
-    for across, what in ((shear, "cup: friction"), (twist / values.radius, "cup: friction against twisting")):
-        needed = max(0.0, math.sqrt(3.0) * float(across) - slack) / max(values.mu, _NOTHING)
+    _, shear, twist, bend = pad_loads(contact)
+    peel = math.pi * contact.radius * contact.kappa
+    yield Use(max(0.0, math.sqrt(2.0) * np.abs(bend).max() - slack) / max(peel, _NOTHING), "cup: bending")
+    friction = "cup: friction", "cup: friction against twisting"
+    for across, what in zip((np.abs(shear).max(), abs(twist) / contact.radius), friction, strict=True):
+        needed = max(0.0, math.sqrt(3.0) * float(across) - slack) / max(contact.mu, _NOTHING)
         if model == "paper":
             yield Use(needed / max(force, _NOTHING), what)
         else:

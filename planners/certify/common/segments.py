@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.motion.kinematics import HermiteCurve
-from planners.certify.motion.segment_motion import SegmentMotion
-from planners.certify.plan_view import PlanView, SegmentView
+from planners.certify.plan_view import PlanView
 from planners.certify.settings import CertifySettings
-from planners.geometry.pose import Array
 from planners.plan.scenery import ARMS, JOINT_NAMES
 from planners.plan.verdicts import Check
 
@@ -47,14 +48,15 @@ SUCTION_TOOL = KindRules(
 )
 
 
-def joint_checks(plan: PlanView, settings: CertifySettings) -> list[Check]:
+def joint_checks(evidence: Evidence) -> list[Check]:
     """Check time, rest, who moves, positions, velocities, accelerations and that they belong together."""
+    plan, settings = evidence.plan, evidence.settings
     return [
         _time(plan, settings),
         _rest(plan, settings),
         _movers(plan, settings),
-        *_limit_checks(plan, settings),
-        _consistency(plan, settings),
+        *_limits(plan, settings),
+        _velocity_consistency(plan, settings),
         _acceleration_consistency(plan, settings),
     ]
 
@@ -75,17 +77,12 @@ def _time(plan: PlanView, settings: CertifySettings) -> Check:
 
 def _rest(plan: PlanView, settings: CertifySettings) -> Check:
     finding = Finding("rest", "rad/s")
-
-    def note(segment: SegmentView, first: int, speeds: Array) -> None:
-        margins = settings.rest_velocity - np.abs(speeds)
-        finding.note_all(margins, lambda i, j: f"{segment.place(first + i)}: {JOINT_NAMES[j]}")
-
     for segment in plan.segments:
         if segment.kind in _JOINTS_REST:
-            note(segment, 0, segment.velocities)
-    if plan.segments:
-        last = plan.segments[-1]
-        note(last, len(last.time) - 1, last.velocities[-1:])
+            finding.note_joints(segment, settings.rest_velocity - np.abs(segment.velocities))
+    for last in plan.segments[-1:]:
+        end = len(last.time) - 1
+        finding.note_joints(last, settings.rest_velocity - np.abs(last.velocities[end:]), first=end)
     return finding.check()
 
 
@@ -99,52 +96,41 @@ def _movers(plan: PlanView, settings: CertifySettings) -> Check:
         if moving or segment.kind not in _EMPTY_MOTIONS:
             idle = sorted(set(segment.movers) - moving)
             finding.require(not idle, segment.place(), f"{' and '.join(idle)} is a mover and rests")
-        for index, arm in enumerate(ARMS):
-            columns = slice(6 * index, 6 * index + 6)
-            if arm not in segment.movers:
-                drift = np.abs(segment.positions[:, columns] - segment.positions[0, columns])
-                finding.note_all(
-                    settings.join - drift,
-                    lambda i, j, s=segment, f=6 * index: f"{s.place(i)}: {JOINT_NAMES[f + j]} is no mover",
-                )
+        resting = np.flatnonzero([arm not in segment.movers for arm in np.repeat(ARMS, 6)])
+        drift = np.abs(segment.positions[:, resting] - segment.positions[0, resting])
+        finding.note_all(
+            settings.join - drift, lambda i, j, s=segment, r=resting: f"{s.place(i)}: {JOINT_NAMES[r[j]]} is no mover"
+        )
     return finding.check()
 
 
-def _stacked(plan: PlanView, name: str) -> Array:
-    return np.concatenate([getattr(arm, name) for arm in (plan.arms[arm] for arm in ARMS)])
-
-
-def _limit_checks(plan: PlanView, settings: CertifySettings) -> list[Check]:
-    low, high = _stacked(plan, "position_min"), _stacked(plan, "position_max")
-    fastest, hardest = (_stacked(plan, "velocity_max"), _stacked(plan, "acceleration_max"))
-    slack = settings.limit_slack
+def _limits(plan: PlanView, settings: CertifySettings) -> list[Check]:
+    stated = [plan.cell.arms[arm] for arm in ARMS]
+    low, high, fastest, hardest = (
+        np.concatenate([getattr(arm, name) for arm in stated])
+        for name in ("position_min", "position_max", "velocity_max", "acceleration_max")
+    )
+    slack, after = settings.limit_slack, " and the curve after it"
     position = Finding("joint_positions", "rad")
     velocity = Finding("joint_velocities", "rad/s")
     acceleration = Finding("joint_accelerations", "rad/s^2")
     for segment in plan.segments:
         curve = HermiteCurve(segment.time, segment.positions, segment.velocities)
         lowest, highest = curve.position_extremes()
-
-        def after(i: int, j: int, s: SegmentView = segment) -> str:
-            return f"{s.place(i)} and the curve after it: {JOINT_NAMES[j]}"
-
-        position.note_all(lowest - low + slack * np.abs(low) + _ROUNDING, after)
-        position.note_all(high + slack * np.abs(high) - highest + _ROUNDING, after)
-        velocity.note_all((1 + slack) * fastest - curve.velocity_peak, after)
-        acceleration.note_all((1 + slack) * hardest - np.abs(segment.accelerations), after)
-        acceleration.note_all((1 + slack) * hardest - curve.acceleration_peak, after)
+        position.note_joints(segment, lowest - low + slack * np.abs(low) + _ROUNDING, after)
+        position.note_joints(segment, high + slack * np.abs(high) - highest + _ROUNDING, after)
+        velocity.note_joints(segment, (1 + slack) * fastest - curve.velocity_peak, after)
+        acceleration.note_joints(segment, (1 + slack) * hardest - np.abs(segment.accelerations), after)
+        acceleration.note_joints(segment, (1 + slack) * hardest - curve.acceleration_peak, after)
     return [position.check(), velocity.check(), acceleration.check()]
 
 
-def _consistency(plan: PlanView, settings: CertifySettings) -> Check:
+def _velocity_consistency(plan: PlanView, settings: CertifySettings) -> Check:
     finding = Finding("velocity_consistency", "rad/s")
     for segment in plan.segments:
         rate = np.diff(segment.positions, axis=0) / np.diff(segment.time)[:, None]
         mean = (segment.velocities[:-1] + segment.velocities[1:]) / 2
-        finding.note_all(
-            settings.velocity_consistency - np.abs(rate - mean),
-            lambda i, j, s=segment: f"{s.place(i)} and the next: {JOINT_NAMES[j]}",
-        )
+        finding.note_joints(segment, settings.velocity_consistency - np.abs(rate - mean), " and the next")
     return finding.check()
 
 
@@ -159,63 +145,56 @@ def _acceleration_consistency(plan: PlanView, settings: CertifySettings) -> Chec
         start, end = segment.accelerations[:-1], segment.accelerations[1:]
         outside = np.maximum(np.minimum(start, end) - mean, mean - np.maximum(start, end))
         tolerance = settings.acceleration_consistency + settings.acceleration_fraction * np.abs(mean).max()
-        finding.note_all(
-            tolerance - np.maximum(outside, 0.0),
-            lambda i, j, s=segment: f"{s.place(i)} and the next: {JOINT_NAMES[j]}",
-        )
+        finding.note_joints(segment, tolerance - np.maximum(outside, 0.0), " and the next")
     return finding.check()
 
 
-def kind_check(motions: list[SegmentMotion], rules: KindRules, settings: CertifySettings) -> Check:
+def kind_check(evidence: Evidence, rules: KindRules) -> Check:
     """Check what moves in segments of each kind: bodies in transfers only, fingers alone in grips and releases."""
-    finding = Finding("kinds", "1")
-    for motion in motions:
-        segment, where = motion.segment, motion.segment.place()
+    finding, join = Finding("kinds", "1"), evidence.settings.join
+    for segment in evidence.plan.segments:
+        where = segment.place()
         finding.require(segment.kind in rules.kinds, where, f"has no place in a {rules.plan}")
         if segment.kind in rules.bodies_rest:
-            for name, poses in segment.body_poses.items():
-                still = float(np.ptp(poses, axis=0).max()) <= settings.join
-                finding.require(still, where, f"{name} moves")
+            for name, poses in segment.transforms.items():
+                finding.require(float(np.ptp(poses, axis=0).max()) <= join, where, f"{name} moves")
         if segment.kind in _FINGERS:
-            change = _FINGERS[segment.kind] * np.array([w[-1] - w[0] for w in segment.widths.values()])
-            finding.require(change.max(initial=0.0) > settings.join, where, "no fingers move as the kind says")
-            finding.require(change.min(initial=0.0) >= -settings.join, where, "fingers move the other way")
+            change = _FINGERS[segment.kind] * np.array([w[-1] - w[0] for w in segment.gripper_width.values()])
+            finding.require(change.max(initial=0.0) > join, where, "no fingers move as the kind says")
+            finding.require(change.min(initial=0.0) >= -join, where, "fingers move the other way")
         if segment.kind in rules.joints_rest:
-            still = float(np.ptp(segment.positions, axis=0).max()) <= settings.join
+            still = float(np.ptp(segment.positions, axis=0).max()) <= join
             finding.require(still, where, "joints move with the fingers" if segment.kind in _FINGERS else "joints move")
     return finding.check()
 
 
-def join_checks(
-    plan: PlanView, motions: list[SegmentMotion], start: Array | None, settings: CertifySettings
-) -> list[Check]:
-    """Check that segments meet, and that the first starts with the joints where they should; None is anywhere."""
-    return [_joins(plan, motions, settings), _start_check(plan, start, settings)]
+def join_checks(evidence: Evidence, start: Sequence[float] | None) -> list[Check]:
+    """Check that segments meet, and that the first starts with the joints where they should.
 
-
-def _joins(plan: PlanView, motions: list[SegmentMotion], settings: CertifySettings) -> Check:
-    finding = Finding("joins", "s, rad, rad/s, m")
-    for before, after in zip(plan.segments[:-1], plan.segments[1:], strict=True):
-        where = f"{after.place(0)}"
-        finding.note(settings.join - abs(float(after.time[0] - before.time[-1])), f"{where}: time")
+    Args:
+        evidence: of the document.
+        start: (12,) as the task states it [rad]; None: at home, and anywhere where that is not known.
+    """
+    plan, settings = evidence.plan, evidence.settings
+    joins, begin = Finding("joins", "s, rad, rad/s, m"), Finding("start", "rad")
+    for before, after in pairwise(plan.segments):
+        where = after.place(0)
+        joins.note(settings.join - abs(float(after.time[0] - before.time[-1])), f"{where}: time")
         for name in ("positions", "velocities"):
             jump = np.abs(getattr(after, name)[0] - getattr(before, name)[-1])
-            finding.note_all(settings.join - jump, lambda j, w=where, n=name: f"{w}: {n} of {JOINT_NAMES[j]}")
-        for arm, widths in after.widths.items():
-            jump = abs(float(widths[0] - before.widths[arm][-1]))
-            finding.note(settings.join - jump, f"{where}: opening of the {arm} gripper")
+            joins.note_all(settings.join - jump, lambda j, w=where, n=name: f"{w}: {n} of {JOINT_NAMES[j]}")
+        for arm, widths in after.gripper_width.items():
+            jump = abs(float(widths[0] - before.gripper_width[arm][-1]))
+            joins.note(settings.join - jump, f"{where}: opening of the {arm} gripper")
     last = {name: body.T_world_start for name, body in plan.bodies.items()}
-    for motion in motions:
-        for name, poses in motion.segment.body_poses.items():
-            jump = float(np.abs(poses[0] - last[name]).max())
-            finding.note(settings.join - jump, f"{motion.segment.place(0)}: pose of {name}")
+    for segment in plan.segments:
+        for name, poses in segment.transforms.items():
+            joins.note(
+                settings.join - float(np.abs(poses[0] - last[name]).max()), f"{segment.place(0)}: pose of {name}"
+            )
             last[name] = poses[-1]
-    return finding.check()
-
-
-def _start_check(plan: PlanView, start: Array | None, settings: CertifySettings) -> Check:
-    finding = Finding("start", "rad")
-    if plan.segments and start is not None:
-        distance = np.abs(plan.segments[0].positions[0] - start)
-        finding.note_all(settings.join - distance, lambda j: f"{plan.segments[0].place(0)}: {JOINT_NAMES[j]}")
-    return finding.check()
+    home = None if evidence.reference is None else evidence.reference.home
+    expected = home if start is None else np.array(start)
+    if plan.segments and expected is not None:
+        begin.note_joints(plan.segments[0], settings.join - np.abs(plan.segments[0].positions[:1] - expected))
+    return [joins.check(), begin.check()]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
-from planners.certify.lift.task import LiftTask
 from planners.certify.motion.segment_motion import SegmentMotion
 from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
@@ -30,31 +30,34 @@ def heights(poses: Array, points: Array) -> Array:
     return np.einsum("nj,kj->nk", poses[:, 2, :3], points) + poses[:, 2, 3, None]
 
 
-def contact_state_checks(
-    plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings: CertifySettings
-) -> list[Check]:
-    """Check the elements in contact of every segment, that nothing else touches and nothing slides, and the goal."""
+def contact_state_checks(evidence: Evidence, goal_height: float) -> list[Check]:
+    """Check the elements in contact of every segment, that nothing else touches and nothing slides, and the goal.
+
+    Args:
+        evidence: of the document.
+        goal_height: of the lowest vertex above the support at the end [m].
+    """
     stated, unstated = Finding("contact_states", "m"), Finding("unstated_contacts", "m")
     slip = Finding("contact_slip", "m")
-    for motion in motions:
-        _heights(plan, motion, settings, stated)
+    for motion in evidence.motions:
+        _heights(evidence, motion, stated)
         if motion.segment.contact_state is not None:
-            _unstated(plan, motion, motion.segment.contact_state, settings, unstated)
-            _slip(motion, motion.segment.contact_state, settings, slip)
-    return [stated.check(), unstated.check(), slip.check(), *_goal(plan, motions, task, settings)]
+            _unstated(evidence, motion, motion.segment.contact_state, unstated)
+            _slip(evidence, motion, motion.segment.contact_state, slip)
+    return [stated.check(), unstated.check(), slip.check(), *_goal(evidence, goal_height)]
 
 
-def _heights(plan: PlanView, motion: SegmentMotion, settings: CertifySettings, finding: Finding) -> None:
+def _heights(evidence: Evidence, motion: SegmentMotion, finding: Finding) -> None:
     """The stated vertices are at the support's height, no vertex is below."""
-    segment, poses, plate = motion.segment, motion.body_poses["plate"], plan.bodies["plate"].shape.vertices
-    top, tolerance = support_height(plan), settings.element_height
+    plan, segment, poses = evidence.plan, motion.segment, motion.body_poses["plate"]
+    plate, top, tolerance = plan.bodies["plate"].shape.vertices, support_height(plan), evidence.settings.element_height
     finding.note_all(
         tolerance + heights(poses, plate) - top,
         lambda i, k: f"{segment.place(i)}: vertex {k} of plate is below its support",
     )
     state = segment.contact_state
     if state is None:
-        if "plate" in segment.body_poses and np.ptp(poses, axis=0).max() > settings.join:
+        if "plate" in segment.transforms and np.ptp(poses, axis=0).max() > evidence.settings.join:
             finding.require(False, segment.place(), "plate moves without a contact state")
         return
     if state.element == "none":
@@ -69,15 +72,14 @@ def _heights(plan: PlanView, motion: SegmentMotion, settings: CertifySettings, f
     )
 
 
-def _unstated(
-    plan: PlanView, motion: SegmentMotion, state: ContactState, settings: CertifySettings, finding: Finding
-) -> None:
+def _unstated(evidence: Evidence, motion: SegmentMotion, state: ContactState, finding: Finding) -> None:
     """No other vertex touches the support, but near the ends of a motion, where the contact may still be the last one.
 
     Near an end no vertex of the plate is farther from its place there than `end_distance`, or `end_fraction` of the
     longest way that one is taken from there, whichever is more. A plate that rests has no such ends.
     """
-    segment, poses, plate = motion.segment, motion.body_poses["plate"], plan.bodies["plate"].shape.vertices
+    plan, settings, segment, poses = evidence.plan, evidence.settings, motion.segment, motion.body_poses["plate"]
+    plate = plan.bodies["plate"].shape.vertices
     to_stated = np.linalg.norm(plate[:, None] - state.vertices[None], axis=2).min(axis=1, initial=np.inf)
     others = np.flatnonzero(to_stated > _CORNER)
     if np.ptp(poses, axis=0).max() <= settings.join:
@@ -98,9 +100,9 @@ def _far_from(poses: Array, end: Transform, vertices: Array, settings: CertifySe
     return ways > max(settings.end_distance, settings.end_fraction * float(ways.max()))
 
 
-def _slip(motion: SegmentMotion, state: ContactState, settings: CertifySettings, finding: Finding) -> None:
+def _slip(evidence: Evidence, motion: SegmentMotion, state: ContactState, finding: Finding) -> None:
     """The vertices in contact stay where they are: nothing balances a plate that slides."""
-    segment, poses = motion.segment, motion.body_poses["plate"]
+    settings, segment, poses = evidence.settings, motion.segment, motion.body_poses["plate"]
     if np.ptp(poses, axis=0).max() <= settings.join:
         poses = poses[:1]
     places = np.einsum("nij,kj->nki", poses[:, :2, :3], state.vertices) + poses[:, None, :2, 3]
@@ -110,12 +112,12 @@ def _slip(motion: SegmentMotion, state: ContactState, settings: CertifySettings,
     )
 
 
-def _goal(plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings: CertifySettings) -> list[Check]:
-    height, hold = Finding("goal_height", "m"), Finding("goal_hold", "1")
-    motion = motions[-1]
-    segment, last = motion.segment, len(motion.segment.time) - 1
+def _goal(evidence: Evidence, goal_height: float) -> list[Check]:
+    height, hold, plan = Finding("goal_height", "m"), Finding("goal_hold", "1"), evidence.plan
+    motion = evidence.motions[-1]
+    segment, last = motion.segment, motion.samples - 1
     lowest = float(heights(motion.body_poses["plate"][-1:], plan.bodies["plate"].shape.vertices).min())
-    height.note(lowest - support_height(plan) - task.goal_height + settings.goal_slack, segment.place(last))
+    height.note(lowest - support_height(plan) - goal_height + evidence.settings.goal_slack, segment.place(last))
     where = segment.place(last)
     gripped = segment.grip is not None and segment.grip.body == "plate" and segment.kind != "release"
     pushed = segment.push is not None and segment.push.body == "plate" and segment.kind != "retreat"
@@ -127,17 +129,18 @@ def _goal(plan: PlanView, motions: list[SegmentMotion], task: LiftTask, settings
     return [height.check(), hold.check()]
 
 
-def needs_sets(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
+def needs_sets(evidence: Evidence, motion: SegmentMotion, body: BodyView) -> bool:
     """Whether the body is in a hand for all of the segment, or off its rest."""
     segment = motion.segment
-    gripped = segment.grip is not None and segment.grip.body == body.name and segment.kind not in ("grip", "release")
-    pushed = segment.push is not None and segment.push.body == body.name
-    if pushed and segment.push is not None and segment.kind in ("approach", "retreat"):
-        pushed = segment.push.arm not in segment.movers
-    return gripped or pushed or not _rests_flat(plan, motion, body, settings)
+    grip, push = segment.grip, segment.push
+    gripped = grip is not None and grip.body == body.name and segment.kind not in ("grip", "release")
+    pushed = push is not None and push.body == body.name
+    if push is not None and segment.kind in ("approach", "retreat"):
+        pushed = pushed and push.arm not in segment.movers
+    return gripped or pushed or not _rests_flat(evidence, motion, body)
 
 
-def _rests_flat(plan: PlanView, motion: SegmentMotion, body: BodyView, settings: CertifySettings) -> bool:
+def _rests_flat(evidence: Evidence, motion: SegmentMotion, body: BodyView) -> bool:
     low = body.shape.vertices[:, 2] <= body.shape.vertices[:, 2].min() + _LOWEST
-    above = heights(motion.body_poses[body.name], body.shape.vertices[low]) - support_height(plan)
-    return bool(np.abs(above).max() <= settings.element_height)
+    above = heights(motion.body_poses[body.name], body.shape.vertices[low]) - support_height(evidence.plan)
+    return bool(np.abs(above).max() <= evidence.settings.element_height)

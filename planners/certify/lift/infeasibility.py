@@ -15,48 +15,40 @@ import numpy as np
 
 from planners.certify.common.infeasibility import Bound, body_radius, proof_check, reach_bound
 from planners.certify.common.lift_capacity import largest_lift, stated_lift
+from planners.certify.evidence import Evidence
 from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.lift.task import LiftTask
 from planners.certify.plan_view import PlanView
-from planners.certify.settings import CertifySettings
+from planners.contract.task_spec import PlateLiftTask
 from planners.plan.verdicts import Check
 
 _WEIGHTLESS = 1e-12
 """Stands for no weight at all, so that shares of it are numbers [N]."""
 
 
-def lift_infeasibility_check(plan: PlanView, task: LiftTask, settings: CertifySettings) -> Check:
-    """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers.
-
-    A cause may overstate what is available, as long as it is still less than what is needed; never understate it.
-    """
-    plate = plan.bodies["plate"]
+def lift_infeasibility_check(evidence: Evidence, task: LiftTask) -> Check:
+    """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers."""
+    plan, shape = evidence.plan, task.plate.shape
+    assert shape is not None
+    plate, widths = plan.bodies["plate"], face_distances(shape)
+    opening = Bound(min(widths), widths, plan.opening)
     reach = reach_bound(plan, plate.T_world_start[:3, 3], body_radius(plate))
-    bounds = {"N": (weight_bound(plan, task),), "m": (opening_bound(plan, task), reach)}
-    return proof_check(plan, bounds, settings)
+    return proof_check(evidence, {"N": (_weight_bound(plan, task),), "m": (opening, reach)})
 
 
-def weight_bound(plan: PlanView, task: LiftTask) -> Bound:
+def _weight_bound(plan: PlanView, task: LiftTask) -> Bound:
     """Return the plate's weight and a bound of all vertical force on a plate in the air [N]."""
-    weight = max(_WEIGHTLESS, (task.plate.mass or 0.0) * float(np.linalg.norm(plan.gravity)))
-    most = task.hand_limits(plan)
-    hands = [_hand_force(hand.kind, most[arm], task) for arm, hand in plan.hands.items()]
-    second = partial(stated_lift, task.cup, task.lifter_model, hands)
-    return Bound(weight, (weight,), largest_lift(task.cup, task.lifter_model) + sum(hands), second)
+    weight = max(_WEIGHTLESS, (task.plate.mass or 0.0) * float(np.linalg.norm(plan.cell.gravity)))
+    most, model = task.hand_limits(plan), task.stated.lifter_model
+    hands = [_hand_force(hand.kind, most[arm], task.stated) for arm, hand in plan.cell.hands.items()]
+    second = partial(stated_lift, task.cup, model, hands)
+    return Bound(weight, (weight,), largest_lift(task.cup, model) + sum(hands), second)
 
 
-def _hand_force(kind: str, most: float, task: LiftTask) -> float:
+def _hand_force(kind: str, most: float, task: PlateLiftTask) -> float:
     """Return the largest norm of one hand's net force: its limit, or what its normals and their friction allow [N]."""
-    contacts, friction = (2, task.friction["grip"]) if kind == "gripper" else (1, task.friction["push"])
-    return min(most, contacts * task.normal_limit * math.hypot(1.0, friction))
-
-
-def opening_bound(plan: PlanView, task: LiftTask) -> Bound:
-    """Return how far a gripper must open for the plate, between whatever faces, and how far one opens [m]."""
-    assert task.plate.shape is not None
-    widths = face_distances(task.plate.shape)
-    open_widths = [float(hand.tcp_table[-1, 0]) for hand in plan.hands.values() if hand.tcp_table is not None]
-    return Bound(min(widths), widths, max(open_widths, default=0.0))
+    contacts, friction = (2, task.friction.grip) if kind == "gripper" else (1, task.friction.push)
+    return min(most, contacts * task.hand_force_limit.normal * math.hypot(1.0, friction))
 
 
 def face_distances(shape: BodyShape) -> tuple[float, float]:

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import sparse
 
 from planners.certify.common.lift_capacity import solve_with_care
-from planners.certify.plan_view import ContactView
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, skew
+from planners.plan.contacts import BearingContact, SuctionContact
 from planners.plan.scenery import ARMS
 
 LARGEST_FACTOR = 2.0
@@ -43,7 +43,7 @@ class ContactBounds:
 class _Unknowns:
     """The unknowns of one contact."""
 
-    contact: ContactView
+    contact: BearingContact
     axes: Array
     """(3, 3) columns: the contact frame in world axes, z along the normal into the body."""
     columns: slice
@@ -54,7 +54,7 @@ class _Unknowns:
 class LoadProgram:
     """One contact set, compiled; asked for one load after the other."""
 
-    def __init__(self, contacts: Sequence[ContactView], reference: Array, bounds: ContactBounds) -> None:
+    def __init__(self, contacts: Sequence[BearingContact], reference: Array, bounds: ContactBounds) -> None:
         """Assemble the program.
 
         Args:
@@ -135,26 +135,26 @@ class LoadProgram:
         """Fingers that squeeze press twice the squeeze together."""
         for arm in ARMS:
             fingers = [p for p in self._parts if p.contact.by == arm and p.contact.kind == "soft_finger"]
-            if fingers and fingers[0].contact.squeeze is not None:
+            squeeze = _squeeze(fingers[0].contact) if fingers else None
+            if squeeze is not None:
                 total = sum(self._row(part, part.basis[2]) for part in fingers)
-                self._equal(np.asarray(total)[None], np.array([2.0 * fingers[0].contact.squeeze]))
+                self._equal(np.asarray(total)[None], np.array([2.0 * squeeze]))
 
     def _limits(self) -> None:
         """Normal forces and pulls within their bounds."""
         for part in self._parts:
             values = part.contact
-            if part.contact.kind == "suction":
+            if values.kind == "suction":
                 pull = self._row(part, _pull(part))
                 self._at_least_zero(pull, 0.0)
                 self._at_least_zero(-pull, values.limit)
                 if self._bounds.model != "cable":
-                    self._pad(part, pull)
-            elif values.limit < math.inf and values.squeeze is None:
+                    self._pad(part, values, pull)
+            elif values.limit is not None and _squeeze(values) is None:
                 self._at_least_zero(-self._row(part, part.basis[2]), values.limit)
 
-    def _pad(self, part: _Unknowns, pull: Array) -> None:
+    def _pad(self, part: _Unknowns, values: SuctionContact, pull: Array) -> None:
         """(5f), (5g) of the paper, or Dex-Net's with the vacuum less the pull in the place of the pull."""
-        values = part.contact
         sign, rest = (1.0, 0.0) if self._bounds.model == "paper" else (-1.0, values.mu * values.limit)
         holding = sign * values.mu * pull
         for index, scale in ((0, 1.0), (1, 1.0), (5, 1.0 / values.radius)):
@@ -170,10 +170,10 @@ class LoadProgram:
         """(5c)-(5e)."""
         for part in self._parts:
             values = part.contact
-            if part.contact.kind == "suction":
+            if values.kind == "suction":
                 continue
             rows = [self._row(part, part.basis[0]), self._row(part, part.basis[1])]
-            if part.contact.kind == "soft_finger":
+            if values.kind == "soft_finger":
                 rows.append(self._row(part, part.basis[5] / values.eps))
             self._norm(values.mu * self._row(part, part.basis[2]), 0.0, np.array(rows))
 
@@ -189,7 +189,7 @@ class LoadProgram:
 
 
 def stated_factors(
-    contacts: Sequence[ContactView], reference: Array, bounds: ContactBounds, loads: Sequence[Array]
+    contacts: Sequence[BearingContact], reference: Array, bounds: ContactBounds, loads: Sequence[Array]
 ) -> list[float]:
     """Return the factors of loads as `LoadProgram.factor` does, from the program as paper B prints it, in cvxpy.
 
@@ -211,7 +211,7 @@ def stated_factors(
         if not mine:
             continue
         limits.append(cp.norm(sum(part.axes @ wrench[:3] for wrench, part in mine)) <= bounds.hands[arm])
-        squeeze = mine[0][1].contact.squeeze
+        squeeze = _squeeze(mine[0][1].contact)
         if squeeze is not None:
             limits.append(cp.Zero(cp.sum(cp.hstack([wrench[2] for wrench, _ in mine])) - 2.0 * squeeze))
     problem = cp.Problem(cp.Maximize(factor), [total == 0, *limits])
@@ -226,8 +226,8 @@ def stated_factors(
 def _stated_limits(F, part: _Unknowns, model: str) -> list:
     import cvxpy as cp
 
-    values, kind = part.contact, part.contact.kind
-    if kind == "suction":
+    values = part.contact
+    if values.kind == "suction":
         pull = -F[2] if model != "cable" else cp.norm(F[:3])
         if model == "cable":
             up = part.axes.T @ np.array([0.0, 0.0, 1.0])
@@ -242,14 +242,18 @@ def _stated_limits(F, part: _Unknowns, model: str) -> list:
             math.sqrt(2.0) * cp.abs(F[3:5]) <= math.pi * values.radius * values.kappa,
         ]
     within = [F[3:5] == 0]
-    if values.limit < math.inf and values.squeeze is None:
+    if values.limit is not None and _squeeze(values) is None:
         within.append(F[2] <= values.limit)
-    if kind == "soft_finger":
+    if values.kind == "soft_finger":
         return [*within, cp.norm(cp.hstack([F[0], F[1], F[5] / values.eps])) <= values.mu * F[2]]
     return [*within, F[5] == 0, cp.norm(F[:2]) <= values.mu * F[2]]
 
 
-def _parts(contacts: Sequence[ContactView], model: str) -> list[_Unknowns]:
+def _squeeze(contact: BearingContact) -> float | None:
+    return contact.squeeze if contact.kind == "soft_finger" else None
+
+
+def _parts(contacts: Sequence[BearingContact], model: str) -> list[_Unknowns]:
     parts, begun = [], 0
     for contact in contacts:
         axes, basis = _frame(contact), _basis(contact, model)
@@ -258,7 +262,7 @@ def _parts(contacts: Sequence[ContactView], model: str) -> list[_Unknowns]:
     return parts
 
 
-def _frame(contact: ContactView) -> Array:
+def _frame(contact: BearingContact) -> Array:
     """Return the axes of a contact: a pad's as stated, others any two square to the normal."""
     z = contact.normal
     if contact.kind == "suction":
@@ -268,7 +272,7 @@ def _frame(contact: ContactView) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _basis(contact: ContactView, model: str) -> Array:
+def _basis(contact: BearingContact, model: str) -> Array:
     """Return the wrenches, in the contact's frame, that its unknowns make: (6, k)."""
     if contact.kind == "soft_finger":
         return np.eye(6)[:, [0, 1, 2, 5]]
@@ -286,9 +290,8 @@ def _pull(part: _Unknowns) -> Array:
 
 def _grasp_map(part: _Unknowns, reference: Array) -> Array:
     """(2): from a wrench in the contact's frame to world axes about the reference point."""
-    R, (x, y, z) = part.axes, part.contact.point - reference
-    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[R, np.zeros((3, 3))], [S @ R, R]])
+    R = part.axes
+    return np.block([[R, np.zeros((3, 3))], [skew(part.contact.point - reference) @ R, R]])
 
 
 def _about(part: _Unknowns, reference: Array) -> Array:

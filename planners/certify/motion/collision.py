@@ -9,8 +9,7 @@ looked at along directions of its own, between samples too, until it is proven o
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from planners.certify.finding import Finding
 from planners.certify.motion.gap import gaps_along
 from planners.certify.motion.segment_motion import SegmentMotion, chord_lengths, relative
 from planners.certify.motion.solids import ConvexSolid, Frame, separation
-from planners.certify.plan_view import PlanView, SegmentView
+from planners.certify.plan_view import NumberedSegment, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 from planners.plan.verdicts import Check
@@ -55,27 +54,31 @@ def pairs_of(solids: Sequence[ConvexSolid], static: frozenset[str]) -> list[tupl
     ]
 
 
-class TouchRule(ABC):
-    """Which pairs may touch during one segment."""
+@dataclass(frozen=True)
+class TouchRule:
+    """Which pairs may touch during one segment; no two parts of the robot may."""
+
+    gripped: Set[tuple[str, str]]
+    """Arm and body: its pads and fingers may touch it."""
+    pushed: Set[tuple[str, str]]
+    """Arm and body: its tip may touch it."""
+    bodies: Set[frozenset[str]]
+    """Pairs of bodies."""
 
     def allows(self, a: ConvexSolid, b: ConvexSolid) -> bool:
-        """Whether the two may touch; no two parts of the robot may."""
+        """Whether the two may touch."""
         if a.arm is not None and b.arm is not None:
             return False
         if a.arm is None and b.arm is None:
-            return self._bodies(a, b)
-        return self._hand(a, b) if a.arm is not None else self._hand(b, a)
-
-    @abstractmethod
-    def _hand(self, part: ConvexSolid, body: ConvexSolid) -> bool:
-        """Whether a part of the robot may touch a body."""
-
-    @abstractmethod
-    def _bodies(self, a: ConvexSolid, b: ConvexSolid) -> bool:
-        """Whether two bodies may touch."""
+            return frozenset({a.frame.owner, b.frame.owner}) in self.bodies
+        part, body = (a, b) if a.arm is not None else (b, a)
+        pair = part.frame.owner, body.frame.owner
+        return (part.group in ("pad", "finger") and pair in self.gripped) or (
+            part.group == "tip" and pair in self.pushed
+        )
 
 
-def holds_around(plan: PlanView, segment: SegmentView) -> list[SegmentView]:
+def holds_around(plan: PlanView, segment: NumberedSegment) -> list[NumberedSegment]:
     """Return the segments whose holds count: also the next while a hand comes, and the last while it leaves."""
     around = [segment]
     if segment.kind in ("grip", "approach") and segment.index + 1 < len(plan.segments):
@@ -296,7 +299,7 @@ class CollisionCheck:
         self,
         plan: PlanView,
         solids: Sequence[ConvexSolid],
-        rule_of: Callable[[SegmentView], TouchRule],
+        rule_of: Callable[[NumberedSegment], TouchRule],
         settings: CertifySettings,
     ) -> None:
         self._rule_of, self._solids, self._settings = rule_of, solids, settings

@@ -17,6 +17,7 @@ from pathlib import Path
 import airo_models
 import numpy as np
 import pinocchio as pin
+import trimesh
 
 from planners.certify.geometry.body_shape import ConvexPart, box, convex_part, cylinder
 from planners.certify.motion.kinematics import ArmKinematics
@@ -123,8 +124,11 @@ def _read(path: Path) -> str:
 
 
 def _vertices(path: Path) -> Array:
-    rows = [line.split()[1:4] for line in _read(path).splitlines() if line.startswith("v ")]
-    return np.array(rows, dtype=float).reshape(-1, 3)
+    """Return the vertices (n, 3) of a mesh in their order."""
+    try:
+        return np.asarray(trimesh.load_mesh(path, process=False, maintain_order=True, skip_materials=True).vertices)
+    except (OSError, ValueError) as error:
+        raise AssetError(f"{path.name} of airo-models cannot be read: {error}") from error
 
 
 def _hull(vertices: Array, name: str) -> ConvexPart:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from planners.certify.motion.kinematics import ArmKinematics, HermiteCurve
 from planners.certify.motion.robot_surfaces import finger_angles, finger_poses
 from planners.certify.motion.solids import ConvexSolid, Frame
-from planners.certify.plan_view import ContactView, PlanView, SegmentView
-from planners.geometry.pose import Array, Transform, transform
+from planners.certify.plan_view import NumberedSegment, PlanView
+from planners.geometry.pose import Array, Transform, skew, transform
+from planners.plan.contacts import BearingContact, Contact, InertiaEntry
 from planners.plan.scenery import ARMS
 
 _STILL = 1e-10
@@ -29,6 +31,45 @@ class Rider:
     T_flange_body: Transform
 
 
+@dataclass(frozen=True, eq=False)
+class BodyContacts:
+    """All contacts on one body at one sample."""
+
+    segment: NumberedSegment
+    sample: int
+    body: str
+    T_world_body: Transform
+    contacts: tuple[Contact, ...]
+
+    @property
+    def where(self) -> str:
+        """Name the set."""
+        return f"{self.segment.place(self.sample)}: {self.body}"
+
+    @cached_property
+    def bearing(self) -> list[BearingContact]:
+        """The contacts that bear; inertia is a load."""
+        return [contact for contact in self.contacts if contact.kind != "inertia"]
+
+    @cached_property
+    def inertia(self) -> list[InertiaEntry]:
+        """The inertia that is counted."""
+        return [contact for contact in self.contacts if contact.kind == "inertia"]
+
+    def forces(self, arm: str) -> list[Array]:
+        """Return what the contacts of one hand exert [N]."""
+        return [contact.force for contact in self.contacts if contact.by == arm]
+
+
+def added_up(contacts: Iterable[Contact], force: Array, point: Array) -> tuple[Array, Array]:
+    """Return a force with those of contacts [N], and the moment of these about a point [Nm]."""
+    moment = np.zeros(3)
+    for contact in contacts:
+        force = force + contact.force
+        moment = moment + contact.torque + np.cross(contact.point - point, contact.force)
+    return force, moment
+
+
 @dataclass(eq=False)
 class SegmentMotion:
     """The motion of one segment.
@@ -37,7 +78,7 @@ class SegmentMotion:
     other bodies that move go straight from sample to sample, turning steadily.
     """
 
-    segment: SegmentView
+    segment: NumberedSegment
     frames: Mapping[str, Array]
     """{arm: (n, 7, 4, 4)} `T_world_i` at the samples."""
     body_poses: Mapping[str, Array]
@@ -55,6 +96,17 @@ class SegmentMotion:
         """Number of samples."""
         return len(self.segment.time)
 
+    @cached_property
+    def contacts(self) -> list[BodyContacts]:
+        """The contacts by body and sample, in order of time."""
+        groups: dict[tuple[str, int], list[Contact]] = defaultdict(list)
+        for contact in self.segment.contacts:
+            groups[contact.body, contact.sample].append(contact)
+        return [
+            BodyContacts(self.segment, sample, body, self.body_poses[body][sample], tuple(contacts))
+            for (body, sample), contacts in sorted(groups.items(), key=lambda item: item[0])
+        ]
+
     def anchor(self, frame: Frame) -> tuple[str, int] | None:
         """Return the arm's link that the frame is rigidly fixed to during the segment, if it is."""
         if frame.kind == "link" or (frame.kind == "finger" and not self.fingers_move(frame.owner)):
@@ -65,7 +117,7 @@ class SegmentMotion:
 
     def fingers_move(self, arm: str) -> bool:
         """Whether the gripper's opening changes."""
-        return bool(np.ptp(self.segment.widths[arm]) > _STILL)
+        return bool(np.ptp(self.segment.gripper_width[arm]) > _STILL)
 
     def moves(self, frame: Frame) -> bool:
         """Whether the frame moves in the world."""
@@ -95,7 +147,7 @@ class SegmentMotion:
             return T_world_link
         if frame.kind == "body":
             return T_world_link @ self.riders[frame.owner].T_flange_body
-        width = self.segment.widths[arm][interval : interval + 2] @ [1.0 - u, u]
+        width = self.segment.gripper_width[arm][interval : interval + 2] @ [1.0 - u, u]
         return T_world_link @ finger_poses(frame.part, frame.finger, np.array([width]))[0]
 
     def way(self, solid: ConvexSolid, interval: int, start: float, end: float) -> float:
@@ -142,13 +194,13 @@ class SegmentMotion:
         """Return how far a finger moves in the flange's frame from sample to sample: (n - 1,); else 0 [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
-        return _FINGER_REACH * np.abs(np.diff(finger_angles(self.segment.widths[frame.owner])))
+        return _FINGER_REACH * np.abs(np.diff(finger_angles(self.segment.gripper_width[frame.owner])))
 
     def finger_travel_between(self, frame: Frame, interval: int, start: float, end: float) -> float:
         """Return the same for a part of an interval [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
-        first, last = self.segment.widths[frame.owner][interval : interval + 2]
+        first, last = self.segment.gripper_width[frame.owner][interval : interval + 2]
         angles = finger_angles(np.array([first + (last - first) * u for u in (start, end)]))
         return _FINGER_REACH * float(abs(angles[1] - angles[0]))
 
@@ -166,7 +218,7 @@ class SegmentMotion:
         links = self.frames[frame.owner][:, frame.link]
         if frame.kind == "link":
             return links
-        widths = self.segment.widths[frame.owner]
+        widths = self.segment.gripper_width[frame.owner]
         if not self.fingers_move(frame.owner):
             widths = widths[:1]
         return links @ finger_poses(frame.part, frame.finger, widths)
@@ -186,41 +238,33 @@ def chord_lengths(poses: Array, centre: Array, bound: float) -> Array:
     return np.linalg.norm(np.diff(centres, axis=0), axis=1) + bound * turns
 
 
+def rotation_angles(poses: Array, others: Array) -> Array:
+    """Return the angles between orientations of poses (n, 4, 4) and those of as many, or of one pose: (n,) [rad]."""
+    chord = np.linalg.norm(poses[:, :3, :3] - others[..., :3, :3], axis=(1, 2)) / np.sqrt(2.0)
+    return 2 * np.arcsin(np.clip(chord / 2, 0.0, 1.0))
+
+
 def turns_between(poses: Array) -> Array:
     """Return the angles between successive orientations: (n - 1,) [rad]."""
-    chord = np.linalg.norm(np.diff(poses[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
-    return 2 * np.arcsin(np.clip(chord / 2, 0.0, 1.0))
+    return rotation_angles(poses[1:], poses[:-1])
 
 
 def motions_of(plan: PlanView) -> list[SegmentMotion]:
     """Return the motion of every segment. Arms that rest are computed once a segment."""
-    kinematics = {arm: ArmKinematics(view.dh, view.T_world_base) for arm, view in plan.arms.items()}
-    reaches = {arm: _reaches(view.dh) for arm, view in plan.arms.items()}
+    kinematics = {arm: ArmKinematics(stated.dh, stated.T_world_base) for arm, stated in plan.cell.arms.items()}
+    reaches = {arm: _reaches(stated.dh) for arm, stated in plan.cell.arms.items()}
     last = {name: body.T_world_start for name, body in plan.bodies.items()}
     motions = []
     for segment in plan.segments:
         n = len(segment.time)
-        body_poses = {
-            name: segment.body_poses.get(name, np.broadcast_to(pose, (n, 4, 4))) for name, pose in last.items()
-        }
-        last = {name: poses[-1] for name, poses in body_poses.items()}
-        columns = {arm: slice(6 * i, 6 * i + 6) for i, arm in enumerate(ARMS)}
-        motions.append(
-            SegmentMotion(
-                segment=segment,
-                frames={arm: _frames(kinematics[arm], segment.positions[:, columns[arm]]) for arm in ARMS},
-                body_poses=body_poses,
-                riders=_riders(segment),
-                kinematics=kinematics,
-                reaches=reaches,
-                curves={
-                    arm: HermiteCurve(
-                        segment.time, segment.positions[:, columns[arm]], segment.velocities[:, columns[arm]]
-                    )
-                    for arm in ARMS
-                },
-            )
+        poses = {name: segment.transforms.get(name, np.broadcast_to(pose, (n, 4, 4))) for name, pose in last.items()}
+        last = {name: each[-1] for name, each in poses.items()}
+        positions, velocities = (
+            dict(zip(ARMS, np.split(rows, 2, axis=1), strict=True)) for rows in (segment.positions, segment.velocities)
         )
+        frames = {arm: _frames(kinematics[arm], positions[arm]) for arm in ARMS}
+        curves = {arm: HermiteCurve(segment.time, positions[arm], velocities[arm]) for arm in ARMS}
+        motions.append(SegmentMotion(segment, frames, poses, _riders(segment), kinematics, reaches, curves))
     return motions
 
 
@@ -230,19 +274,19 @@ def _frames(kinematics: ArmKinematics, positions: Array) -> Array:
     return kinematics.frames(positions)
 
 
-def _riders(segment: SegmentView) -> dict[str, Rider]:
+def _riders(segment: NumberedSegment) -> dict[str, Rider]:
     """Follow attachments from body to body down to an arm."""
     riders = {}
-    for start in segment.attached:
-        T_to_body, to, seen = start.T_to_body, start.to, {start.body}
+    for body, ride in segment.rides:
+        T_to_body, to, seen = ride.T_to_body, ride.to, {body}
         while to not in ARMS and to not in seen:
             seen.add(to)
-            below = next((other for other in segment.attached if other.body == to), None)
+            below = next((other for name, other in segment.rides if name == to), None)
             if below is None:
                 break
             T_to_body, to = below.T_to_body @ T_to_body, below.to
         if to in ARMS:
-            riders.setdefault(start.body, Rider(to, T_to_body))
+            riders.setdefault(body, Rider(to, T_to_body))
     return riders
 
 
@@ -261,13 +305,9 @@ def _interpolate(T_from: Transform, T_to: Transform, u: float) -> Transform:
     if sine < 1e-12:
         return transform(T_from[:3, :3], position)
     angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
-    return transform(T_from[:3, :3] @ _turn(vector / sine, u * angle), position)
-
-
-def _turn(axis: Array, angle: float) -> Array:
-    x, y, z = axis
-    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * S + (1.0 - np.cos(angle)) * (S @ S)
+    S, part = skew(vector / sine), u * angle
+    turn = np.eye(3) + np.sin(part) * S + (1.0 - np.cos(part)) * (S @ S)
+    return transform(T_from[:3, :3] @ turn, position)
 
 
 def relative(poses_a: Array, poses_b: Array) -> Array:
@@ -277,30 +317,3 @@ def relative(poses_a: Array, poses_b: Array) -> Array:
     out[:, :3, :3] = R @ poses_b[:, :3, :3]
     out[:, :3, 3] = np.einsum("nij,nj->ni", R, poses_b[:, :3, 3] - poses_a[:, :3, 3])
     return out
-
-
-@dataclass(frozen=True, eq=False)
-class BodyContacts:
-    """All contacts on one body at one sample."""
-
-    segment: SegmentView
-    sample: int
-    body: str
-    T_world_body: Transform
-    contacts: tuple[ContactView, ...]
-
-    @property
-    def where(self) -> str:
-        """Name the set."""
-        return f"{self.segment.place(self.sample)}: {self.body}"
-
-
-def contact_sets(motion: SegmentMotion) -> list[BodyContacts]:
-    """Group a segment's contacts by body and sample, in order of time."""
-    groups: dict[tuple[str, int], list[ContactView]] = defaultdict(list)
-    for contact in motion.segment.contacts:
-        groups[contact.body, contact.sample].append(contact)
-    return [
-        BodyContacts(motion.segment, sample, body, motion.body_poses[body][sample], tuple(contacts))
-        for (body, sample), contacts in sorted(groups.items(), key=lambda item: item[0])
-    ]

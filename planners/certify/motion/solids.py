@@ -11,9 +11,9 @@ import numpy as np
 from planners.certify.geometry.body_shape import ConvexPart
 from planners.certify.motion.gap import largest_gap
 from planners.certify.motion.robot_surfaces import LINKS, RobotSurfaces, sensor_length
-from planners.certify.plan_view import HandView, PlanView
+from planners.certify.plan_view import PlanView
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
-from planners.plan.scenery import ARMS
+from planners.plan.scenery import ARMS, StickDocument
 
 _THIN = 1e-7
 """Radius that stands for none: fcl's capsules must have one [m]."""
@@ -109,12 +109,11 @@ def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[ConvexSolid]:
             solids.append(polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull))
         flange = Frame("link", arm, 6)
         solids.append(polytope(f"{arm}_ft300", "hand", flange, surfaces.sensor))
-        hand = plan.hands[arm]
-        if hand.kind == "gripper":
+        if arm in plan.grippers:
             solids.append(polytope(f"{arm}_gripper_base", "hand", flange, surfaces.gripper_base))
             solids += _fingers(arm, surfaces)
         else:
-            solids += _stick(arm, hand)
+            solids += _stick(arm, plan.sticks[arm])
     for body in plan.bodies.values():
         frame = Frame("body", body.name)
         solids += [polytope(body.name, body.role, frame, part) for part in body.shape.parts]
@@ -131,16 +130,15 @@ def _fingers(arm: str, surfaces: RobotSurfaces) -> list[ConvexSolid]:
     return solids
 
 
-def _stick(arm: str, hand: HandView) -> list[ConvexSolid]:
+def _stick(arm: str, stick: StickDocument) -> list[ConvexSolid]:
     """The stick ends one radius before its tip's centre; from there on it is the tip, which may touch."""
-    assert hand.T_flange_tip is not None
-    start, tip = np.array([0.0, 0.0, sensor_length()]), hand.T_flange_tip[:3, 3]
+    start, tip = np.array([0.0, 0.0, sensor_length()]), stick.T_flange_tip[:3, 3]
     length = float(np.linalg.norm(tip - start))
-    end = tip - (tip - start) * min(1.0, hand.tip_radius / max(length, _THIN))
+    end = tip - (tip - start) * min(1.0, stick.tip_radius / max(length, _THIN))
     flange = Frame("link", arm, 6)
     return [
-        capsule(f"{arm}_stick", "hand", flange, np.array([start, end]), hand.tip_radius),
-        capsule(f"{arm}_tip", "tip", flange, np.array([end, tip]), hand.tip_radius),
+        capsule(f"{arm}_stick", "hand", flange, np.array([start, end]), stick.tip_radius),
+        capsule(f"{arm}_tip", "tip", flange, np.array([end, tip]), stick.tip_radius),
     ]
 
 

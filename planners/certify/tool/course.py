@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.motion.solids import ConvexSolid, signed_distance
-from planners.certify.plan_view import ContactView, PlanView, SegmentView
-from planners.certify.settings import CertifySettings
+from planners.certify.plan_view import NumberedSegment
 from planners.certify.tool.task import TOOL
 from planners.geometry.pose import Array
+from planners.plan.contacts import BearingContact
 from planners.plan.verdicts import Check
 
 
@@ -33,7 +34,7 @@ class ToolState:
 class CourseStep:
     """One segment, with the states before and after it."""
 
-    segment: SegmentView
+    segment: NumberedSegment
     before: ToolState
     after: ToolState
 
@@ -52,59 +53,54 @@ class CourseStep:
         return bool(self.bearers) if name == TOOL else name in self.on_cup
 
 
-@dataclass
 class ToolCourse:
     """Follows a plan, and notes where a hand, the vacuum or a support is not what it must be."""
 
-    plan: PlanView
-    settings: CertifySettings
-    steps: list[CourseStep] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
+    def __init__(self, evidence: Evidence) -> None:
+        """Go through the plan; afterwards `steps` has one entry a segment."""
+        self.settings, self.steps = evidence.settings, list[CourseStep]()
         self._hands = Finding("hands", "1")
         self._vacuum = Finding("vacuum", "N")
         self._support = Finding("supports", "1")
-
-    def follow(
-        self, motions: Sequence[SegmentMotion], sets: Sequence[Sequence[BodyContacts]], solids: Sequence[ConvexSolid]
-    ) -> list[Check]:
-        """Go through the plan; afterwards `steps` has one entry a segment."""
-        state = ToolState(frozenset(), None, start_supports(self.plan, solids, self.settings))
-        for motion, group in zip(motions, sets, strict=True):
-            after = self._after(motion, group, state)
+        state = ToolState(frozenset(), None, start_supports(evidence))
+        for motion in evidence.motions:
+            after = self._after(motion, state)
             self.steps.append(CourseStep(motion.segment, state, after))
-            self._check_contacts(self.steps[-1], motion, group)
+            self._check_contacts(self.steps[-1], motion)
             state = after
-        if motions:
-            where = f"{motions[-1].segment.place()}, end"
-            self._vacuum.require(state.sucked is None, where, f"{state.sucked} is still on the cup")
+        for last in evidence.plan.segments[-1:]:
+            text = f"{state.sucked} is still on the cup"
+            self._vacuum.require(state.sucked is None, f"{last.place()}, end", text)
+
+    def checks(self) -> list[Check]:
+        """Return what was found of hands, vacuum and supports."""
         return [self._hands.check(), self._vacuum.check(), self._support.check()]
 
-    def _after(self, motion: SegmentMotion, group: Sequence[BodyContacts], state: ToolState) -> ToolState:
+    def _after(self, motion: SegmentMotion, state: ToolState) -> ToolState:
         segment, supports = motion.segment, dict(state.supports)
         hands = self._hands_after(segment, state)
         if hands and not state.hands:
             supports.pop(TOOL, None)
         if state.hands and not hands:
-            supports[TOOL] = self._settled(segment, TOOL, group)
+            supports[TOOL] = self._settled(motion, TOOL)
         sucked = self._sucked_after(segment, state)
         if segment.kind == "attach" and sucked is not None:
             supports.pop(sucked, None)
             above = [name for name, below in supports.items() if sucked in below]
             self._support.require(not above, segment.place(), f"{sucked} is taken from under {', '.join(above)}")
         if segment.kind == "detach" and state.sucked is not None:
-            supports[state.sucked] = self._settled(segment, state.sucked, group)
+            supports[state.sucked] = self._settled(motion, state.sucked)
         return ToolState(hands, sucked, supports)
 
-    def _settled(self, segment: SegmentView, name: str, group: Sequence[BodyContacts]) -> frozenset[str]:
+    def _settled(self, motion: SegmentMotion, name: str) -> frozenset[str]:
         """Return what a body stands on when it is let go of: the contacts of its last set."""
-        last = len(segment.time) - 1
-        contacts = [c for one in group if one.body == name and one.sample == last for c in one.contacts]
+        last = motion.samples - 1
+        contacts = [c for one in motion.contacts if one.body == name and one.sample == last for c in one.bearing]
         below = frozenset(c.by for c in contacts if c.kind == "environment" and float(c.force @ c.normal) > 0.0)
-        self._support.require(bool(below), segment.place(last), f"{name} is let go of, and nothing bears it")
+        self._support.require(bool(below), motion.segment.place(last), f"{name} is let go of, and nothing bears it")
         return below
 
-    def _hands_after(self, segment: SegmentView, state: ToolState) -> frozenset[str]:
+    def _hands_after(self, segment: NumberedSegment, state: ToolState) -> frozenset[str]:
         where, stated = segment.place(), frozenset(grip.arm for grip in segment.grips)
         for grip in segment.grips:
             self._hands.require(grip.body == TOOL, where, f"a hand holds {grip.body}: fingers hold the tool alone")
@@ -130,7 +126,7 @@ class ToolCourse:
             self._hands.require(not movers, where, f"{_listed(movers)} moves and holds the tool: it is no free hand")
         return after
 
-    def _sucked_after(self, segment: SegmentView, state: ToolState) -> str | None:
+    def _sucked_after(self, segment: NumberedSegment, state: ToolState) -> str | None:
         where = segment.place()
         on_cup = {c.body for c in segment.contacts if c.kind == "suction" and c.by == TOOL}
         if segment.kind == "attach":
@@ -147,16 +143,16 @@ class ToolCourse:
 
     # The contacts of one segment.
 
-    def _check_contacts(self, step: CourseStep, motion: SegmentMotion, group: Sequence[BodyContacts]) -> None:
+    def _check_contacts(self, step: CourseStep, motion: SegmentMotion) -> None:
         hands = step.before.hands | step.after.hands
         still = {name for name, poses in motion.body_poses.items() if np.ptp(poses, axis=0).max() <= self.settings.join}
-        for one in group:
-            for contact in one.contacts:
+        for one in motion.contacts:
+            for contact in one.bearing:
                 self._party(contact, one, hands, still)
             self._empty_cup(step, one)
-        self._reactions(step, group)
+        self._reactions(step, motion.contacts)
 
-    def _party(self, contact: ContactView, one: BodyContacts, hands: frozenset[str], still: set[str]) -> None:
+    def _party(self, contact: BearingContact, one: BodyContacts, hands: frozenset[str], still: set[str]) -> None:
         if contact.kind == "soft_finger":
             allowed = contact.by in hands and one.body == TOOL
             self._hands.require(allowed, one.where, f"fingers of the {contact.by} hand press, which do not hold it")
@@ -169,7 +165,7 @@ class ToolCourse:
         empty = {"attach": 0, "detach": len(step.segment.time) - 1}.get(step.segment.kind)
         if one.sample != empty:
             return
-        for contact in one.contacts:
+        for contact in one.bearing:
             if contact.kind == "suction":
                 left = self.settings.force_balance - float(np.linalg.norm(contact.force))
                 self._vacuum.note(left, f"{one.where}: the cup bears something without vacuum")
@@ -192,7 +188,7 @@ class ToolCourse:
 
 def _suction(one: BodyContacts | None, by: str) -> Array | None:
     """Return force, torque and point of one suction contact such that those of its reaction are the negative."""
-    found = [] if one is None else [c for c in one.contacts if c.kind == "suction" and c.by == by]
+    found = [] if one is None else [c for c in one.bearing if c.kind == "suction" and c.by == by]
     if len(found) != 1:
         return None
     # The torque is taken about the world's origin, so that a reaction at another point is not opposite.
@@ -203,32 +199,21 @@ def _listed(names: set[str] | frozenset[str]) -> str:
     return " and ".join(sorted(names)) or "nothing"
 
 
-def start_supports(
-    plan: PlanView, solids: Sequence[ConvexSolid], settings: CertifySettings
-) -> dict[str, frozenset[str]]:
+def start_supports(evidence: Evidence) -> dict[str, frozenset[str]]:
     """Return what each movable body stands on at the start: what it touches that does not reach above its foot."""
+    bodies, touch = evidence.plan.bodies, evidence.settings.touch_depth
     parts: dict[str, list[ConvexSolid]] = {}
-    for solid in solids:
+    for solid in evidence.solids:
         if solid.arm is None:
             parts.setdefault(solid.frame.owner, []).append(solid)
-    reach = {
-        name: (
-            plan.bodies[name].shape.vertices @ plan.bodies[name].T_world_start[2, :3]
-            + plan.bodies[name].T_world_start[2, 3]
-        )
-        for name in parts
-    }
+    top = {name: float(bodies[name].heights.max()) for name in parts}
+
+    def apart(name: str, other: str) -> float:
+        poses = bodies[name].T_world_start, bodies[other].T_world_start
+        return min(signed_distance(a, poses[0], b, poses[1]) for a in parts[name] for b in parts[other])
+
     found = {}
-    for name in (name for name in parts if not plan.bodies[name].static):
-        below = [
-            other for other in parts if other != name and reach[other].max() <= reach[name].min() + settings.touch_depth
-        ]
-        found[name] = frozenset(
-            other for other in below if _gap(plan, parts[name], parts[other]) <= settings.touch_depth
-        )
+    for name in (name for name in parts if not bodies[name].static):
+        below = [other for other in parts if other != name and top[other] <= bodies[name].lowest + touch]
+        found[name] = frozenset(other for other in below if apart(name, other) <= touch)
     return found
-
-
-def _gap(plan: PlanView, one: Sequence[ConvexSolid], other: Sequence[ConvexSolid]) -> float:
-    poses = [plan.bodies[parts[0].frame.owner].T_world_start for parts in (one, other)]
-    return min(signed_distance(a, poses[0], b, poses[1]) for a in one for b in other)

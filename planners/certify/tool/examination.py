@@ -6,19 +6,18 @@ from planners.certify.common.cones import ConeChecks
 from planners.certify.common.contact_sets import balance_checks, inertia_checks, spacing_check
 from planners.certify.common.holds import hold_checks, squeeze_check
 from planners.certify.common.joint_torque import torque_check
-from planners.certify.common.reserve import PayloadCheck, reserve_check
+from planners.certify.common.reserve import payload_check, reserve_check
+from planners.certify.common.scene import cell_checks
 from planners.certify.common.segments import SUCTION_TOOL, join_checks, joint_checks, kind_check
 from planners.certify.evidence import Evidence
 from planners.certify.motion.collision import CollisionCheck
-from planners.certify.motion.segment_motion import contact_sets, motions_of
-from planners.certify.motion.solids import solids_of
 from planners.certify.tool.course import ToolCourse
 from planners.certify.tool.goals import goal_checks
 from planners.certify.tool.infeasibility import tool_infeasibility_check
-from planners.certify.tool.loads import CupHold, carrying_check
+from planners.certify.tool.loads import carried_forces, carrying_check, cup_hold_checks
 from planners.certify.tool.standing import standing_check
-from planners.certify.tool.task import TOOL, read_tool_task, tool_bodies_check
-from planners.certify.tool.touch import ToolContactPlaces, ToolTouchRule, tool_attachment_checks
+from planners.certify.tool.task import TOOL, ToolTask, tool_bodies_check
+from planners.certify.tool.touch import ToolContactPlaces, tool_attachment_checks, tool_touch_rule
 from planners.contract.task_spec import SuctionToolTask
 from planners.plan.verdicts import Check
 
@@ -32,50 +31,45 @@ class ToolExamination:
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
-        self._evidence = evidence
-        self._task = read_tool_task(task, evidence.reference)
+        self._evidence, self._task = evidence, ToolTask.of(task, evidence.reference)
         evidence.require_bodies((TOOL, *(stated.body.name for stated in self._task.objects)))
 
     def scene(self) -> list[Check]:
         """Check bodies and cell."""
-        bodies = tool_bodies_check(self._evidence.plan, self._task, self._evidence.settings)
-        return [*self._evidence.cell_checks(), bodies]
+        return [*cell_checks(self._evidence), tool_bodies_check(self._evidence, self._task)]
 
     def proof(self) -> Check:
         """Check that there is no plan."""
-        return tool_infeasibility_check(self._evidence.plan, self._task, self._evidence.settings)
+        return tool_infeasibility_check(self._evidence, self._task)
 
     def motion(self) -> list[Check]:
         """Check everything that happens."""
-        plan, task, settings = self._evidence.plan, self._task, self._evidence.settings
-        motions = motions_of(plan)
-        sets = [contact_sets(motion) for motion in motions]
-        solids = solids_of(plan, self._evidence.surfaces)
-        course = ToolCourse(plan, settings)
-        followed = course.follow(motions, sets, solids)
-        steps, every_set = course.steps, [one for group in sets for one in group]
-        payload = PayloadCheck(plan, settings)
-        payload.note_contacts(every_set)
-        start = self._evidence.start_positions(task.start_positions)
+        evidence, task, plan = self._evidence, self._task, self._evidence.plan
+        course, limits = ToolCourse(evidence), task.carry_limits(plan)
+        steps = course.steps
+        carried = list(carried_forces(evidence, steps))
+        collision = CollisionCheck(
+            plan, evidence.solids, lambda segment: tool_touch_rule(plan, steps, segment.index), evidence.settings
+        )
         return [
-            *joint_checks(plan, settings),
-            kind_check(motions, SUCTION_TOOL, settings),
-            *join_checks(plan, motions, start, settings),
-            *followed,
-            standing_check(plan, motions, steps, settings),
-            *tool_attachment_checks(plan, motions, course, settings),
-            *hold_checks(plan, motions, settings),
-            *balance_checks(plan, sets, settings),
-            *inertia_checks(plan, motions, sets, settings),
-            spacing_check(plan, motions, sets, lambda m, b: steps[m.segment.index].needs_sets(b.name), settings),
-            *CupHold(plan, task, settings).run(motions, course),
-            *ConeChecks(task.limits(plan), settings).run(every_set),
-            squeeze_check(plan, every_set, settings),
-            carrying_check(plan, motions, steps, task.carry_limits(plan), payload, settings),
-            payload.check(),
-            reserve_check(plan, every_set, task.carry_limits(plan), "dexnet", settings),
-            torque_check(plan, motions, sets, self._evidence.known_cell, settings),
-            *ToolContactPlaces(plan, settings).run(motions, sets),
-            *CollisionCheck(plan, solids, lambda s: ToolTouchRule(plan, course, s.index), settings).run(motions),
-            *goal_checks(plan, motions, task, settings),
+            *joint_checks(evidence),
+            kind_check(evidence, SUCTION_TOOL),
+            *join_checks(evidence, task.stated.start_positions),
+            *course.checks(),
+            standing_check(evidence, steps),
+            *tool_attachment_checks(evidence, steps),
+            *hold_checks(evidence),
+            *balance_checks(evidence),
+            *inertia_checks(evidence),
+            spacing_check(evidence, lambda motion, body: steps[motion.segment.index].needs_sets(body.name)),
+            *cup_hold_checks(evidence, steps, task.cup),
+            *ConeChecks(task.limits(plan), evidence.settings).run(evidence.contacts),
+            squeeze_check(evidence),
+            carrying_check(evidence, carried, limits),
+            payload_check(evidence, carried),
+            reserve_check(evidence, limits, "dexnet"),
+            torque_check(evidence),
+            *ToolContactPlaces(evidence).run(),
+            *collision.run(evidence.motions),
+            *goal_checks(evidence, task.objects),
         ]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from planners.certify.common.attachments import rotation_angles
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
-from planners.certify.motion.segment_motion import SegmentMotion
-from planners.certify.plan_view import PlanView
-from planners.certify.settings import CertifySettings
-from planners.certify.tool.task import StatedObject, ToolTask
+from planners.certify.motion.segment_motion import rotation_angles
+from planners.certify.tool.task import StatedObject
 from planners.geometry.pose import Array, Transform, inverse
 from planners.plan.verdicts import Check
 
@@ -19,31 +18,34 @@ _SAME_SHAPE = 1e-4
 """Distance of corners within which a turn takes a shape to itself [m]."""
 
 
-def goal_checks(plan: PlanView, motions: list[SegmentMotion], task: ToolTask, settings: CertifySettings) -> list[Check]:
+def goal_checks(evidence: Evidence, objects: Sequence[StatedObject]) -> list[Check]:
     """Check where every object ends."""
     place, turn = Finding("goals", "m"), Finding("goal_angles", "rad")
-    for stated in task.objects:
+    for stated in objects:
         name = stated.body.name
-        T_goal_object = inverse(stated.T_world_goal) @ motions[-1].body_poses[name][-1]
-        T_turn = nearest_turn(T_goal_object, stated, plan.bodies[name].shape.vertices)
-        left, left_angle = _margins(T_goal_object, T_turn, settings)
+        T_world_object = evidence.motions[-1].body_poses[name][-1]
+        left, left_angle = goal_margins(evidence, stated, T_world_object)
         place.note(left, f"the end: {name}")
         turn.note(left_angle, f"the end: {name}")
     return [place.check(), turn.check()]
 
 
-def goal_margin(T_goal_object: Transform, T_turn: Transform, settings: CertifySettings) -> float:
-    """Return the lesser margin of a pose to its goal; negative where it is not there."""
-    return min(_margins(T_goal_object, T_turn, settings))
+def goal_margins(evidence: Evidence, stated: StatedObject, T_world_object: Transform) -> tuple[float, float]:
+    """Return the margins of an object's pose to the nearest symmetric turn of its goal [m, rad]; negative if not there.
 
-
-def _margins(T_goal_object: Transform, T_turn: Transform, settings: CertifySettings) -> tuple[float, float]:
+    Args:
+        evidence: of the document.
+        stated: the object, its goal and its symmetry.
+        T_world_object: (4, 4) its pose.
+    """
+    T_goal_object, settings = inverse(stated.T_world_goal) @ T_world_object, evidence.settings
+    T_turn = _nearest_turn(T_goal_object, stated, evidence.plan.bodies[stated.body.name].shape.vertices)
     away = float(np.linalg.norm(T_goal_object[:3, 3] - T_turn[:3, 3]))
     turned = float(rotation_angles(T_goal_object[None], T_turn)[0])
     return settings.goal_distance - away, settings.goal_angle - turned
 
 
-def nearest_turn(T_goal_object: Transform, stated: StatedObject, vertices: Array) -> Transform:
+def _nearest_turn(T_goal_object: Transform, stated: StatedObject, vertices: Array) -> Transform:
     """Return the symmetric place that an object's pose, in the frame of its goal, is nearest to."""
     if stated.symmetry == "none":
         return np.eye(4)

@@ -15,11 +15,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linprog
 
+from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.level_contacts import LevelFaces, contact_points
-from planners.certify.motion.segment_motion import SegmentMotion
 from planners.certify.plan_view import BodyView, PlanView
-from planners.certify.settings import CertifySettings
 from planners.certify.tool.course import CourseStep, ToolState
 from planners.certify.tool.task import TOOL
 from planners.geometry.pose import Array, Transform
@@ -32,15 +31,14 @@ _MOVES = 1e-9
 """Dual value below which a body has no part in a fall [1]."""
 
 
-def standing_check(
-    plan: PlanView, motions: Sequence[SegmentMotion], steps: Sequence[CourseStep], settings: CertifySettings
-) -> Check:
+def standing_check(evidence: Evidence, steps: Sequence[CourseStep]) -> Check:
     """Check that what is in no hand and on no cup stands: at the start, and once hand or cup took or left something."""
-    finding, piles = Finding("standing", "m"), _Piles(plan, settings.contact_distance)
+    plan, finding = evidence.plan, Finding("standing", "m")
+    piles = _Piles(plan, evidence.settings.contact_distance)
     if steps:
         poses = {name: body.T_world_start for name, body in plan.bodies.items()}
         piles.note(_free(plan, steps[0].before), poses, finding, "the start")
-    for motion, step in zip(motions, steps, strict=True):
+    for motion, step in zip(evidence.motions, steps, strict=True):
         if (step.before.hands, step.before.sucked) != (step.after.hands, step.after.sucked):
             poses = {name: poses[-1] for name, poses in motion.body_poses.items()}
             piles.note(_free(plan, step.after), poses, finding, f"{step.segment.place()}, end")

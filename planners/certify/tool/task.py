@@ -9,15 +9,8 @@ import numpy as np
 
 from planners.certify.common.cones import ContactLimits, StatedCup
 from planners.certify.common.reserve import payload_limits
-from planners.certify.common.scene import (
-    CellReference,
-    StatedBody,
-    compare_body,
-    compare_settled,
-    stated_obstacles,
-    stated_shape,
-    stated_start,
-)
+from planners.certify.common.scene import StatedBody, compare_settled, stated_obstacles, stated_shape, task_bodies
+from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.geometry.cover import beyond_parts
@@ -29,7 +22,8 @@ from planners.plan.verdicts import Check
 
 TOOL = "tool"
 _EPS = 0.0075
-"""Torsional friction of a finger, which no suction-tool task states [m]; as in plate lifts."""
+"""Torsional friction of a finger, which no suction-tool task states [m]; as in plate lifts. The planner has the same
+number: the certificate has its own, so that no slip there goes unseen here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,47 +52,49 @@ class StatedObject:
 class ToolTask:
     """A suction-tool task as it is stated."""
 
+    stated: SuctionToolTask
     tool: StatedTool | None
     """None for a shipped tool, where nothing is known of these."""
     T_world_tool: Transform | None
     """None: the cell's rest, where nothing is known of it."""
     objects: tuple[StatedObject, ...]
     obstacles: tuple[StatedBody, ...]
-    grip_friction: float
-    environment_friction: float
-    grip_force_limit: float
-    carry_force_limit: float | None
-    """Of one hand, if the task says any."""
-    start_positions: Array | None
+
+    @classmethod
+    def of(cls, task: SuctionToolTask, reference: CellReference | None) -> ToolTask:
+        """Take from a task what is compared, and what is known of the tool that it names.
+
+        Raises:
+            MalformedDocument: a member of the task is missing.
+        """
+        known = {} if reference is None else reference.tools
+        tool = known.get(task.tool) if isinstance(task.tool, str) else task.tool
+        rest = None if reference is None else reference.tool_pose
+        pose = rest if task.tool_pose is None else task.tool_pose
+        return cls(
+            stated=task,
+            tool=None if tool is None else _stated_tool(tool),
+            T_world_tool=None if pose is None else from_pose7(pose),
+            objects=tuple(_stated_object(given, f"/task/objects/{i}") for i, given in enumerate(task.objects)),
+            obstacles=tuple(stated_obstacles(task)),
+        )
+
+    @property
+    def cup(self) -> StatedCup | None:
+        """The tool's cup; None where nothing is known of it."""
+        return None if self.tool is None else self.tool.cup
 
     def limits(self, plan: PlanView) -> ContactLimits:
         """Return what contacts can bear in a plan's cell."""
-        friction = {"soft_finger": self.grip_friction, "environment": self.environment_friction}
-        cup = None if self.tool is None else self.tool.cup
-        most = self.grip_force_limit
-        return ContactLimits(friction, _EPS, most, self.carry_limits(plan), cup, "dexnet", pads=most)
+        friction, most = self.stated.friction, self.stated.grip_force_limit
+        mus = {"soft_finger": friction.grip, "environment": friction.environment}
+        return ContactLimits(mus, _EPS, most, self.carry_limits(plan), self.cup, "dexnet", pads=most)
 
     def carry_limits(self, plan: PlanView) -> dict[str, float]:
         """Return the net force that each hand may exert on the tool [N]."""
-        stated = math.inf if self.carry_force_limit is None else self.carry_force_limit
+        limit = self.stated.carry_force_limit
+        stated = math.inf if limit is None else limit
         return {name: min(force, stated) for name, force in payload_limits(plan).items()}
-
-
-def read_tool_task(task: SuctionToolTask, reference: CellReference | None) -> ToolTask:
-    """Take from a task what is compared, and what is known of the tool that it names."""
-    rest = None if reference is None or reference.tool_pose is None else from_pose7(reference.tool_pose)
-    known = {} if reference is None else reference.tools
-    return ToolTask(
-        tool=_stated_tool(known.get(task.tool) if isinstance(task.tool, str) else task.tool),
-        T_world_tool=rest if task.tool_pose is None else from_pose7(task.tool_pose),
-        objects=tuple(_stated_object(given, f"/task/objects/{i}") for i, given in enumerate(task.objects)),
-        obstacles=tuple(stated_obstacles(task)),
-        grip_friction=task.friction.grip,
-        environment_friction=task.friction.environment,
-        grip_force_limit=task.grip_force_limit,
-        carry_force_limit=task.carry_force_limit,
-        start_positions=stated_start(task),
-    )
 
 
 def _stated_object(given: ObjectToMove, at: str) -> StatedObject:
@@ -106,16 +102,14 @@ def _stated_object(given: ObjectToMove, at: str) -> StatedObject:
         raise MalformedDocument(f"{at}/com", "is missing")
     shape, com = stated_shape(given.shape, f"{at}/shape"), np.array(given.com)
     return StatedObject(
-        body=StatedBody(given.name, shape, from_pose7(given.pose), given.mass, com),
+        body=StatedBody(given.name, shape, from_pose7(given.pose), given.mass, com, settled=True),
         T_world_goal=from_pose7(given.goal_pose),
         symmetry=given.goal_symmetry,
         round=given.shape.type == "cylinder",
     )
 
 
-def _stated_tool(given: CustomTool | None) -> StatedTool | None:
-    if given is None:
-        return None
+def _stated_tool(given: CustomTool) -> StatedTool:
     if given.com is None:
         raise MalformedDocument("/task/tool/com", "is missing")
     shapes = [
@@ -128,32 +122,21 @@ def _stated_tool(given: CustomTool | None) -> StatedTool | None:
         shapes=tuple(whole) if len(whole) == len(shapes) else (),
         mass=given.mass,
         com=np.array(given.com),
-        cup=StatedCup(radius=cup.radius, max_force=cup.max_force, mu=cup.mu, kappa=cup.kappa),
+        cup=StatedCup(cup.radius, cup.max_force, cup.mu, cup.kappa),
     )
 
 
-def tool_bodies_check(plan: PlanView, task: ToolTask, settings: CertifySettings) -> Check:
+def tool_bodies_check(evidence: Evidence, task: ToolTask) -> Check:
     """Check tool, objects and obstacles against the task, and that meshes are inside their convex parts."""
-    finding = Finding("task_bodies", "m, kg")
-    stated = [(one.body, True) for one in task.objects] + [(body, False) for body in task.obstacles]
-    for body, settled in stated:
-        if body.name not in plan.bodies:
-            finding.require(False, f"body {body.name}", "is in the task, not in the document")
-        else:
-            compare_body(plan.bodies[body.name], body, finding, settings, settled=settled)
-    tool = plan.bodies[TOOL]
+    objects, settings = [one.body for one in task.objects], evidence.settings
+    roles = {TOOL: "tool"} | {body.name: "object" for body in objects}
+    roles |= {body.name: "obstacle" for body in task.obstacles}
+    finding, tool = task_bodies(evidence, [*objects, *task.obstacles], roles), evidence.plan.bodies[TOOL]
     if task.T_world_tool is not None:
         compare_settled(tool, task.T_world_tool, finding, settings)
     if task.tool is not None:
         _tool(tool, task.tool, finding, settings)
-    roles = {TOOL: "tool"} | {one.body.name: "object" for one in task.objects}
-    roles |= {body.name: "obstacle" for body in task.obstacles}
-    for name, body in plan.bodies.items():
-        # Whatever the task does not state belongs to the cell.
-        known = body.role == roles[name] if name in roles else body.role in ("table", "frame")
-        finding.require(known, f"body {name}: role", f"{body.role!r} is not what the task makes of it")
-        fixed = roles.get(name) not in ("tool", "object")
-        finding.require(body.static == fixed, f"body {name}: static", f"must be {fixed}")
+    for body in evidence.plan.bodies.values():
         _covered(body, finding, settings)
     return finding.check()
 

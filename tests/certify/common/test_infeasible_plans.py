@@ -105,6 +105,15 @@ def test_a_plate_thicker_and_wider_than_the_gripper_opens_is_infeasible(
     assert infeasibility(unsolved(document, needed=thick[2], available=WIDE_OPEN, unit="m"), surfaces)[0]
 
 
+def test_an_opening_wider_than_the_plate_is_thick_proves_nothing(document: Document, surfaces: RobotSurfaces) -> None:
+    """A cause may name the plate's width as what is needed, not an opening into which its thickness would fit."""
+    make_thick(document, [0.3, 0.3, 0.1])
+    assert infeasibility(unsolved(document, needed=0.3, available=0.099, unit="m"), surfaces)[0]
+    passed, where = infeasibility(unsolved(document, needed=0.3, available=0.101, unit="m"), surfaces)
+    assert not passed
+    assert "would suffice" in where
+
+
 @pytest.mark.parametrize("size", [[0.08, 0.3, 0.1], [0.3, 0.08, 0.1], [0.3, 0.3, 0.0849]])
 def test_a_plate_that_can_be_gripped_one_way_is_not_infeasible(
     size: list[float], document: Document, surfaces: RobotSurfaces

@@ -5,18 +5,17 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import certified, sent
+from support.documents import certified, evidence_of
 from support.tool_plans import QUARTER, block, planned, reference_of_the_tool_cell
 
-from planners.certify import CellReference, CertifySettings, Check
+from planners.certify import CellReference, Check
 from planners.certify.common.joint_torque import torque_check
-from planners.certify.motion.segment_motion import contact_sets, motions_of
-from planners.certify.plan_view import read_plan
 from planners.geometry.pose import Array, from_pose7
 from planners.kinematics.joint_torque import WeighedArm, joint_torques
 from planners.plan.scenery import CellDocument
@@ -47,12 +46,9 @@ def known(honest: Document, reference: CellReference) -> CellReference:
     return reference if honest["task"]["kind"] == "plate_lift" else reference_of_the_tool_cell()
 
 
-def checked(document: Document, known_cell: dict[str, Any] | None = None) -> Check:
+def checked(document: Document, reference: CellReference | None = None) -> Check:
     """This one check; the whole certificate takes longer."""
-    plan = read_plan(sent(document))
-    motions = motions_of(plan)
-    sets = [contact_sets(motion) for motion in motions]
-    return torque_check(plan, motions, sets, known_cell, CertifySettings())
+    return torque_check(evidence_of(document, reference))
 
 
 def limits(document: Document, arm: str) -> Array:
@@ -214,13 +210,13 @@ def without_masses(document: Document) -> Document:
 
 
 def test_masses_that_a_document_of_0_1_0_lacks_are_those_of_the_cell_it_names(honest, document, known):
-    assert checked(without_masses(document), known.cell) == checked(honest)
+    assert checked(without_masses(document), known) == checked(honest)
 
 
 def test_without_masses_and_a_known_cell_nothing_is_claimed(document, known):
     without_masses(document)
-    for known_cell in (None, known.cell.model_copy(update={"name": "another"})):
-        check = checked(document, known_cell)
+    for reference in (None, replace(known, cell=known.cell.model_copy(update={"name": "another"}))):
+        check = checked(document, reference)
         assert (check.passed, check.margin) == (True, None)
         assert check.where.startswith("not checked: ")
 

@@ -6,19 +6,21 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from planners.balance.balanced import Balanced
 from planners.certify.lift.load_program import LARGEST_FACTOR, ContactBounds, LoadProgram, stated_factors
-from planners.certify.plan_view import ContactView
 from planners.geometry.pose import Array
+from planners.plan.contacts import BearingContact, Contact
 from tests.support.random_holds import Lift, random_lift
 
+KNOWN = TypeAdapter(Contact)
 KINDS = [
     (model, points, hands) for model in ("paper", "dexnet", "cable") for points in (0, 1, 2) for hands in (0, 1, 2, 3)
 ]
 
 
-def contacts_of(lift: Lift) -> list[ContactView]:
+def contacts_of(lift: Lift) -> list[BearingContact]:
     """The contacts of a lift as a document states them; what they exert is not read."""
     plate, R = lift.plate, lift.rotation
     friction, limits, found = plate.friction, plate.limits, []
@@ -26,10 +28,11 @@ def contacts_of(lift: Lift) -> list[ContactView]:
     def add(
         by: str, kind: str, point: Array, normal: Array, x_axis: Array | None = None, **values: float | None
     ) -> None:
-        finger = len(found) if kind == "soft_finger" else None
-        x = np.zeros(3) if x_axis is None else R @ x_axis
-        view = ContactView(0, "plate", by, finger, kind, R @ point, R @ normal, np.zeros(3), np.zeros(3), x, **values)
-        found.append(view)
+        finger, axes = len(found) if kind == "soft_finger" else None, {} if x_axis is None else {"x_axis": R @ x_axis}
+        place = {"body": "plate", "by": by, "finger": finger, "point": R @ point, "normal": R @ normal}
+        found.append(
+            KNOWN.validate_python({"kind": kind, "sample": 0, "wrench": np.zeros(6), **place, **axes, **values})
+        )
 
     if lift.grip is not None:
         for point, normal in zip(lift.grip.points, lift.grip.normals, strict=True):
@@ -38,7 +41,7 @@ def contacts_of(lift: Lift) -> list[ContactView]:
     if lift.push is not None:
         add("left", "point", lift.push.point, lift.push.normal, mu=friction.push, limit=limits.pushing)
     for point in lift.environment_points:
-        add("table", "environment", point, R[2], mu=friction.environment)
+        add("table", "environment", point, R[2], mu=friction.environment, limit=None)
     cup = plate.cup
     T, values = cup.T_plate_cup, {"mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force}
     add("cup", "suction", T[:3, 3], T[:3, 2], T[:3, 0], suction_force=0.0, **values)

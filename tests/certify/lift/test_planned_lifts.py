@@ -10,14 +10,12 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 import pytest
-from support.documents import certified, sent
+from support.documents import certified, evidence_of
 
 from planners.balance.contacts import Cup, Friction, GripContacts, HandForceLimit, PushContact
 from planners.certify import CellReference, RobotSurfaces
 from planners.certify.lift.load_program import LoadProgram, stated_factors
-from planners.certify.lift.task import read_lift_task
-from planners.certify.motion.segment_motion import contact_sets, motions_of
-from planners.certify.plan_view import read_plan
+from planners.certify.lift.task import LiftTask
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import from_pose7
 from planners.planning import plan
@@ -255,13 +253,13 @@ def test_a_lie_fails_the_check_that_it_is_about(
 
 
 def test_both_load_programs_agree_on_the_contact_sets_of_a_planned_lift(planned_lift: Document) -> None:
-    view = read_plan(sent(planned_lift))
-    bounds = read_lift_task(view.stated.task).bounds(view)
-    sets = [one for motion in motions_of(view) for one in contact_sets(motion)]
+    evidence = evidence_of(planned_lift)
+    bounds = LiftTask.of(evidence.plan.stated.task).bounds(evidence.plan)
+    plate, sets = evidence.plan.bodies["plate"], evidence.contacts
     rng = np.random.default_rng(11)
     for number in rng.permutation(len(sets))[:15]:
-        contacts = sets[number].contacts
-        load = np.array([0.0, 0.0, -9.81 * view.bodies["plate"].mass, *rng.uniform(-0.3, 0.3, 3)])
+        contacts = sets[number].bearing
+        load = np.array([0.0, 0.0, -9.81 * plate.mass, *rng.uniform(-0.3, 0.3, 3)])
         centre = sets[number].T_world_body[:3, 3]
         (stated,) = stated_factors(contacts, centre, bounds, [load])
         assert LoadProgram(contacts, centre, bounds).factor(load) == pytest.approx(stated, abs=2e-6)

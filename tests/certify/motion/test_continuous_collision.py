@@ -13,7 +13,7 @@ from support.documents import sent
 
 from planners.cell.cell import Cell
 from planners.certify import CertifySettings, RobotSurfaces
-from planners.certify.lift.touch import LiftTouchRule
+from planners.certify.lift.touch import lift_touch_rule
 from planners.certify.motion.collision import CollisionCheck, PairMotion, pairs_of
 from planners.certify.motion.segment_motion import SegmentMotion, motions_of
 from planners.certify.motion.solids import ConvexSolid, solids_of
@@ -56,7 +56,7 @@ def test_verdicts_are_those_of_dense_sampling(
     obstacle_near(document, np.array([0.26, 0.2, 1.45]) + rng.normal(size=3) * 0.12, float(rng.uniform(0.01, 0.05)))
     plan = read_plan(sent(document))
     solids = [s for s in solids_of(plan, surfaces) if s.name == "post" or s.arm == "left"]
-    (free, _) = CollisionCheck(plan, solids, partial(LiftTouchRule, plan), CertifySettings()).run(motions_of(plan))
+    (free, _) = CollisionCheck(plan, solids, partial(lift_touch_rule, plan), CertifySettings()).run(motions_of(plan))
     (motion,) = motions_of(plan)
     static = frozenset({"post"})
     smallest = np.inf
@@ -158,7 +158,7 @@ def test_a_long_plan_is_proven_as_a_short_one_is(honest_document: Document, surf
     for times in (1, 40):
         plan = read_plan(sent(repeated(honest_document, times)))
         settings = CertifySettings(distances_per_step=1)
-        checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(LiftTouchRule, plan), settings)
+        checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(lift_touch_rule, plan), settings)
         assert all(check.passed for check in checks.run(motions_of(plan)))
 
 
@@ -167,7 +167,7 @@ def test_what_takes_too_many_distances_is_said_not_to_be_proven(
 ) -> None:
     plan = read_plan(sent(repeated(honest_document, 1)))
     settings = CertifySettings(distances_per_step=0)
-    checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(LiftTouchRule, plan), settings)
+    checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(lift_touch_rule, plan), settings)
     (free, _) = checks.run(motions_of(plan))
     assert not free.passed
     assert "not proven" in free.where
@@ -196,7 +196,7 @@ def test_two_bodies_that_slide_past_one_another_are_proven_however_near(
     plan = read_plan(sent(document))
     solids = [solid for solid in solids_of(plan, surfaces) if solid.name in ("post", "wall")]
     settings = CertifySettings(distances_per_step=1)
-    (free, _) = CollisionCheck(plan, solids, partial(LiftTouchRule, plan), settings).run(motions_of(plan))
+    (free, _) = CollisionCheck(plan, solids, partial(lift_touch_rule, plan), settings).run(motions_of(plan))
     assert free.passed
     assert free.margin == pytest.approx(gap, abs=1e-9)
 
