@@ -55,7 +55,5 @@ class Finding:
 
     def check(self) -> Check:
         """Close the finding."""
-        if math.isinf(self.margin):
-            return Check(name=self.name, passed=True, margin=None, unit=self.unit, where=self.where)
-        passed = self.margin >= 0.0
-        return Check(name=self.name, passed=passed, margin=self.margin, unit=self.unit, where=self.where)
+        margin = None if math.isinf(self.margin) else self.margin
+        return Check(name=self.name, passed=self.margin >= 0.0, margin=margin, unit=self.unit, where=self.where)

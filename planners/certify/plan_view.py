@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from planners.certify.geometry.body_shape import BodyShape, box, cylinder, mesh, prism
+from planners.certify.geometry.level_contacts import LEVEL
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import LiftwrightError
@@ -19,9 +20,6 @@ from planners.geometry.pose import Array, Transform
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument, CellDocument, GripperDocument, StickDocument
 from planners.plan.segment import Segment
-
-_LEVEL = math.cos(math.radians(0.1))
-"""Least upward component of the normal of a face that is level; contract."""
 
 
 class MalformedDocument(LiftwrightError):
@@ -55,7 +53,7 @@ class BodyView:
         """Height of the highest level face that looks up, at the start [m]; -inf if there is none."""
         up = self.T_world_start[2, :3]
         planes = np.vstack([part.planes for part in self.shape.parts])
-        level = planes[:, :3] @ up >= _LEVEL
+        level = planes[:, :3] @ up >= LEVEL
         # The point of each plane that is nearest to the body's origin.
         heights = -planes[level, 3] * (planes[level, :3] @ up) + self.T_world_start[2, 3]
         return float(heights.max(initial=-math.inf))

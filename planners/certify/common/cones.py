@@ -12,13 +12,7 @@ from planners.certify.finding import Finding
 from planners.certify.motion.segment_motion import BodyContacts
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
-from planners.plan.contacts import (
-    BearingContact,
-    EnvironmentContact,
-    PointContact,
-    SoftFingerContact,
-    SuctionContact,
-)
+from planners.plan.contacts import BearingContact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
 from planners.plan.scenery import ARMS
 from planners.plan.verdicts import Check
 

@@ -14,13 +14,7 @@ from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.plan_view import T_flange_tcp
 from planners.geometry.pose import Array, Transform, inverse
-from planners.plan.contacts import (
-    BearingContact,
-    EnvironmentContact,
-    PointContact,
-    SoftFingerContact,
-    SuctionContact,
-)
+from planners.plan.contacts import BearingContact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
 from planners.plan.verdicts import Check
 
 _SAME_PLACE = 1e-7

@@ -1,4 +1,4 @@
-"""Hands hold as their holds say: pads on the gripped body, the stick's tip on the pushed one, squeezed as commanded.
+"""Bodies are held as it is said: pads and tip on them, squeezed as commanded, and they stay where they are attached.
 
 A parallel gripper commands a squeeze: each pad presses with it while nothing else acts, and a load along the closing
 axis adds half of itself to one pad and takes it from the other. So the normal forces of both fingers add up to twice
@@ -6,6 +6,8 @@ the squeeze.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Set
 
 import numpy as np
 
@@ -146,3 +148,31 @@ def _fingers(contact_set: BodyContacts, finding: Finding, slack: float, *, requi
                 finding.note(slack - abs(finger.squeeze - squeeze), f"{where} finger {finger.finger}: squeeze")
         pressed = sum(float(finger.force @ finger.normal) for finger in fingers)
         finding.note(slack - abs(pressed - 2.0 * squeeze), f"{where}: both fingers together")
+
+
+def drift_checks(evidence: Evidence) -> list[Check]:
+    """Check drift and turn of attached bodies."""
+    place, turn, settings = Finding("attachments", "m"), Finding("attachment_angles", "rad"), evidence.settings
+    for motion in evidence.motions:
+        for body, ride in motion.segment.rides:
+            holder = motion.frames[ride.to][:, 6] if ride.to in ARMS else motion.body_poses[ride.to]
+            poses = relative(holder, motion.body_poses[body])
+            distance = np.linalg.norm(poses[:, :3, 3] - ride.T_to_body[:3, 3], axis=1)
+            text, turned = f"{body} on {ride.to}", rotation_angles(poses, ride.T_to_body)
+            place.note_samples(motion.segment, settings.attachment_distance - distance, text)
+            turn.note_samples(motion.segment, settings.attachment_angle - turned, text)
+    return [place.check(), turn.check()]
+
+
+def resting_check(evidence: Evidence, carried: Callable[[NumberedSegment], Set[str]]) -> Check:
+    """Check that bodies move only where they are carried; `carried` names those of a segment."""
+    finding = Finding("resting_bodies", "m")
+    for segment in evidence.plan.segments:
+        free = carried(segment)
+        for name, poses in segment.transforms.items():
+            if name not in free:
+                moved = np.abs(poses - poses[0]).max(axis=(1, 2))
+                finding.note_samples(segment, evidence.settings.join - moved, f"{name} moves, held by nothing")
+            if evidence.plan.bodies[name].static:
+                finding.require(False, segment.place(), f"{name} is static and has poses")
+    return finding.check()

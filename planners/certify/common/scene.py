@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
-from planners.certify.motion.robot_surfaces import largest_width, pad_height
+from planners.certify.motion.robot_surfaces import LARGEST_WIDTH, pad_height
 from planners.certify.motion.segment_motion import rotation_angles
 from planners.certify.plan_view import BodyView, MalformedDocument, shape_of
 from planners.certify.settings import CertifySettings
@@ -150,7 +150,7 @@ def _grippers(evidence: Evidence) -> Check:
         finding.note_all(tolerance - off, lambda i, a=arm: f"cell: row {i} of the {a} hand's tcp table")
         for segment in evidence.plan.segments:
             opening = segment.gripper_width[arm]
-            outside = np.maximum(-opening, opening - min(largest_width(), float(widths[-1])))
+            outside = np.maximum(-opening, opening - min(LARGEST_WIDTH, float(widths[-1])))
             finding.note_samples(segment, tolerance - outside, f"opening of {arm}")
     return finding.check()
 

@@ -11,7 +11,7 @@ import numpy as np
 from planners.certify.geometry.body_shape import BodyShape
 from planners.geometry.pose import Array, Transform
 
-_LEVEL = math.cos(math.radians(0.1))
+LEVEL = math.cos(math.radians(0.1))
 """Least vertical component of the normal of a face that is level; contract."""
 _EDGE = 1e-7
 """Ends of edges that round to the same multiple of this are one; a point so far outside is on the border [m]."""
@@ -60,7 +60,7 @@ class LevelFaces:
     def _looking(self, way: float) -> Array:
         triangles = self.shape.triangles @ self.T_world_body[:3, :3].T + self.T_world_body[:3, 3]
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        return triangles[way * normals[:, 2] >= _LEVEL * np.linalg.norm(normals, axis=1)]
+        return triangles[way * normals[:, 2] >= LEVEL * np.linalg.norm(normals, axis=1)]
 
 
 def contact_points(upper: LevelFaces, lower: LevelFaces, touch: float) -> Array:

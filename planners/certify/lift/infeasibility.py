@@ -13,8 +13,14 @@ from functools import partial
 
 import numpy as np
 
-from planners.certify.common.infeasibility import Bound, body_radius, proof_check, reach_bound
-from planners.certify.common.lift_capacity import largest_lift, stated_lift
+from planners.certify.common.infeasibility import (
+    Bound,
+    body_radius,
+    largest_lift,
+    proof_check,
+    reach_bound,
+    stated_lift,
+)
 from planners.certify.evidence import Evidence
 from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.lift.task import LiftTask

@@ -18,7 +18,7 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-from planners.certify.common.lift_capacity import solve_with_care
+from planners.certify.common.infeasibility import solve_with_care
 from planners.geometry.pose import Array, skew
 from planners.plan.contacts import BearingContact, SuctionContact
 from planners.plan.scenery import ARMS

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.certify.common.attachments import drift_checks, resting_check
 from planners.certify.common.cones import x_axis_error
 from planners.certify.common.contact_places import ContactPlaceChecks
+from planners.certify.common.holds import drift_checks, resting_check
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.lift.contact_states import support_height

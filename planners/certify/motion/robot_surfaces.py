@@ -25,7 +25,6 @@ from planners.errors import AssetError
 from planners.geometry.pose import Array, inverse, rotation_x, transform
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_LINK_MESHES = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
 _UR3E_DH = np.array(
     [
         [0.0, math.pi / 2, 0.15185, 0.0],
@@ -36,15 +35,10 @@ _UR3E_DH = np.array(
         [0.0, 0.0, 0.0921, 0.0],
     ]
 )
-_SENSOR_LENGTH = 0.0484
-"""Coupling and FT300, from the flange to the gripper's base [m]; facts of the cell."""
+SENSOR_LENGTH = 0.0484
+"""Coupling and FT300, from the flange to the base of gripper or stick [m]; facts of the cell."""
 _SENSOR_RADIUS = 0.0375
-_GRIPPER_MESHES = {
-    "outer_knuckle": "robotiq_arg2f_85_outer_knuckle.obj",
-    "outer_finger": "robotiq_arg2f_85_outer_finger.obj",
-    "inner_knuckle": "robotiq_arg2f_85_inner_knuckle.obj",
-    "inner_finger": "robotiq_arg2f_85_inner_finger.obj",
-}
+_FINGER_PARTS = ("outer_knuckle", "outer_finger", "inner_knuckle", "inner_finger")
 _MILLIMETRE = 0.001
 # The finger's four-bar linkage in the gripper's base frame, finger 1 (at +y); of the gripper's URDF [m].
 _KNUCKLE_PIVOT = np.array([0.0, 0.0306011, 0.054904])
@@ -52,7 +46,10 @@ _INNER_PIVOT = np.array([0.0, 0.0127, 0.06142])
 _OUTER_FINGER = np.array([0.0, 0.0315, -0.0041])
 _INNER_FINGER = np.add(_OUTER_FINGER, [0.0, 0.0061, 0.0471])
 _PAD = np.array([0.0, -0.0220203446692936, 0.03242])
-_PAD_SIZE = np.array([0.022, 0.00635, 0.0375])
+PAD_SIZE = np.array([0.022, 0.00635, 0.0375])
+"""Width of its inner face, thickness, length of the face [m]."""
+LARGEST_WIDTH = 2 * float(_KNUCKLE_PIVOT[1] + _INNER_FINGER[1] + _PAD[1] - PAD_SIZE[1] / 2)
+"""Inner distance of the pads at the open stop [m]."""
 _LARGEST_TURN = 0.85
 """Finger joint angle beyond which the pads would cross [rad]."""
 
@@ -82,13 +79,14 @@ def load_surfaces(folder: Path | None = None) -> RobotSurfaces:
     """
     root = folder or Path(airo_models.__file__).parent
     gripper = root / "grippers" / "robotiq_2f_85" / "meshes" / "collision"
-    base = np.add(_vertices(gripper / "robotiq_arg2f_base_link.obj"), [0.0, 0.0, _SENSOR_LENGTH])
-    parts = {name: _hull(_MILLIMETRE * _vertices(gripper / file), file) for name, file in _GRIPPER_MESHES.items()}
-    parts["pad"] = box(_PAD_SIZE).parts[0]
-    sensor = cylinder(_SENSOR_RADIUS, _SENSOR_LENGTH).parts[0]
+    base = np.add(_vertices(gripper / "robotiq_arg2f_base_link.obj"), [0.0, 0.0, SENSOR_LENGTH])
+    files = {name: f"robotiq_arg2f_85_{name}.obj" for name in _FINGER_PARTS}
+    parts = {name: _hull(_MILLIMETRE * _vertices(gripper / file), file) for name, file in files.items()}
+    parts["pad"] = box(PAD_SIZE).parts[0]
+    sensor = cylinder(_SENSOR_RADIUS, SENSOR_LENGTH).parts[0]
     return RobotSurfaces(
         links=_link_hulls(root / "arms" / "ur3e"),
-        sensor=convex_part(np.add(sensor.vertices, [0.0, 0.0, _SENSOR_LENGTH / 2])),
+        sensor=convex_part(np.add(sensor.vertices, [0.0, 0.0, SENSOR_LENGTH / 2])),
         gripper_base=_hull(base, "robotiq_arg2f_base_link.obj"),
         finger_parts=parts,
     )
@@ -97,8 +95,13 @@ def load_surfaces(folder: Path | None = None) -> RobotSurfaces:
 def _link_hulls(folder: Path) -> tuple[ConvexPart, ...]:
     """Take the meshes from where the URDF places them at zero to the frames of the contract."""
     # The URDF uses the prefix `drake:` undeclared, and shows the base with its cable, 0.34 m of it.
-    text = _read(folder / "ur3e.urdf").replace("drake:", "")
-    text = text.replace("visual/base_cable_labels", "visual/base").replace("visual/", "collision/")
+    try:
+        text = (folder / "ur3e.urdf").read_text()
+    except OSError as error:
+        raise AssetError(f"ur3e.urdf of airo-models cannot be read: {error.strerror}") from error
+    text = (
+        text.replace("drake:", "").replace("visual/base_cable_labels", "visual/base").replace("visual/", "collision/")
+    )
     model = pin.buildModelFromXML(text)
     geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL, package_dirs=[str(folder)])
     data, geometry_data = model.createData(), geometry.createData()
@@ -108,19 +111,13 @@ def _link_hulls(folder: Path) -> tuple[ConvexPart, ...]:
     T_base_root = inverse(data.oMf[model.getFrameId("base")].homogeneous)
     frames = ArmKinematics(_UR3E_DH, np.eye(4)).frames(np.zeros((1, 6)))[0]
     hulls = []
-    for index, mesh in enumerate(_LINK_MESHES):
-        shape = geometry.getGeometryId(("base_link_inertia" if index == 0 else f"{LINKS[index]}_link") + "_0")
+    for index, link in enumerate(LINKS):
+        mesh = link.replace("_", "")
+        shape = geometry.getGeometryId(("base_link_inertia" if index == 0 else f"{link}_link") + "_0")
         T_link_mesh = inverse(frames[index]) @ T_base_root @ geometry_data.oMg[shape].homogeneous
         vertices = _vertices(folder / "collision" / f"{mesh}.obj") @ T_link_mesh[:3, :3].T + T_link_mesh[:3, 3]
         hulls.append(_hull(vertices, mesh))
     return tuple(hulls)
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text()
-    except OSError as error:
-        raise AssetError(f"{path.name} of airo-models cannot be read: {error.strerror}") from error
 
 
 def _vertices(path: Path) -> Array:
@@ -144,14 +141,9 @@ def finger_angles(widths: Array) -> Array:
     gap = 2 (c + a cos q - b sin q), with a, b from the linkage and c from the pad; solved for q in closed form.
     """
     _, a, b = _INNER_FINGER
-    c = _KNUCKLE_PIVOT[1] + _PAD[1] - _PAD_SIZE[1] / 2
+    c = _KNUCKLE_PIVOT[1] + _PAD[1] - PAD_SIZE[1] / 2
     cosine = np.clip((widths / 2 - c) / math.hypot(a, b), -1.0, 1.0)
     return np.clip(np.arccos(cosine) - math.atan2(b, a), 0.0, _LARGEST_TURN)
-
-
-def largest_width() -> float:
-    """Return the inner distance of the pads at the open stop [m]."""
-    return 2 * float(_KNUCKLE_PIVOT[1] + _INNER_FINGER[1] + _PAD[1] - _PAD_SIZE[1] / 2)
 
 
 def finger_poses(part: str, finger: int, widths: Array) -> Array:
@@ -173,20 +165,10 @@ def finger_poses(part: str, finger: int, widths: Array) -> Array:
             rotation, position = np.eye(3), _KNUCKLE_PIVOT + turn @ _INNER_FINGER
             if part == "pad":
                 position = position + _PAD
-        poses[index] = transform(turned @ rotation, turned @ position + [0.0, 0.0, _SENSOR_LENGTH])
+        poses[index] = transform(turned @ rotation, turned @ position + [0.0, 0.0, SENSOR_LENGTH])
     return poses
 
 
 def pad_height(widths: Array) -> Array:
     """Return the height of the pads' centres above the flange at each opening [m]."""
     return finger_poses("pad", 1, widths)[:, 2, 3]
-
-
-def pad_face() -> tuple[float, float]:
-    """Return the width and the length of a pad's inner face [m]."""
-    return float(_PAD_SIZE[0]), float(_PAD_SIZE[2])
-
-
-def sensor_length() -> float:
-    """Return where the stick begins: the height of the sensor's face above the flange [m]."""
-    return _SENSOR_LENGTH

@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.certify.geometry.body_shape import ConvexPart
 from planners.certify.motion.gap import largest_gap
-from planners.certify.motion.robot_surfaces import LINKS, RobotSurfaces, sensor_length
+from planners.certify.motion.robot_surfaces import LINKS, SENSOR_LENGTH, RobotSurfaces
 from planners.certify.plan_view import PlanView
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.plan.scenery import ARMS, StickDocument
@@ -132,7 +132,7 @@ def _fingers(arm: str, surfaces: RobotSurfaces) -> list[ConvexSolid]:
 
 def _stick(arm: str, stick: StickDocument) -> list[ConvexSolid]:
     """The stick ends one radius before its tip's centre; from there on it is the tip, which may touch."""
-    start, tip = np.array([0.0, 0.0, sensor_length()]), stick.T_flange_tip[:3, 3]
+    start, tip = np.array([0.0, 0.0, SENSOR_LENGTH]), stick.T_flange_tip[:3, 3]
     length = float(np.linalg.norm(tip - start))
     end = tip - (tip - start) * min(1.0, stick.tip_radius / max(length, _THIN))
     flange = Frame("link", arm, 6)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from planners.certify.common.attachments import drift_checks, resting_check
 from planners.certify.common.cones import angle, x_axis_error
 from planners.certify.common.contact_places import ContactPlaceChecks
+from planners.certify.common.holds import drift_checks, resting_check
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.cover import SealingDisc

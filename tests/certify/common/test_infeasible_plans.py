@@ -12,7 +12,7 @@ from support.documents import certified
 
 from planners.certify import CellReference, RobotSurfaces
 from planners.certify.common.cones import StatedCup
-from planners.certify.common.lift_capacity import largest_lift, stated_lift
+from planners.certify.common.infeasibility import largest_lift, stated_lift
 from planners.certify.geometry.body_shape import prism
 from planners.certify.lift.infeasibility import face_distances
 

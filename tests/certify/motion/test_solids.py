@@ -13,7 +13,7 @@ from planners.cell.hand import Gripper
 from planners.certify import RobotSurfaces
 from planners.certify.geometry.body_shape import box, convex_part
 from planners.certify.motion.kinematics import ArmKinematics
-from planners.certify.motion.robot_surfaces import LINKS, finger_poses, largest_width, pad_height
+from planners.certify.motion.robot_surfaces import LARGEST_WIDTH, LINKS, finger_poses, pad_height
 from planners.certify.motion.solids import ConvexSolid, Frame, capsule, polytope, signed_distance
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
 from tests.cell.cell_probe import gripper_hulls
@@ -95,7 +95,7 @@ def test_pads_have_the_height_and_gap_that_were_measured() -> None:
     q = np.linspace(0.0, 0.8, 50)
     gaps = 2 * (0.0054057 + 0.0376 * np.cos(q) - 0.043 * np.sin(q))
     heights = 0.0484 + 0.087324 + 0.0376 * np.sin(q) + 0.043 * np.cos(q)
-    assert largest_width() == pytest.approx(gaps[0], abs=1e-6)
+    assert LARGEST_WIDTH == pytest.approx(gaps[0], abs=1e-6)
     np.testing.assert_allclose(pad_height(gaps), heights, atol=1e-6)
     for finger, side in ((0, -1.0), (1, 1.0)):
         inner = side * finger_poses("pad", finger, gaps)[:, 1, 3] - 0.00635 / 2
