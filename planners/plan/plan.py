@@ -75,8 +75,7 @@ class Plan(StrictModel):
 
     def _strange_bearers(self, segment: Segment) -> Iterator[tuple[str, str]]:
         carriers = {*ARMS, *self.bodies}
-        rides = [(name, each.to) for name, attachments in segment.attached.items() for each in attachments]
-        off = [to for name, to in rides if to not in carriers - {name}]
+        off = [ride.to for name, ride in segment.rides if ride.to not in carriers - {name}]
         yield from (("attached", f"{to!r} is no arm and no other body") for to in off)
         strange = [contact.by for contact in segment.contacts if contact.by not in carriers | {"cup", "tool", None}]
         yield from (("contacts", f"{by!r} is no arm, cup, tool or body") for by in strange)

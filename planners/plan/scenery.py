@@ -48,6 +48,11 @@ class ArmDocument(StrictModel):
     payload: Positive
     """Largest mass at the flange, the hand included [kg]."""
 
+    @cached_property
+    def T_world_base(self) -> Transform:
+        """Where the arm is bolted on."""
+        return from_pose7(self.base)
+
 
 class GripperDocument(StrictModel):
     """A gripper; its TCP lies between the pads' centres, z the approach, y the opening axis."""
@@ -74,6 +79,14 @@ class StickDocument(StrictModel):
     tcp: PoseRow
     tip_radius: Positive
 
+    @cached_property
+    def T_flange_tip(self) -> Transform:
+        """Where the centre of the tip's hemisphere is."""
+        return from_pose7(self.tcp)
+
+
+HandDocument = GripperDocument | StickDocument
+
 
 class CellDocument(StrictModel):
     """What is needed of the cell to replay and check a plan."""
@@ -82,7 +95,7 @@ class CellDocument(StrictModel):
     hash: str
     gravity: Vector
     arms: dict[ArmName, ArmDocument]
-    hands: dict[ArmName, Annotated[GripperDocument | StickDocument, Field(discriminator="kind")]]
+    hands: dict[ArmName, Annotated[HandDocument, Field(discriminator="kind")]]
 
 
 class BodyDocument(StrictModel):

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from planners.cell.cell import Cell
-from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify
+from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify, load_surfaces
+from planners.certify.evidence import Evidence
+from planners.certify.plan_view import read_plan
 
 
 def sent(document: Mapping[str, Any]) -> bytes:
@@ -23,6 +26,16 @@ def certified(
 ) -> Certificate | None:
     """Certify a document as if it had been sent."""
     return certify(sent(document), surfaces, reference, settings)
+
+
+def evidence_of(document: Mapping[str, Any], reference: CellReference | None = None) -> Evidence:
+    """Return what an examination of a document has before it, for asking one check alone."""
+    return Evidence(read_plan(sent(document)), _surfaces(), reference)
+
+
+@cache
+def _surfaces() -> RobotSurfaces:
+    return load_surfaces()
 
 
 def cell_of(cell: Cell) -> dict[str, Any]:
