@@ -8,12 +8,18 @@ from typing import Any
 
 from planners.cell.cell import Cell
 from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify
+from planners.plan.plan import Plan
 from workers.simulation.simulate import simulate
 
 
 def sent(document: Mapping[str, Any]) -> bytes:
     """Write a document as the service sends it, whatever is in it."""
     return json.dumps(document).encode()
+
+
+def plan_of(document: Mapping[str, Any]) -> Plan:
+    """Read a document as if it had been sent."""
+    return Plan.read(sent(document))
 
 
 def certified(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer.conftest import contact, lift, segment, set_curve, simulation
+from support.lift_documents import contact, lift, segment, set_curve, simulation
 
 from app.viewer.curves import Chart, Series
 from app.viewer.lift_curves import dips, planned_charts, simulated_charts

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from viewer.conftest import contact, lift, segment, simulation
-from viewer.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
+from support.lift_documents import contact, lift, segment, simulation
+from support.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
 
 from app.summary import summarise
 from app.viewer.link_meshes import LinkMeshes

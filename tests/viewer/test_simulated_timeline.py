@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from viewer.conftest import segment, set_curve, simulation
+from support.lift_documents import segment, set_curve, simulation
 
 from app.viewer.sources import Sources
 from app.viewer.timeline import Touch

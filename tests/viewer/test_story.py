@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer.conftest import lift, segment, simulation
+from support.lift_documents import lift, segment, simulation
 
 from app.viewer.sources import Sources
 from app.viewer.story import tell_story

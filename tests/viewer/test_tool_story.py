@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from viewer.tool_documents import CUP, OBJECTS, OTHER, REACH, TOUCH, hold, tool_document, tool_simulation
+from support.tool_documents import CUP, OBJECTS, OTHER, REACH, TOUCH, hold, tool_document, tool_simulation
 
 from app.viewer.considered import reason_colours
 from app.viewer.link_meshes import LinkMeshes

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from support.documents import bodies_of, cell_of
-from viewer.conftest import segment
+from support.lift_documents import segment
 
 from planners.cell.cell import Cell
 from workers.simulation.tool_recorder import TOOL_UNITS
