@@ -62,7 +62,8 @@ class ArmView:
             position_max=arm.position_max,
             velocity_max=arm.velocity_max,
             acceleration_max=arm.acceleration_max,
-            payload=arm.payload,
+            # An arm of which nothing is stated bears nothing.
+            payload=arm.payload or 0.0,
             torque_max=arm.torque_max,
             links=None if arm.links is None else np.array([[link.mass, *link.com] for link in arm.links]),
         )
@@ -94,10 +95,10 @@ class HandView:
             MalformedDocument: the widths of a gripper's table do not rise.
         """
         if isinstance(hand, StickDocument):
-            return cls(hand.kind, hand.mass, hand.com, None, from_pose7(hand.tcp), hand.tip_radius)
+            return cls(hand.kind, hand.mass or 0.0, hand.com, None, from_pose7(hand.tcp), hand.tip_radius)
         if len(hand.tcp) < 2 or np.any(np.diff(hand.tcp[:, 0]) <= 0):
             raise MalformedDocument(f"{pointer}/tcp", "needs two rows or more with rising widths")
-        return cls(hand.kind, hand.mass, hand.com, hand.tcp, None, 0.0, hand.force_range)
+        return cls(hand.kind, hand.mass or 0.0, hand.com, hand.tcp, None, 0.0, hand.force_range)
 
     def T_flange_tcp(self, widths: Array) -> Array:
         """Return the TCP in the flange frame at each opening: (n,) [m] → (n, 4, 4)."""
