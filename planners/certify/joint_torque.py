@@ -83,8 +83,9 @@ def _weighed(plan: PlanView, arm: ArmName, known_cell: CellDocument | None) -> _
     stated = _Weighed.of(plan.arms[arm], plan.hands[arm], plan.gravity)
     if stated is not None or known_cell is None or plan.stated.cell.name != known_cell.name:
         return stated
-    known = ArmView.of(known_cell.arms[arm]), HandView.of(known_cell.hands[arm], f"/cell/hands/{arm}")
-    return _Weighed.of(*known, plan.gravity)
+    known_arm = ArmView.of(known_cell.arms[arm], f"/cell/arms/{arm}")
+    known_hand = HandView.of(known_cell.hands[arm], f"/cell/hands/{arm}")
+    return _Weighed.of(known_arm, known_hand, plan.gravity)
 
 
 def _unladen(dynamics: ArmDynamics, motion: SegmentMotion, columns: slice) -> Array:

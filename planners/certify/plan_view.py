@@ -53,8 +53,12 @@ class ArmView:
     """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
 
     @classmethod
-    def of(cls, arm: ArmDocument) -> ArmView:
-        """Return the arm with arrays for tuples."""
+    def of(cls, arm: ArmDocument, pointer: str) -> ArmView:
+        """Return the arm with arrays for tuples.
+
+        Raises:
+            MalformedDocument: it has no payload.
+        """
         return cls(
             T_world_base=from_pose7(arm.base),
             dh=arm.dh,
@@ -62,8 +66,7 @@ class ArmView:
             position_max=arm.position_max,
             velocity_max=arm.velocity_max,
             acceleration_max=arm.acceleration_max,
-            # An arm of which nothing is stated bears nothing.
-            payload=arm.payload or 0.0,
+            payload=_stated(arm.payload, f"{pointer}/payload"),
             torque_max=arm.torque_max,
             links=None if arm.links is None else np.array([[link.mass, *link.com] for link in arm.links]),
         )
@@ -92,13 +95,14 @@ class HandView:
         """Return the hand.
 
         Raises:
-            MalformedDocument: the widths of a gripper's table do not rise.
+            MalformedDocument: it has no mass, or the widths of a gripper's table do not rise.
         """
+        mass = _stated(hand.mass, f"{pointer}/mass")
         if isinstance(hand, StickDocument):
-            return cls(hand.kind, hand.mass or 0.0, hand.com, None, from_pose7(hand.tcp), hand.tip_radius)
+            return cls(hand.kind, mass, hand.com, None, from_pose7(hand.tcp), hand.tip_radius)
         if len(hand.tcp) < 2 or np.any(np.diff(hand.tcp[:, 0]) <= 0):
             raise MalformedDocument(f"{pointer}/tcp", "needs two rows or more with rising widths")
-        return cls(hand.kind, hand.mass or 0.0, hand.com, hand.tcp, None, 0.0, hand.force_range)
+        return cls(hand.kind, mass, hand.com, hand.tcp, None, 0.0, hand.force_range)
 
     def T_flange_tcp(self, widths: Array) -> Array:
         """Return the TCP in the flange frame at each opening: (n,) [m] → (n, 4, 4)."""
@@ -328,11 +332,18 @@ def read_plan(document: bytes) -> PlanView:
     return PlanView(
         stated=plan,
         gravity=plan.cell.gravity,
-        arms={name: ArmView.of(plan.cell.arms[name]) for name in ARMS},
+        arms={name: ArmView.of(plan.cell.arms[name], f"/cell/arms/{name}") for name in ARMS},
         hands={name: HandView.of(plan.cell.hands[name], f"/cell/hands/{name}") for name in ARMS},
         bodies={name: BodyView.of(name, body) for name, body in plan.bodies.items()},
         segments=tuple(SegmentView.of(index, segment) for index, segment in enumerate(plan.segments)),
     )
+
+
+def _stated(value: float | None, pointer: str) -> float:
+    """Return what only the first documents leave out, of which no certificate is asked."""
+    if value is None:
+        raise MalformedDocument(pointer, "is missing")
+    return value
 
 
 def _malformed(data: Any, error: ValidationError) -> MalformedDocument:
