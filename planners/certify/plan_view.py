@@ -18,7 +18,7 @@ from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform
 from planners.plan.plan import Plan
-from planners.plan.scenery import BodyDocument, CellDocument, GripperDocument, StickDocument
+from planners.plan.scenery import ARMS, BodyDocument, CellDocument, GripperDocument, StickDocument
 from planners.plan.segment import Segment
 
 
@@ -143,6 +143,14 @@ def read_plan(document: bytes) -> PlanView:
     bodies = {name: BodyView.of(name, body) for name, body in plan.bodies.items()}
     segments = (NumberedSegment.model_construct(index=index, **dict(one)) for index, one in enumerate(plan.segments))
     view = PlanView(plan, bodies, tuple(segments))
+    for arm in ARMS:
+        # The first documents state neither; of these no certificate is asked.
+        for stated, pointer in (
+            (plan.cell.arms[arm].payload, f"arms/{arm}/payload"),
+            (plan.cell.hands[arm].mass, f"hands/{arm}/mass"),
+        ):
+            if stated is None:
+                raise MalformedDocument(f"/cell/{pointer}", "is missing")
     for arm, gripper in view.grippers.items():
         if len(gripper.tcp) < 2 or np.any(np.diff(gripper.tcp[:, 0]) <= 0):
             raise MalformedDocument(f"/cell/hands/{arm}/tcp", "needs two rows or more with rising widths")

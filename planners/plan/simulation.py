@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, JsonValue
+from pydantic import BeforeValidator, Field, JsonValue
 
 from planners.contract.arrays import Real, Rows, Samples, Vector
 from planners.contract.strict_model import StrictModel
@@ -173,4 +173,11 @@ class ToolSimulation(StrictModel):
     """All assumptions, SI units."""
 
 
-Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind")]
+def _with_its_kind(simulation: Any) -> Any:
+    """Return a simulation of one of the first documents, which name no kind: they had lifts only, with its kind."""
+    if isinstance(simulation, dict) and "kind" not in simulation:
+        return {"kind": "plate_lift", **simulation}
+    return simulation
+
+
+Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind"), BeforeValidator(_with_its_kind)]

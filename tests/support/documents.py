@@ -11,11 +11,17 @@ from planners.cell.cell import Cell
 from planners.certify import CellReference, Certificate, CertifySettings, RobotSurfaces, certify, load_surfaces
 from planners.certify.evidence import Evidence
 from planners.certify.plan_view import read_plan
+from planners.plan.plan import Plan
 
 
 def sent(document: Mapping[str, Any]) -> bytes:
     """Write a document as the service sends it, whatever is in it."""
     return json.dumps(document).encode()
+
+
+def plan_of(document: Mapping[str, Any]) -> Plan:
+    """Read a document as if it had been sent."""
+    return Plan.read(sent(document))
 
 
 def certified(

@@ -37,7 +37,7 @@ class _Weighed:
     def of(cls, cell: CellDocument, arm: ArmName, gravity: Array) -> _Weighed | None:
         """Return an arm as it is stated; None where masses or torques are not."""
         stated, hand = cell.arms[arm], cell.hands[arm]
-        if stated.links is None or stated.torque_max is None or hand.com is None:
+        if stated.links is None or stated.torque_max is None or hand.com is None or hand.mass is None:
             return None
         masses = np.array([[part.mass, *part.com] for part in stated.links] + [[hand.mass, *hand.com]])
         return cls(ArmDynamics(stated.dh, stated.T_world_base, masses, gravity), stated.torque_max)

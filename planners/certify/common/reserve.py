@@ -29,7 +29,13 @@ _NOTHING = 1e-12
 def payload_limits(plan: PlanView) -> dict[str, float]:
     """Return the net force that each hand may exert [N]: an arm bears its payload, and the hand is part of it."""
     gravity = float(np.linalg.norm(plan.cell.gravity))
-    return {name: (arm.payload - plan.cell.hands[name].mass) * gravity for name, arm in plan.cell.arms.items()}
+    limits: dict[str, float] = {}
+    for name, arm in plan.cell.arms.items():
+        hand = plan.cell.hands[name]
+        assert arm.payload is not None, "a document without it is no plan view"
+        assert hand.mass is not None, "a document without it is no plan view"
+        limits[name] = (arm.payload - hand.mass) * gravity
+    return limits
 
 
 def payload_check(evidence: Evidence, carried: Iterable[tuple[NumberedSegment, str, Array]] = ()) -> Check:

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from viewer.conftest import contact, lift, segment, set_curve, simulation
+from support.documents import plan_of
+from support.lift_documents import contact, lift, segment, set_curve, simulation
 
-from app.viewer.curves import Chart, Series
-from app.viewer.lift_curves import dips, planned_charts, simulated_charts
-from app.viewer.timeline import Timeline
+from app.viewer.charts import Chart, Series, marked_spans, planned_charts, simulated_charts
+from planners.geometry.pose import Array
 
 
 def charts(document: dict[str, Any]) -> list[Chart]:
-    return planned_charts(document, Timeline(document, np.zeros(12)))
+    return planned_charts(plan_of(document))
 
 
 def line(chart: Chart, name: str) -> Series:
@@ -67,7 +67,7 @@ def test_times_never_fall(document: dict[str, Any]) -> None:
 
 def test_a_plan_without_segments_has_no_curves(document: dict[str, Any]) -> None:
     assert charts(document) == []
-    assert simulated_charts(document) == []
+    assert simulated_charts(plan_of(document)) == []
 
 
 @pytest.fixture
@@ -78,8 +78,14 @@ def simulated(document: dict[str, Any]) -> dict[str, Any]:
     return document
 
 
+def dips(document: dict[str, Any]) -> Array:
+    simulation = plan_of(document).simulation
+    assert simulation is not None
+    return marked_spans(simulation)
+
+
 def simulated_chart(document: dict[str, Any], title: str) -> Chart:
-    return next(chart for chart in simulated_charts(document) if chart.title == title)
+    return next(chart for chart in simulated_charts(plan_of(document)) if chart.title == title)
 
 
 def test_simulated_hands_are_shown_in_the_colours_of_their_arms_above_the_minimum(simulated: dict[str, Any]) -> None:
@@ -102,10 +108,10 @@ def test_speeds_are_in_millimetres_a_second(simulated: dict[str, Any]) -> None:
 
 def test_dips_are_the_times_in_the_lift_when_both_hands_bear_less_than_the_minimum(simulated: dict[str, Any]) -> None:
     set_curve(simulated, "both hands", lambda time: 15.0 if time < 2.5 or 3.0 <= time < 3.4 or time >= 5.0 else 22.0)
-    assert np.array(dips(simulated)) == pytest.approx(np.array([[2.0, 2.5], [3.0, 3.4], [5.0, 5.98]]), abs=0.021)
-    assert simulated_chart(simulated, "Hands, vertical force").marked == dips(simulated)
+    assert dips(simulated) == pytest.approx(np.array([[2.0, 2.5], [3.0, 3.4], [5.0, 5.98]]), abs=0.021)
+    assert simulated_chart(simulated, "Hands, vertical force").marked == pytest.approx(dips(simulated))
 
 
 def test_before_a_lift_there_are_no_dips(simulated: dict[str, Any]) -> None:
     simulated["simulation"]["lift"] = None
-    assert dips(simulated) == ()
+    assert dips(simulated).shape == (0, 2)

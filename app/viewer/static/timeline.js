@@ -1,7 +1,7 @@
 /* The timeline: contact states, segments coloured by kind, slider, playhead. */
 "use strict";
 
-class Score {
+class TimelineBar {
   constructor(seek) {
     this.seek = seek;
     this.slider = document.getElementById("time");

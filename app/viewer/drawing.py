@@ -1,15 +1,16 @@
-"""The arms and hands of a cell in a scene: made once, then posed by joint angles and gripper openings."""
+"""Bodies, arms and hands as nodes of a viser scene: made once, then only moved."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from viser import FrameHandle, SceneApi
+import trimesh
+from viser import FrameHandle, SceneApi, SceneNodeHandle
 
 from app.viewer.link_meshes import HANDS, LinkMeshes
-from app.viewer.nodes import add_frame, place
+from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
 from planners.cell.asset_files import (
     AssetShelf,
@@ -22,14 +23,167 @@ from planners.cell.asset_files import (
 )
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
+from planners.geometry.pose import Array, Transform, from_pose7, pose_row, rotation_x, rotation_z, transform
 from planners.geometry.surface import hull_with_faces
 
+EDGE_DARKENING = 0.62
+OUTLINED = ("plate", "object", "support", "obstacle", "table")
+"""Roles whose edges are drawn."""
+TRANSLUCENT = {"plate": 0.8, "object": 0.85}
+"""Opacity of roles through which the forces inside must be seen."""
+LIP_HEIGHT = 0.009
+"""Of the cup at the end of a tool [m]."""
+CUP_PROFILE = np.array(
+    [[1.0, 0.0], [1.0, 0.06], [0.72, 0.26], [0.86, 0.34], [0.60, 0.52], [0.60, 0.80], [0.34, 0.84], [0.34, 1.0]]
+)
+"""Radius and height of a bellows cup's outline, in radii of its lip and in its height."""
 SENSOR_COLOUR = (44, 48, 54)
 STICK_COLOUR = (176, 182, 190)
 RUBBER_COLOUR = (34, 36, 40)
 FINGER_TURNS = (rotation_z(math.pi), np.eye(3))
 """Finger 0 is at -y, finger 1 at +y, which a hand file describes."""
+
+
+def add_frame(scene: SceneApi, name: str, T_parent_frame: Transform, axes_length: float = 0.0) -> FrameHandle:
+    """Add a frame, with axes if they have a length [m]."""
+    pose = pose_row(T_parent_frame)
+    return scene.add_frame(
+        name,
+        show_axes=axes_length > 0.0,
+        axes_length=axes_length,
+        axes_radius=0.03 * axes_length,
+        origin_radius=0.06 * axes_length,
+        position=pose[:3],
+        wxyz=pose[3:],
+    )
+
+
+def place(handle: SceneNodeHandle, T_parent_node: Transform) -> None:
+    """Move a node."""
+    place_at(handle, pose_row(T_parent_node))
+
+
+def place_at(handle: SceneNodeHandle, pose: Array) -> None:
+    """Move a node to a pose (7,) `[x, y, z, w, x, y, z]` in its parent."""
+    handle.position, handle.wxyz = pose[:3], pose[3:]
+
+
+def light_scene(scene: SceneApi, root: str) -> None:
+    """Set light and floor: soft light from all sides, one sun with shadows."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map("studio", environment_intensity=0.2)
+    scene.add_light_directional(
+        f"{root}/lights/sun", color=(255, 250, 242), intensity=0.9, cast_shadow=True, position=(1.6, -1.2, 3.2)
+    )
+    scene.add_light_directional(f"{root}/lights/fill", color=(214, 228, 255), intensity=0.22, position=(-0.8, 2.0, 2.2))
+    scene.add_light_ambient(f"{root}/lights/sky", color=(235, 242, 255), intensity=0.55)
+    scene.add_grid(
+        f"{root}/floor",
+        width=6.0,
+        height=6.0,
+        plane="xy",
+        cell_size=0.25,
+        section_size=1.0,
+        cell_color=(214, 220, 228),
+        section_color=(190, 199, 210),
+        shadow_opacity=0.25,
+    )
+
+
+def draw_body(
+    scene: SceneApi,
+    name: str,
+    role: str,
+    shape: Box | Cylinder | Prism | InlineMesh,
+    pose: Sequence[float] | Array,
+    *,
+    ghost: tuple[Rgb, float] | None = None,
+    tint: Rgb | None = None,
+) -> FrameHandle:
+    """Add a body under a frame of its own.
+
+    Args:
+        scene: where to add it.
+        name: of the frame.
+        role: as in a plan.
+        shape: in the body's frame.
+        pose: (7,) `[x, y, z, w, x, y, z]` in the world.
+        ghost: colour and opacity instead of those of its role.
+        tint: colour instead of that of its role.
+    """
+    frame = add_frame(scene, name, from_pose7(pose))
+    colour, opacity = ghost or (tint or BODIES[role], TRANSLUCENT.get(role))
+    vertices, faces, round_ = _surface(role, shape)
+    scene.add_mesh_simple(
+        f"{name}/surface",
+        vertices,
+        faces,
+        color=colour,
+        opacity=opacity,
+        flat_shading=not round_,
+        side="double" if role == "cup" else "front",
+        cast_shadow=ghost is None,
+        receive_shadow=ghost is None,
+    )
+    if role in OUTLINED and not round_:
+        scene.add_line_segments(
+            f"{name}/edges",
+            _sharp_edges(vertices, faces),
+            np.array(colour) * EDGE_DARKENING / 255.0,
+            thickness=1.5,
+            thickness_units="screen",
+        )
+    if role == "tool" and ghost is None:
+        _draw_lip(scene, f"{name}/lip", vertices)
+    return frame
+
+
+def _draw_lip(scene: SceneApi, name: str, tool: Array) -> None:
+    """Draw a cup round the lower end of a tool, whose origin is the centre of its lip."""
+    lowest = tool[tool[:, 2] < LIP_HEIGHT]
+    radius = 1.06 * float(np.hypot(lowest[:, 0], lowest[:, 1]).max(initial=0.0))
+    if radius > 0.0:
+        scene.add_cylinder(
+            name, radius=radius, height=LIP_HEIGHT, color=rgb("suction"), position=(0.0, 0.0, 0.5 * LIP_HEIGHT)
+        )
+
+
+def _surface(role: str, shape: Box | Cylinder | Prism | InlineMesh) -> tuple[Array, np.ndarray, bool]:
+    """Return vertices, faces, and whether the surface is round."""
+    match shape:
+        case Box():
+            mesh = trimesh.creation.box(shape.size)
+            return mesh.vertices, mesh.faces, False
+        case Cylinder() if role == "cup":
+            return *_cup(shape.radius, shape.height), True
+        case Cylinder():
+            mesh = trimesh.creation.cylinder(shape.radius, shape.height, sections=40)
+            return mesh.vertices, mesh.faces, True
+        case Prism():
+            return *hull_of_prism(shape.outline, shape.height), False
+        case InlineMesh():
+            return np.array(shape.vertices), np.array(shape.faces), False
+
+
+def hull_of_prism(outline: Sequence[Sequence[float]], height: float) -> tuple[Array, np.ndarray]:
+    """Return vertices and faces of the hull of a prism about the origin, of an outline (n, 2) and a height [m]."""
+    corners = [np.column_stack([outline, np.full(len(outline), z)]) for z in (-0.5 * height, 0.5 * height)]
+    return hull_with_faces(np.vstack(corners))
+
+
+def _cup(radius: float, height: float) -> tuple[Array, np.ndarray]:
+    """Return a bellows cup whose lip is at the lower end of its cylinder."""
+    profile = CUP_PROFILE * (radius, height) - (0.0, 0.5 * height)
+    mesh = trimesh.creation.revolve(np.vstack([profile, [0.0, 0.5 * height]]), sections=40)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+def _sharp_edges(vertices: Array, faces: np.ndarray) -> Array:
+    """Return the edges (n, 2, 3) at which the surface bends."""
+    mesh = trimesh.Trimesh(vertices, faces, process=True)
+    sharp = mesh.face_adjacency_edges[mesh.face_adjacency_angles > np.radians(20.0)]
+    return np.asarray(mesh.vertices[sharp], dtype=float)
 
 
 class RobotDrawing:

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 from viser import ArrowsHandle, FrameHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.body_drawing import draw_body
-from app.viewer.considered_drawing import draw_grasps, draw_places
+from app.viewer.considered import draw_grasps, draw_places
+from app.viewer.drawing import RobotDrawing, add_frame, draw_body, light_scene, place, place_at
 from app.viewer.link_meshes import LinkMeshes
-from app.viewer.nodes import add_frame, place, place_at
 from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
-from app.viewer.robot_drawing import RobotDrawing
-from app.viewer.sources import SourceName, Sources
-from app.viewer.timeline import Moment, Touch, by_hand
-from app.viewer.tool_story import subjects_of
+from app.viewer.playback import Playback, SourceName, objects_of_segments
 from planners.cell.cell import Cell
+from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.geometry.surface import hull_with_faces
 from planners.kinematics.forward import link_frames
+from planners.plan.plan import Plan
+from planners.plan.timeline import ContactForce, Moment
 from planners.scene.suction_tool import TOOL_NAME
 
 LEAST_FORCE = 0.05
@@ -40,7 +40,7 @@ WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
 """Kinds of contacts."""
 
 
-class Stage:
+class PlanScene:
     """One plan in one scene. Methods may be called from any one thread at a time."""
 
     layers = LAYERS
@@ -49,8 +49,7 @@ class Stage:
         self,
         scene: SceneApi,
         root: str,
-        document: Mapping[str, Any],
-        sources: Sources,
+        playback: Playback,
         cell: Cell,
         meshes: LinkMeshes,
     ) -> None:
@@ -60,39 +59,40 @@ class Stage:
             scene: an empty scene.
             root: name of the node that all others stand under. A name is not to be used twice in a server's life:
                 viser forgets changes to a node when one of that name was removed before.
-            document: the plan document.
-            sources: what the document can be played from.
+            playback: the plan, and its simulation if there is one.
             cell: that the plan was made in.
             meshes: drawings of its robots.
         """
-        self._scene, self._root, self._sources, self._cell = scene, root, sources, cell
+        plan = playback.plan
+        self._scene, self._root, self._playback, self._cell = scene, root, playback, cell
         self._visible = set(FIRST_LAYERS)
         self._arms = frozenset(cell.arms)
         light_scene(scene, root)
         self._robot = RobotDrawing(scene, cell, meshes, f"{root}/robot")
-        self._metres_per_newton = FORCE_SCALES[document["task"]["kind"]]
-        tints = _tints(document)
+        self._metres_per_newton = FORCE_SCALES[plan.task.kind]
+        tints = _tints(plan)
         self._bodies = {
-            name: draw_body(scene, f"{root}/bodies/{name}", body, tint=tints.get(name))
-            for name, body in document["bodies"].items()
+            name: draw_body(scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose, tint=tints.get(name))
+            for name, body in plan.bodies.items()
         }
         self._poses = {name: np.zeros(7) for name in self._bodies}
-        self._body_frames = self._add_body_frames(document)
+        self._body_frames = self._add_body_frames(plan)
         self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
         self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
         self._ghosts = {
-            "start": self._add_ghost("start", document, sources.plan.at(0.0)),
-            "goal": self._add_ghost("goal", document, sources.plan.at(sources.plan.duration)),
+            "start": self._add_ghost("start", plan, plan.at(0.0)),
+            "goal": self._add_ghost("goal", plan, plan.at(plan.duration)),
         }
-        self._subjects = _Subjects(document)
-        self._signs = {layer: self._add_signs(layer, document) for layer in SIGNS}
-        self._moment = sources.plan.at(0.0)
+        self._first = next(name for name, body in plan.bodies.items() if body.role in MOVED)
+        self._moved = objects_of_segments(plan.segments) if isinstance(plan.task, SuctionToolTask) else []
+        self._signs = {layer: self._add_signs(layer, plan) for layer in SIGNS}
+        self._moment = plan.at(0.0)
         self.show("plan", 0.0)
 
     def show(self, source: SourceName, time: float) -> None:
         """Show the plan or its simulation at a time [s]."""
-        moment = self._moment = self._sources[source].at(time)
-        self._robot.pose(moment.positions, moment.widths)
+        moment = self._moment = self._playback.at(source, time)
+        self._robot.pose(self._joint_positions(moment), moment.widths)
         for name, pose in moment.body_poses.items():
             if not np.array_equal(pose, self._poses[name]):
                 place_at(self._bodies[name], pose)
@@ -103,7 +103,17 @@ class Stage:
     @property
     def body_position(self) -> Array:
         """Where the body that is moved is now (3,), in the world [m]."""
-        return self._moment.body_poses[self._subjects.at(self._moment.segment)][:3]
+        return self._moment.body_poses[self._moved_now][:3]
+
+    @property
+    def _moved_now(self) -> str:
+        """The body that is moved; the first there is where the plan says nothing."""
+        segment = self._moment.segment
+        return (self._moved[segment] if segment is not None and self._moved else None) or self._first
+
+    def _joint_positions(self, moment: Moment) -> Array:
+        """Return where the joints are (12,) [rad], which a plan without segments may leave to the cell."""
+        return self._cell.home if np.isnan(moment.positions).any() else moment.positions
 
     def set_layer(self, layer: str, visible: bool) -> None:
         """Show or hide one of `LAYERS`."""
@@ -127,63 +137,63 @@ class Stage:
 
     def _show_signs(self) -> None:
         """Show what was considered for the object that is moved now."""
-        subject = self._subjects.at(self._moment.segment)
         for layer, by_object in self._signs.items():
             for name, handles in by_object.items():
-                visible = layer in self._visible and name == subject
+                visible = layer in self._visible and name == self._moved_now
                 for handle in handles:
                     if handle.visible != visible:
                         handle.visible = visible
 
     def _show_contacts(self) -> None:
-        each = self._moment.touches
+        each = self._moment.contacts
         # What the fingers of a hand press against each other is many times what the hand bears.
-        touches = [touch for touch in (each if "cones" in self._visible else by_hand(each)) if _is_drawn(touch)]
+        forces = [force for force in (each if "cones" in self._visible else by_hand(each)) if _is_drawn(force)]
         for meaning, handle in self._arrows.items():
-            mine = [t for t in touches if meaning_of(t.by, self._arms, t.kind) == meaning]
+            mine = [t for t in forces if meaning_of(t.by, self._arms, t.kind) == meaning]
             drawn = bool(mine) and "forces" in self._visible
             if drawn:
-                points = np.array([self._arrow(touch) for touch in mine], dtype=np.float32)
+                points = np.array([self._arrow(force) for force in mine], dtype=np.float32)
                 if not np.array_equal(points, handle.points):
                     handle.points = points
             if handle.visible != drawn:
                 handle.visible = drawn
-        self._show_cones(touches)
+        self._show_cones(forces)
 
-    def _show_cones(self, touches: list[Touch]) -> None:
+    def _show_cones(self, forces: list[ContactForce]) -> None:
         """Every cone that was ever needed stays in the scene, hidden while it is not."""
         used = set()
         if "cones" in self._visible:
-            for touch in touches:
-                if touch.kind not in WITH_FRICTION_CONE:
+            for force in forces:
+                if force.kind not in WITH_FRICTION_CONE:
                     continue
-                meaning = meaning_of(touch.by, self._arms, touch.kind)
-                number = sum(key[:2] == (meaning, touch.mu) for key in used)
-                key = (meaning, touch.mu, number)
+                meaning = meaning_of(force.by, self._arms, force.kind)
+                number = sum(key[:2] == (meaning, force.mu) for key in used)
+                key = (meaning, force.mu, number)
                 used.add(key)
                 if key not in self._cones:
                     self._cones[key] = self._add_cone(*key)
-                place(self._cones[key], _cone_pose(touch, outside=_is_seen_outside(touch)))
+                place(self._cones[key], _cone_pose(force, outside=_is_seen_outside(force)))
         for key, handle in self._cones.items():
             if handle.visible != (key in used):
                 handle.visible = key in used
 
-    def _arrow(self, touch: Touch) -> Array:
+    def _arrow(self, force: ContactForce) -> Array:
         """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
-        along = self._metres_per_newton * touch.force
-        begin = touch.point - along if _is_seen_outside(touch) else touch.point
+        along = self._metres_per_newton * force.force
+        begin = force.point - along if _is_seen_outside(force) else force.point
         return np.array([begin, begin + along])
 
-    def _add_signs(self, layer: str, document: Mapping[str, Any]) -> dict[str, list[SceneNodeHandle]]:
+    def _add_signs(self, layer: str, plan: Plan) -> dict[str, list[SceneNodeHandle]]:
         """Draw what was considered for each object, hidden at first."""
+        considered = plan.statistics.considered
+        if considered is None:
+            return {}
         signs = {}
-        for name, body in document["bodies"].items():
-            if body["role"] != "object":
-                continue
+        for name in (name for name, body in plan.bodies.items() if body.role == "object"):
             if layer == "places":
-                signs[name] = draw_places(self._scene, f"{self._root}/bodies/{name}", document, name)
+                signs[name] = draw_places(self._scene, f"{self._root}/bodies/{name}", considered, name)
             else:
-                signs[name] = draw_grasps(self._scene, f"{self._root}/grasps", document, name)
+                signs[name] = draw_grasps(self._scene, f"{self._root}/grasps", considered, name)
             for handle in signs[name]:
                 handle.visible = False
         return signs
@@ -212,8 +222,8 @@ class Stage:
             receive_shadow=False,
         )
 
-    def _add_body_frames(self, document: Mapping[str, Any]) -> list[FrameHandle]:
-        movable = [name for name, body in document["bodies"].items() if body["role"] in ("plate", "object", "tool")]
+    def _add_body_frames(self, plan: Plan) -> list[FrameHandle]:
+        movable = [name for name, body in plan.bodies.items() if body.role in ("plate", "object", "tool")]
         frames = [
             add_frame(self._scene, f"{self._root}/bodies/{name}/frame", np.eye(4), axes_length=0.1) for name in movable
         ]
@@ -221,14 +231,14 @@ class Stage:
             frame.visible = False
         return frames
 
-    def _add_ghost(self, meaning: str, document: Mapping[str, Any], moment: Moment) -> list[SceneNodeHandle]:
+    def _add_ghost(self, meaning: str, plan: Plan, moment: Moment) -> list[SceneNodeHandle]:
         """Draw bodies and arms as they are at a moment, translucent.
 
         A plan without segments leaves the goals to its task.
         """
         colour = rgb(meaning)
-        goals = _goals(document) if meaning == "goal" and not document["segments"] else {}
-        vertices, faces = _arm_hulls(self._cell, moment.positions)
+        goals = _goals(plan) if meaning == "goal" and not plan.segments else {}
+        vertices, faces = _arm_hulls(self._cell, self._joint_positions(moment))
         arms = self._scene.add_mesh_simple(
             f"{self._root}/ghosts/{meaning}/arms",
             vertices,
@@ -241,82 +251,67 @@ class Stage:
             visible=False,
         )
         handles: list[SceneNodeHandle] = [arms]
-        for name, body in document["bodies"].items():
-            if body["role"] not in ("plate", "object", "tool", "cup"):
+        for name, body in plan.bodies.items():
+            if body.role not in ("plate", "object", "tool", "cup"):
                 continue
+            pose = goals.get(name, moment.body_poses[name])
+            ghost = colour, GHOST_OPACITY
             handle = draw_body(
-                self._scene, f"{self._root}/ghosts/{meaning}/{name}", body, ghost=(colour, GHOST_OPACITY)
+                self._scene, f"{self._root}/ghosts/{meaning}/{name}", body.role, body.shape, pose, ghost=ghost
             )
-            place_at(handle, goals.get(name, moment.body_poses[name]))
             handle.visible = False
             handles.append(handle)
         return handles
 
 
-class _Subjects:
-    """Which body each segment of a plan is about."""
+def by_hand(forces: Iterable[ContactForce]) -> list[ContactForce]:
+    """Put one force in place of those of a hand's fingers on a body, midway between them.
 
-    def __init__(self, document: Mapping[str, Any]) -> None:
-        self._first = next(name for name, body in document["bodies"].items() if body["role"] in MOVED)
-        lifts = document["task"]["kind"] == "plate_lift"
-        self._names = [] if lifts else subjects_of(document["segments"])
+    That is what the hand bears, without its squeeze.
+    """
+    result, fingers = list[ContactForce](), defaultdict[tuple[str, str], list[ContactForce]](list)
+    for force in forces:
+        if force.kind == "soft_finger":
+            fingers[force.by, force.body].append(force)
+        else:
+            result.append(force)
+    for pair in fingers.values():
+        point = np.mean([each.point for each in pair], axis=0)
+        moments = [each.wrench[3:] + np.cross(each.point - point, each.force) for each in pair]
+        wrench = np.concatenate([np.sum([each.force for each in pair], axis=0), np.sum(moments, axis=0)])
+        result.append(replace(pair[0], finger=None, point=point, wrench=wrench))
+    return result
 
-    def at(self, segment: int | None) -> str:
-        """Return the body that a segment is about; the first there is where it says nothing."""
-        name = self._names[segment] if segment is not None and self._names else None
-        return name or self._first
 
-
-def _tints(document: Mapping[str, Any]) -> dict[str, Rgb]:
+def _tints(plan: Plan) -> dict[str, Rgb]:
     """Return the colours of objects by name."""
-    names = [name for name, body in document["bodies"].items() if body["role"] == "object"]
+    names = [name for name, body in plan.bodies.items() if body.role == "object"]
     return {name: object_tint(index) for index, name in enumerate(names)}
 
 
-def _goals(document: Mapping[str, Any]) -> dict[str, Array]:
+def _goals(plan: Plan) -> dict[str, Array]:
     """Return where the task wants objects, by name."""
-    return {item["name"]: np.array(item["goal_pose"]) for item in document["task"].get("objects", ())}
+    objects = plan.task.objects if isinstance(plan.task, SuctionToolTask) else ()
+    return {item.name: np.array(item.goal_pose) for item in objects}
 
 
-def _is_drawn(touch: Touch) -> bool:
+def _is_drawn(force: ContactForce) -> bool:
     """Tell whether a force is drawn: not the smallest, and a cup's on the object only, not its reaction."""
-    if touch.kind == "suction" and touch.body == TOOL_NAME:
+    if force.kind == "suction" and force.body == TOOL_NAME:
         return False
-    return bool(np.linalg.norm(touch.force) >= LEAST_FORCE)
+    return bool(np.linalg.norm(force.force) >= LEAST_FORCE)
 
 
-def light_scene(scene: SceneApi, root: str) -> None:
-    """Set light and floor: soft light from all sides, one sun with shadows."""
-    scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.2)
-    scene.add_light_directional(
-        f"{root}/lights/sun", color=(255, 250, 242), intensity=0.9, cast_shadow=True, position=(1.6, -1.2, 3.2)
-    )
-    scene.add_light_directional(f"{root}/lights/fill", color=(214, 228, 255), intensity=0.22, position=(-0.8, 2.0, 2.2))
-    scene.add_light_ambient(f"{root}/lights/sky", color=(235, 242, 255), intensity=0.55)
-    scene.add_grid(
-        f"{root}/floor",
-        width=6.0,
-        height=6.0,
-        plane="xy",
-        cell_size=0.25,
-        section_size=1.0,
-        cell_color=(214, 220, 228),
-        section_color=(190, 199, 210),
-        shadow_opacity=0.25,
-    )
-
-
-def _is_seen_outside(touch: Touch) -> bool:
+def _is_seen_outside(force: ContactForce) -> bool:
     """Tell whether a force is drawn before the point where it acts; stick, cup and table would hide it there."""
-    return touch.kind == "soft_finger"
+    return force.kind == "soft_finger"
 
 
-def _cone_pose(touch: Touch, *, outside: bool) -> Transform:
+def _cone_pose(force: ContactForce, *, outside: bool) -> Transform:
     """Return `T_world_cone`: the cone opens to the side on which the force is drawn."""
-    hint = np.eye(3)[int(np.argmin(np.abs(touch.normal)))]
-    axis = -touch.normal if outside else touch.normal
-    return transform(frame_from_z(axis, hint), touch.point)
+    hint = np.eye(3)[int(np.argmin(np.abs(force.normal)))]
+    axis = -force.normal if outside else force.normal
+    return transform(frame_from_z(axis, hint), force.point)
 
 
 def _cone(mu: float, sides: int = 28) -> tuple[Array, np.ndarray]:

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 from support.documents import bodies_of, cell_of
-from viewer.conftest import segment
+from support.lift_documents import SOFTWARE, segment
 
 from planners.cell.cell import Cell
+from planners.contract.task_spec import read_task, write_task
+from planners.plan.scenery import JOINT_NAMES
 from workers.simulation.recording import TOOL_UNITS
 
 CUP = {"radius": 0.0175, "max_force": 20.0, "mu": 0.5, "kappa": 4.5}
@@ -55,23 +57,28 @@ def tool_document(cell: Cell) -> dict[str, Any]:
     ]
     both = {"left": [0.085] * 2, "right": [0.018] * 2}
     segments = [segment(0.1 * i, 2, **{"gripper_width": both, **part}) for i, part in enumerate(parts)]
+    task = {
+        "kind": "suction_tool",
+        "external_id": "tool by hand",
+        "tool": "long_symmetric",
+        "objects": [
+            {
+                **{"name": name, "mass": 0.1, "shape": BOX, "pose": bodies[name]["pose"]},
+                "goal_pose": [0.4, 0.0, 1.104 + 0.02 * i, 1.0, 0.0, 0.0, 0.0],
+            }
+            for i, name in enumerate(OBJECTS)
+        ],
+    }
     return {
         "schema_version": "1.0",
         "id": "1" * 32,
-        "task": {
-            "kind": "suction_tool",
-            "external_id": "tool by hand",
-            "tool": "long_symmetric",
-            "objects": [
-                {"name": name, "mass": 0.1, "goal_pose": [0.4, 0.0, 1.104 + 0.02 * i, 1, 0, 0, 0]}
-                for i, name in enumerate(OBJECTS)
-            ],
-            "grip_force_limit": 60.0,
-            "start_positions": None,
-        },
+        "task": write_task(read_task(task)),
+        "seed": 0,
+        "software": SOFTWARE,
         "outcome": "solved",
         "explanation": {"summary": "2 objects moved", "causes": []},
         "cell": cell_of(cell),
+        "joint_names": list(JOINT_NAMES),
         "bodies": {**bodies_of(cell), **bodies},
         "segments": segments,
         "certificate": None,
