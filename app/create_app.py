@@ -30,7 +30,7 @@ from app.routes import audit, capabilities, login, meshes, plans, probes, scenes
 from app.settings import ServiceSettings
 from app.task_intake import accept_task
 from app.uploads.uploads import UploadLimits
-from app.viewer.theatre import Theatre
+from app.viewer.scene_servers import SceneServers
 from planners.cell.cell import Cell, known_cells, load_cell
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
@@ -74,11 +74,11 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.webhooks = WebhookCollection(WebhookStore(database), rules, settings.max_webhooks)
             app.state.feed = PlanFeed(store, queue)
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
-            app.state.theatre = Theatre(app.state.cells, settings.data_dir / "drawings")
+            app.state.scene_servers = SceneServers(app.state.cells, settings.data_dir / "drawings")
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)
-            to_close.push_async_callback(app.state.theatre.close)
+            to_close.push_async_callback(app.state.scene_servers.close)
             to_close.push_async_callback(supervisor.stop)
             supervisor.repeat("feed", app.state.feed.look, POLL_SECONDS)
             if worker is not None:

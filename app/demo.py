@@ -81,16 +81,16 @@ def _post(client: ServiceClient, task: bytes) -> dict[str, Any]:
     return plan
 
 
-def _tell(client: ServiceClient, plan: dict[str, Any]) -> bool:
+def _tell(client: ServiceClient, job: dict[str, Any]) -> bool:
     """Print the outcome; return whether there is a certified plan."""
-    if plan["state"] != "succeeded":
-        print(f"the job {plan['state']}: {(plan['error'] or {}).get('detail', '')}")
+    if job["state"] != "succeeded":
+        print(f"the job {job['state']}: {(job['error'] or {}).get('detail', '')}")
         return False
-    document = client.get(plan["links"]["document"])
-    print(summarise(document))
-    _tell_line("document", client.address + plan["links"]["document"])
-    _tell_line("viewer", client.address + plan["links"]["view"])
-    return is_certified(document)
+    plan = client.plan(job["links"]["document"])
+    print(summarise(plan))
+    _tell_line("document", client.address + job["links"]["document"])
+    _tell_line("viewer", client.address + job["links"]["view"])
+    return is_certified(plan)
 
 
 def _tell_line(name: str, text: str) -> None:

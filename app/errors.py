@@ -250,7 +250,7 @@ class NotReady(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title="Not r
     headers = {"Retry-After": "2"}  # noqa: RUF012 - read only
 
 
-class TheatreFull(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title="Too many watchers"):
+class TooManyWatchers(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title="Too many watchers"):
     """There are too many watchers."""
 
     headers = {"Retry-After": "10"}  # noqa: RUF012 - read only

@@ -1,36 +1,39 @@
-"""What a person wants to know of a plan document first: what happens, or why there is no plan, and by how much."""
+"""What a person wants to know of a plan first: what happens, or why there is no plan, and by how much."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 
-from planners.plan.verdicts import LeastReserve
+from planners.geometry.pose import Array
+from planners.plan.plan import Plan
+from planners.plan.segment import ContactState
+from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
+from planners.plan.verdicts import Cause, LeastReserve
 
 MILLIMETRES = 1e3
 """In a metre: lengths are told as on drawings."""
 
 
-def reason_of(cause: Mapping[str, Any]) -> str:
+def reason_of(cause: Cause) -> str:
     """Return the reason, without a full stop: figures may follow."""
-    return str(cause["reason"]).rstrip(".")
+    return cause.reason.rstrip(".")
 
 
-def figures_of(cause: Mapping[str, Any]) -> str | None:
+def figures_of(cause: Cause) -> str | None:
     """Return what was needed and what there was, or how much was missing; None without figures.
 
     Where nothing, or less than nothing, is said to be available, the figures are a shortfall: how far the nearest try
     was from a limit.
     """
-    needed, available = cause["needed"], cause["available"]
+    needed, available = cause.needed, cause.available
     if needed is None or available is None:
         return None
     if available > 0.0:
-        return f"needed {_measure(needed, cause['unit'])}, available {_measure(available, cause['unit'])}"
-    return f"short by {_measure(needed - available, cause['unit'])}"
+        return f"needed {_measure(needed, cause.unit)}, available {_measure(available, cause.unit)}"
+    return f"short by {_measure(needed - available, cause.unit)}"
 
 
 def _measure(value: float, unit: str | None) -> str:
@@ -39,140 +42,132 @@ def _measure(value: float, unit: str | None) -> str:
     return f"{value:.4g} {unit}" if unit else f"{value:.4g}"
 
 
-def least_reserve(document: Mapping[str, Any]) -> tuple[LeastReserve, float] | None:
-    """Return what a plan document states of it, and the time [s] of that sample.
+def least_reserve(plan: Plan) -> tuple[LeastReserve, float] | None:
+    """Return what a plan states of it, and the time [s] of that sample.
 
-    None: nothing is held, or the document is of before there was any.
+    None: nothing is held, or the plan is of before there was any.
     """
-    stated = document["statistics"].get("reserve")
-    if stated is None:
-        return None
-    least = LeastReserve.model_validate(stated)
-    return least, document["segments"][least.segment]["time"][least.sample]
+    least = plan.statistics.reserve
+    return None if least is None else (least, float(plan.segments[least.segment].time[least.sample]))
 
 
-def summarise(document: Mapping[str, Any]) -> str:
+def summarise(plan: Plan) -> str:
     """Return a few lines: outcome, what happens, largest force, times, checks, physics; or why there is no plan."""
-    if document["outcome"] != "solved":
-        return _explain(document)
-    total = document["statistics"]["total_seconds"]
-    seconds = {stage["name"]: stage["seconds"] for stage in document["statistics"]["stages"]}
+    if plan.outcome != "solved":
+        return _explain(plan)
+    total, seconds = plan.statistics.total_seconds, dict(plan.statistics.times)
     certifying, simulating = seconds.get("certify", 0.0), seconds.get("simulate", 0.0)
-    force, arm = largest_load(document)
+    force, arm = largest_load(plan)
     lines = {
         "outcome": "solved",
-        **_happening(document),
-        "segments": f"{len(document['segments'])}, {document['segments'][-1]['time'][-1]:.1f} s of motion",
+        **_happening(plan),
+        "segments": f"{len(plan.segments)}, {plan.duration:.1f} s of motion",
         "largest force": f"{force:.1f} N ({arm} hand)" if arm else "no hand bears anything",
-        **_reserve(document),
+        **_reserve(plan),
         "planning time": "not told" if total is None else f"{total - certifying - simulating:.2f} s",
-        "certificate": _certificate(document, certifying),
-        "simulation": _simulated(document["simulation"], simulating),
+        "certificate": _certificate(plan, certifying),
+        "simulation": _simulated(plan.simulation, simulating),
     }
     return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
 
 
-def is_certified(document: Mapping[str, Any]) -> bool:
-    """Tell whether a document has a plan, and a certificate that it passed."""
-    certificate = document["certificate"]
-    return document["outcome"] == "solved" and certificate is not None and certificate["passed"]
+def is_certified(plan: Plan) -> bool:
+    """Tell whether something was planned, and a certificate of it passed."""
+    return plan.outcome == "solved" and plan.certificate is not None and plan.certificate.passed
 
 
-def _certificate(document: Mapping[str, Any], seconds: float) -> str:
+def _certificate(plan: Plan, seconds: float) -> str:
     """Return how the second opinion went, and how long it took."""
-    certificate = document["certificate"]
-    if certificate is None:
-        return "none, not certified" if document["outcome"] == "solved" else "none, nothing to certify: no plan"
-    verdict = "passed" if certificate["passed"] else "FAILED"
-    return f"{verdict}, {len(certificate['checks'])} checks in {seconds:.2f} s"
+    if plan.certificate is None:
+        return "none, not certified" if plan.outcome == "solved" else "none, nothing to certify: no plan"
+    verdict = "passed" if plan.certificate.passed else "FAILED"
+    return f"{verdict}, {len(plan.certificate.checks)} checks in {seconds:.2f} s"
 
 
-def _reserve(document: Mapping[str, Any]) -> dict[str, str]:
+def _reserve(plan: Plan) -> dict[str, str]:
     """Return how much of the force limits is kept back where least is, of what, and when; nothing without a figure."""
-    found = least_reserve(document)
+    found = least_reserve(plan)
     if found is None:
         return {}
     least, time = found
     return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s)"}
 
 
-def _happening(document: Mapping[str, Any]) -> dict[str, str]:
+def _happening(plan: Plan) -> dict[str, str]:
     """Return what the plan does: the contact states of a plate, or which objects are moved how."""
-    states = contact_states(document)
-    return {"contact states": " > ".join(states)} if states else {"moved": str(document["explanation"]["summary"])}
+    states = contact_states(plan)
+    return {"contact states": " > ".join(states)} if states else {"moved": plan.explanation.summary}
 
 
-def _simulated(simulation: Mapping[str, Any] | None, seconds: float) -> str:
+def _simulated(simulation: Simulation | None, seconds: float) -> str:
     """Return how the plan fared in physics, and how long that took to find out."""
-    if simulation is None:
-        return "none, options.simulate is false"
-    match simulation["outcome"]:
-        case "lifted":
-            lift = simulation["lift"]
-            height = "" if lift is None else f", {1e3 * lift['height']:.0f} mm"
+    match simulation:
+        case None:
+            return "none, options.simulate is false"
+        case LiftSimulation(outcome="lifted", lift=lift):
+            height = "" if lift is None else f", {MILLIMETRES * lift.height:.0f} mm"
             return f"lifted{height}, in {seconds:.1f} s"
-        case "done":
+        case ToolSimulation(outcome="done"):
             return f"done, in {seconds:.1f} s"
-        case failure:
+        case _:
             when, cause = failure_of(simulation)
-            return f"FAILED: {failure} at {when:.2f} s of motion: {cause}"
+            return f"FAILED: {simulation.outcome} at {when:.2f} s of motion: {cause}"
 
 
-def failure_of(simulation: Mapping[str, Any]) -> tuple[float, str]:
+def failure_of(simulation: Simulation) -> tuple[float, str]:
     """Return when a simulation failed [s], and what gave way, without a full stop."""
-    failed_at = simulation.get("failed_at")
-    cause = simulation["cause"] or "it is not told what gave way"
-    return simulation["time"] if failed_at is None else failed_at, cause.rstrip(".")
+    failed_at = simulation.failed_at if isinstance(simulation, ToolSimulation) else None
+    cause = simulation.cause or "it is not told what gave way"
+    return simulation.time if failed_at is None else failed_at, cause.rstrip(".")
 
 
-def contact_states(document: Mapping[str, Any]) -> list[str]:
+def contact_states(plan: Plan) -> list[str]:
     """Return the contact states a plan goes through, in words, each once in a row."""
-    states = (segment["contact_state"] for segment in document["segments"])
+    states = (segment.contact_state for segment in plan.segments)
     words = (contact_word(state) for state in states if state is not None)
     return [word for word, _ in groupby(words)]
 
 
-def largest_load(document: Mapping[str, Any]) -> tuple[float, str]:
+def largest_load(plan: Plan) -> tuple[float, str]:
     """Return the most that a hand bears [N], and which arm's it is; without any, 0 N and no arm.
 
     Of a gripper it is the net force of both fingers, which its squeeze cancels in; of a stick its normal force.
     """
-    return max(_loads(document), default=(0.0, ""))
+    return max(_loads(plan), default=(0.0, ""))
 
 
-def contact_word(state: Mapping[str, Any]) -> str:
-    """Return one contact state of a plan document in words."""
-    if state["element"] == "none":
+def contact_word(state: ContactState) -> str:
+    """Return one contact state of a plan in words."""
+    if state.element == "none":
         return "no contact"
-    index, body = state["index"], state["with"]
-    return state["element"] + ("" if index is None else f" {index}") + ("" if body is None else f" on {body}")
+    index, body = state.index, state.with_
+    return state.element + ("" if index is None else f" {index}") + ("" if body is None else f" on {body}")
 
 
-def _loads(document: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
-    for segment in document["segments"]:
-        nets: dict[tuple[str, str, int], np.ndarray] = {}
-        for contact in segment["contacts"]:
-            arm, force = contact.get("by"), np.array(contact["wrench"][:3])
-            if arm not in document["cell"]["arms"]:
+def _loads(plan: Plan) -> Iterator[tuple[float, str]]:
+    for segment in plan.segments:
+        nets: dict[tuple[str, str, int], Array] = {}
+        for contact in segment.contacts:
+            arm, force = contact.by, contact.wrench[:3]
+            if arm is None or arm not in plan.cell.arms:
                 continue
-            if contact["kind"] == "point":
-                yield float(force @ contact["normal"]), arm
+            if contact.kind == "point":
+                yield float(force @ contact.normal), arm
             else:
-                key = arm, contact["body"], contact["sample"]
+                key = arm, contact.body, contact.sample
                 nets[key] = nets.get(key, 0.0) + force
         for (arm, _, _), net in nets.items():
             yield float(np.linalg.norm(net)), arm
 
 
-def _explain(document: Mapping[str, Any]) -> str:
-    explanation = document["explanation"]
-    lines = [f"{'outcome:':<16}{document['outcome']}", f"{'why:':<16}{explanation['summary']}"]
-    lines += [f"{'':<16}- {_cause(cause)}" for cause in explanation.get("causes", ())]
-    if document["certificate"] is None:
-        lines.append(f"{'certificate:':<16}{_certificate(document, 0.0)}")
+def _explain(plan: Plan) -> str:
+    lines = [f"{'outcome:':<16}{plan.outcome}", f"{'why:':<16}{plan.explanation.summary}"]
+    lines += [f"{'':<16}- {_cause(cause)}" for cause in plan.explanation.causes]
+    if plan.certificate is None:
+        lines.append(f"{'certificate:':<16}{_certificate(plan, 0.0)}")
     return "\n".join(lines)
 
 
-def _cause(cause: Mapping[str, Any]) -> str:
-    figures, where = figures_of(cause), cause.get("where")
-    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({where})" if where else "")
+def _cause(cause: Cause) -> str:
+    figures = figures_of(cause)
+    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({cause.where})" if cause.where else "")

@@ -20,6 +20,7 @@ from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import SceneError
 from planners.geometry.solid_mesh import SolidMesh
+from planners.plan.plan import Plan
 from planners.progress import Report
 from workers.settings import WorkerSettings
 from workers.solver.pipeline import Pipeline
@@ -57,10 +58,10 @@ def plan_file(path: Path, out: Path | None, settings: WorkerSettings, scene: Pat
         return refuse(problems_of(error), str(path))
     kept = f"kept in {settings.handovers_dir}" if keeps else f"not kept: no {settings.data_dir} here, and no --data-dir"
     with written_whole(out) as file:
-        document = _solve(pipeline, path.stem, task, kept)
+        plan = _solve(pipeline, path.stem, task, kept)
         if file is not None:
-            json.dump(document, file, allow_nan=False)
-    return _tell(document)
+            json.dump(plan.document(), file, allow_nan=False)
+    return _tell(plan)
 
 
 def post_file(path: Path, out: Path | None, service: str) -> int:
@@ -68,32 +69,32 @@ def post_file(path: Path, out: Path | None, service: str) -> int:
 
     Raises:
         BadInput: The file is not a task.
-        KeyNeeded, ServiceAway, ServiceRefused: The service cannot do it, and not because of the task.
+        KeyNeeded, ServiceAway, ServiceRefused, NotUnderstood: The service cannot do it, and not because of the task.
         OSError: A file cannot be read or written.
     """
     body = json.dumps(read_task_file(path)).encode()
     client = ServiceClient(service)
     with written_whole(out) as file:
         try:
-            plan = client.follow(client.post_plan(body))
+            job = client.follow(client.post_plan(body))
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise
             return refuse(error.problems, str(path))
-        if plan["state"] != "succeeded":
-            sys.stderr.write(f"liftwright: the job {plan['state']}: {(plan['error'] or {}).get('detail', '')}\n")
+        if job["state"] != "succeeded":
+            sys.stderr.write(f"liftwright: the job {job['state']}: {(job['error'] or {}).get('detail', '')}\n")
             return JOB_FAILED
-        document = client.get(plan["links"]["document"])
+        plan = client.plan(job["links"]["document"])
         if file is not None:
-            json.dump(document, file, allow_nan=False)
-    code = _tell(document)
-    sys.stdout.write(f"{'viewer:':<16}{client.address}{plan['links']['view']}\n")
+            json.dump(plan.document(), file, allow_nan=False)
+    code = _tell(plan)
+    sys.stdout.write(f"{'viewer:':<16}{client.address}{job['links']['view']}\n")
     return code
 
 
-def _tell(document: dict[str, Any]) -> int:
-    sys.stdout.write(summarise(document) + "\n")
-    return SOLVED if document["outcome"] == "solved" else NO_PLAN
+def _tell(plan: Plan) -> int:
+    sys.stdout.write(summarise(plan) + "\n")
+    return SOLVED if plan.outcome == "solved" else NO_PLAN
 
 
 def _accept(sent: Any, scene: SceneDocument | None, pipeline: Pipeline) -> dict[str, Any]:
@@ -137,7 +138,7 @@ def _named(sent: Any, scene: SceneDocument) -> dict[str, Any]:
     return {**sent, "scene_id": sent.get("scene_id") or name}
 
 
-def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: str) -> dict[str, Any]:
+def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: str) -> Plan:
     with ProgressBar() as bar:
         scale, begun = ProgressScale.of(task), set[str]()
 
@@ -149,7 +150,7 @@ def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: 
 
         plan = pipeline.solve({"id": name, "task": task}, show)
         bar.show("done", 1.0)
-    return plan.document()
+    return plan
 
 
 def read_task_file(path: Path) -> Any:

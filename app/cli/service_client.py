@@ -11,9 +11,12 @@ from urllib.parse import urlsplit
 
 import httpx
 from httpx_sse import connect_sse
+from pydantic import ValidationError
 
 from app.cli.output import ProgressBar
+from planners.contract.problems import problems_of
 from planners.errors import LiftwrightError
+from planners.plan.plan import Plan
 
 KEY_VARIABLE = "LIFTWRIGHT_KEY"
 """Environment variable with the key that a service asks for: not an argument, which others on the machine can see."""
@@ -51,6 +54,14 @@ class ServiceAway(LiftwrightError):
         super().__init__(f"no service answers at {address}: {why}")
 
 
+class NotUnderstood(LiftwrightError):
+    """A service sent a plan document that cannot be read."""
+
+    def __init__(self, address: str, error: ValidationError) -> None:
+        first = problems_of(error)[0]
+        super().__init__(f"the plan document of {address} is of another version: {first['pointer']} {first['detail']}")
+
+
 class ServiceClient:
     """Talks to the service at one address."""
 
@@ -68,6 +79,18 @@ class ServiceClient:
             KeyMissing, ServiceRefused, ServiceAway: There is none.
         """
         return json.loads(self.read(path))
+
+    def plan(self, path: str) -> Plan:
+        """Return the plan whose document is at a path.
+
+        Raises:
+            KeyNeeded, ServiceRefused, ServiceAway: There is none.
+            NotUnderstood: The service is of another version, whose documents have what this one does not know.
+        """
+        try:
+            return Plan.read(self.read(path))
+        except ValidationError as error:
+            raise NotUnderstood(self.address, error) from error
 
     def read(self, path: str) -> bytes:
         """Return the bytes at a path.

@@ -15,16 +15,16 @@ from app.access.access_control import admit
 from app.resources.schemas import PROBLEM
 from app.routes.dependencies import Plans, Scenes
 from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
-from app.viewer.theatre import Theatre
-from app.viewer.watch import POLICY_VIOLATION, Desks, relay_scene, watch
+from app.viewer.scene_servers import SceneServers
+from app.viewer.watch import POLICY_VIOLATION, Visible, relay_scene, watch
 
 FILES = frozenset({*STYLES, *LIVE_SCRIPTS})
 
 router = APIRouter(tags=["viewer"])
 
 
-def _theatre(request: Request) -> Theatre:
-    return request.app.state.theatre
+def _scene_servers(request: Request) -> SceneServers:
+    return request.app.state.scene_servers
 
 
 @router.get(
@@ -57,9 +57,11 @@ def view_scene(scene_id: str, scenes: Scenes) -> Response:
     summary="Fetch a recording",
     responses={404: PROBLEM},
 )
-async def get_recording(plan_id: str, plans: Plans, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
+async def get_recording(
+    plan_id: str, plans: Plans, servers: Annotated[SceneServers, Depends(_scene_servers)]
+) -> Response:
     """Return one page that plays the plan with its curves, offline; it takes some seconds to make."""
-    page = await to_thread.run_sync(theatre.record, plans, plan_id, limiter=theatre.recorders)
+    page = await to_thread.run_sync(servers.record, plans, plan_id, limiter=servers.recorders)
     name = f"liftwright-{plan_id}.html"
     return HTMLResponse(page, headers={"Content-Disposition": f'inline; filename="{name}"'})
 
@@ -77,9 +79,9 @@ def get_viewer() -> Response:
 
 
 @router.get("/viewer/scene/{key}/", include_in_schema=False)
-def get_scene_page(key: str, theatre: Annotated[Theatre, Depends(_theatre)]) -> Response:
-    """Return viser's own page, which draws the scene of a room."""
-    if theatre.room(key) is None:
+def get_scene_page(key: str, servers: Annotated[SceneServers, Depends(_scene_servers)]) -> Response:
+    """Return viser's own page, which draws the scene of a watcher."""
+    if servers.server(key) is None:
         raise HTTPException(404, "this scene is closed")
     return FileResponse(_viser_page(), media_type="text/html", headers={"Cache-Control": "max-age=86400"})
 
@@ -94,22 +96,22 @@ def get_file(name: str) -> Response:
 
 @router.websocket("/viewer/watch")
 async def watch_plans(socket: WebSocket) -> None:
-    """Open a room for as long as the page is open."""
-    await watch(socket, socket.app.state.theatre, partial(_desks_now, socket))
+    """Open a scene for as long as the page is open."""
+    await watch(socket, socket.app.state.scene_servers, partial(_visible_now, socket))
 
 
 @router.websocket("/viewer/scene/{key}")
 async def watch_scene(socket: WebSocket, key: str) -> None:
-    """Relay the scene of a room."""
-    room = socket.app.state.theatre.room(key)
-    await (socket.close(POLICY_VIOLATION, "this scene is closed") if room is None else relay_scene(socket, room))
+    """Relay the scene of a watcher."""
+    server = socket.app.state.scene_servers.server(key)
+    await (socket.close(POLICY_VIOLATION, "this scene is closed") if server is None else relay_scene(socket, server))
 
 
-async def _desks_now(socket: WebSocket) -> Desks:
+async def _visible_now(socket: WebSocket) -> Visible:
     """Return what the watcher may see now: the key of a page that is open may have been revoked since."""
     caller = await admit(socket)
     assert caller is not None, "the viewer's websockets are not public"
-    return Desks(socket.app.state.plans.seen_by(caller), socket.app.state.scenes.seen_by(caller))
+    return Visible(socket.app.state.plans.seen_by(caller), socket.app.state.scenes.seen_by(caller))
 
 
 @cache

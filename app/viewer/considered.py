@@ -1,113 +1,197 @@
-"""What a suction-tool planner looked at: places for the cup, grasps of the tool, and regrasp graphs."""
+"""What a suction-tool planner looked at: places for the cup, grasps of the tool, and regrasp graphs.
+
+Places and grasps are drawn as small signs coloured by why they fell; all of it is counted for the page.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
-from app.viewer.palette import GOOD_COLOUR, REASON_COLOURS
+import numpy as np
+from viser import SceneApi, SceneNodeHandle
 
-LAST_LAYER = "suction"
-"""The layer whose grasps are drawn: the tool on the object at its start."""
+from app.viewer.palette import GOOD_COLOUR, REASON_COLOURS, code_rgb
+from planners.contract.strict_model import StrictModel
+from planners.contract.task_spec import SuctionToolTask
+from planners.geometry.pose import Array, Transform, from_pose7
+from planners.plan.considered import Considered, RegraspGraph, RegraspLayer
+from planners.plan.plan import Plan
+
+DRAWN_LAYER = "suction"
+"""The layer whose grasps are drawn and counted: the tool on the object at its start."""
+PIN = 0.012
+"""Length of a pin on an object's surface [m]."""
+FORK = np.array(
+    [
+        [[0.0, -1.0, 0.0], [0.0, -1.0, -0.022]],
+        [[0.0, 1.0, 0.0], [0.0, 1.0, -0.022]],
+        [[0.0, -1.0, -0.022], [0.0, 1.0, -0.022]],
+        [[0.0, 0.0, -0.022], [0.0, 0.0, -0.05]],
+    ]
+)
+"""A hand as four lines in the TCP frame: x and z in metres, y in halves of its opening."""
+THIN, THICK = 1.2, 2.6
+"""Lines of what fell and of what is possible [pixels]."""
+Tally = list[tuple[str | None, int]]
+"""How often each reason was met; None: nothing was against it."""
 
 
-@dataclass(frozen=True)
-class GraspNode:
-    """A grasp of the tool by an arm, and why it fell; None: it is possible."""
+class ReasonColour(StrictModel):
+    """A reason why something fell, and the colour it is drawn in; None: it did not fall."""
 
-    arm: str
-    grasp: int
     reason: str | None
+    colour: str
 
 
-def looked_at(document: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what a document lists as considered; nothing for a plate lift."""
-    return document["statistics"].get("considered") or {}
+class ConsideredObject(StrictModel):
+    """What was considered for one object."""
+
+    name: str
+    places: Tally
+    grasps: Tally
+    held: bool
+    """Whether the tool was in a hand already when its turn came."""
+    graph: RegraspGraph | None
 
 
-def graph_of(document: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
-    """Return the regrasp graph of an object: the one that moved it, else the last one that was tried."""
-    graphs = looked_at(document).get("regrasp_graphs", ())
-    mine = [graph for graph in graphs if graph["object"] == name]
-    moved = [graph for graph in mine if graph["moved"]]
-    return (moved or mine or [None])[-1]
+class ConsideredDescription(StrictModel):
+    """What the page draws and counts."""
+
+    grasps: int
+    """How many the tool has."""
+    colours: list[ReasonColour]
+    objects: list[ConsideredObject]
+    """Those that are moved first, in their order."""
 
 
-def layer_of(graph: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
-    """Return a layer of a graph by its name."""
-    return next((layer for layer in graph["layers"] if layer["layer"] == name), None)
+def describe_considered(plan: Plan) -> ConsideredDescription | None:
+    """Return what the page draws and counts; None where nothing was considered, as for a plate lift."""
+    considered = plan.statistics.considered
+    if considered is None:
+        return None
+    given = [item.name for item in plan.task.objects] if isinstance(plan.task, SuctionToolTask) else []
+    return ConsideredDescription(
+        grasps=len(considered.tool_grasps.widths),
+        colours=[ReasonColour(reason=reason, colour=colour) for reason, colour in reason_colours(considered).items()],
+        objects=[_object(considered, name) for name in dict.fromkeys([*considered.order, *given])],
+    )
 
 
-def nodes_of(document: Mapping[str, Any], graph: Mapping[str, Any], layer: Mapping[str, Any]) -> Iterator[GraspNode]:
-    """Yield the grasps that were asked in a layer, the rejected ones first."""
-    count = len(document["statistics"]["considered"]["tool_grasps"]["widths"])
-    for reason, nodes in layer["rejected"].items():
-        yield from (GraspNode(graph["arms"][node // count], node % count, reason) for node in nodes)
-    yield from (GraspNode(graph["arms"][node // count], node % count, None) for node in layer["possible"])
+def _object(considered: Considered, name: str) -> ConsideredObject:
+    return ConsideredObject(
+        name=name,
+        places=_tally(place.reason for place in considered.places.get(name, ())),
+        grasps=_tally(node.reason for node in _asked(considered, name)),
+        held=any(step.object == name and step.by == "held" for step in considered.steps),
+        graph=_graph(considered, name),
+    )
 
 
-def reason_colours(document: Mapping[str, Any]) -> dict[str | None, str]:
+def _tally(reasons: Iterable[str | None]) -> Tally:
+    """Return reasons with their numbers, what did not fall first, then the most frequent."""
+    return sorted(Counter(reasons).items(), key=lambda item: (item[0] is not None, -item[1]))
+
+
+def reason_colours(considered: Considered) -> dict[str | None, str]:
     """Return a colour for each reason that appears, the most frequent first; None is for what did not fall."""
     counts: Counter[str] = Counter()
-    considered = looked_at(document)
-    for places in considered.get("places", {}).values():
-        counts.update(place["reason"] for place in places if place["reason"] is not None)
-    for graph in considered.get("regrasp_graphs", ()):
-        for layer in graph["layers"]:
-            counts.update({reason: len(nodes) for reason, nodes in layer["rejected"].items()})
-        counts.update(edge["reason"] for edge in graph["edges"] if edge["reason"] is not None)
+    for places in considered.places.values():
+        counts.update(place.reason for place in places if place.reason is not None)
+    for graph in considered.regrasp_graphs:
+        for layer in graph.layers:
+            counts.update({reason: len(nodes) for reason, nodes in layer.rejected.items()})
+        counts.update(edge.reason for edge in graph.edges if edge.reason is not None)
     colours: dict[str | None, str] = {None: GOOD_COLOUR}
     for index, (reason, _) in enumerate(counts.most_common()):
         colours[reason] = REASON_COLOURS[min(index, len(REASON_COLOURS) - 1)]
     return colours
 
 
-def tell_considered(document: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return what the page draws and counts, by object; None where nothing was considered."""
-    considered = looked_at(document)
-    if not considered:
-        return None
-    return {
-        "grasps": len(considered.get("tool_grasps", {}).get("widths", ())),
-        "colours": [{"reason": reason, "colour": colour} for reason, colour in reason_colours(document).items()],
-        "objects": [_object(document, name) for name in _names(document)],
-    }
+@dataclass(frozen=True)
+class _AskedGrasp:
+    """A grasp of the tool, and why it fell; None: it is possible."""
+
+    grasp: int
+    reason: str | None
 
 
-def _names(document: Mapping[str, Any]) -> list[str]:
-    """Return all objects, those that are moved first, in their order."""
-    order = document["statistics"]["considered"]["order"]
-    given = [item["name"] for item in document["task"]["objects"]]
-    return list(dict.fromkeys([*order, *given]))
+def _graph(considered: Considered, name: str) -> RegraspGraph | None:
+    """Return the regrasp graph of an object: the one that moved it, else the last one that was tried."""
+    mine = [graph for graph in considered.regrasp_graphs if graph.object == name]
+    moved = [graph for graph in mine if graph.moved]
+    return (moved or mine or [None])[-1]
 
 
-def _object(document: Mapping[str, Any], name: str) -> dict[str, Any]:
-    graph, considered = graph_of(document, name), document["statistics"]["considered"]
-    return {
-        "name": name,
-        "places": _tally(place["reason"] for place in considered["places"].get(name, ())),
-        "grasps": _grasp_tally(document, graph),
-        "held": any(step["object"] == name and step["by"] == "held" for step in considered["steps"]),
-        "graph": None if graph is None else _graph(graph),
-    }
+def _layer(considered: Considered, name: str) -> RegraspLayer | None:
+    graph = _graph(considered, name)
+    layers = () if graph is None else graph.layers
+    return next((layer for layer in layers if layer.layer == DRAWN_LAYER), None)
 
 
-def _grasp_tally(document: Mapping[str, Any], graph: Mapping[str, Any] | None) -> list[list[Any]]:
-    layer = None if graph is None else layer_of(graph, LAST_LAYER)
-    if graph is None or layer is None:
+def _asked(considered: Considered, name: str) -> Iterator[_AskedGrasp]:
+    """Yield the grasps that were asked for with the tool on an object at its start, the rejected ones first."""
+    layer, count = _layer(considered, name), len(considered.tool_grasps.widths)
+    if layer is None:
+        return
+    for reason, nodes in layer.rejected.items():
+        yield from (_AskedGrasp(node % count, reason) for node in nodes)
+    yield from (_AskedGrasp(node % count, None) for node in layer.possible)
+
+
+def draw_places(scene: SceneApi, parent: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
+    """Pin the places of the cup that were considered to an object; `parent` is the node of its frame."""
+    places = considered.places.get(name, ())
+    if not places:
         return []
-    return _tally(node.reason for node in nodes_of(document, graph, layer))
+    colours = _colours(considered, [place.reason for place in places])
+    points = np.array([place.point for place in places])
+    tips = points + PIN * np.array([place.normal for place in places])
+    pins = scene.add_line_segments(
+        f"{parent}/places", np.stack([points, tips], axis=1), _ends(colours), thickness=2.0, thickness_units="screen"
+    )
+    heads = scene.add_point_cloud(f"{parent}/place_heads", tips, colours, point_size=0.004, point_shape="circle")
+    return [pins, heads]
 
 
-def _tally(reasons: Iterator[str | None]) -> list[list[Any]]:
-    """Return reasons with their numbers, what did not fall first, then the most frequent."""
-    counts = Counter(reasons)
-    return [[reason, n] for reason, n in sorted(counts.items(), key=lambda item: (item[0] is not None, -item[1]))]
+def draw_grasps(scene: SceneApi, root: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
+    """Draw the grasps that were asked for with the tool on an object at its start, in the world."""
+    layer = _layer(considered, name)
+    if layer is None:
+        return []
+    T_world_tool = from_pose7(layer.tool_pose)
+    asked = list(_asked(considered, name))
+    handles: list[SceneNodeHandle] = []
+    for good, thickness in ((False, THIN), (True, THICK)):
+        drawn = [each for each in asked if (each.reason is None) is good]
+        if drawn:
+            colours = _colours(considered, [each.reason for each in drawn])
+            handles.append(
+                scene.add_line_segments(
+                    f"{root}/{name}_{'possible' if good else 'rejected'}",
+                    np.concatenate([_fork(considered, T_world_tool, each.grasp) for each in drawn]),
+                    _ends(np.repeat(colours, len(FORK), axis=0)),
+                    thickness=thickness,
+                    thickness_units="screen",
+                )
+            )
+    return handles
 
 
-def _graph(graph: Mapping[str, Any]) -> dict[str, Any]:
-    members = ("moved", "arms", "handover_pairs", "edges", "sequence")
-    layers = [{k: layer[k] for k in ("layer", "goal", "possible", "rejected")} for layer in graph["layers"]]
-    return {**{member: graph[member] for member in members}, "layers": layers}
+def _fork(considered: Considered, T_world_tool: Transform, grasp: int) -> Array:
+    grasps = considered.tool_grasps
+    T = T_world_tool @ from_pose7(grasps.poses[grasp])
+    lines = FORK * (1.0, 0.5 * grasps.widths[grasp], 1.0)
+    return lines @ T[:3, :3].T + T[:3, 3]
+
+
+def _colours(considered: Considered, reasons: Iterable[str | None]) -> np.ndarray:
+    """Return the colour of each reason (n, 3)."""
+    by_reason = reason_colours(considered)
+    return np.array([code_rgb(by_reason[reason]) for reason in reasons], dtype=np.uint8)
+
+
+def _ends(colours: np.ndarray) -> np.ndarray:
+    """Return the colours of both ends of each line (n, 2, 3)."""
+    return np.repeat(colours[:, None, :], 2, axis=1)

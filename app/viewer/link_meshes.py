@@ -8,7 +8,6 @@ Vertices that share a cell of a grid become one, at the point that fits the plan
 from __future__ import annotations
 
 import hashlib
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -182,33 +181,10 @@ def _with_creases(vertices: Array, faces: Faces, crease: float) -> tuple[Array, 
 
 def _read_pieces(path: Path) -> Iterator[Piece]:
     """Read an OBJ file, material by material."""
-    vertices: list[list[float]] = []
-    colours: dict[str, Colour] = {}
-    faces: dict[str, list[list[int]]] = {}
-    material = ""
-    for line in path.read_text(encoding="utf-8").splitlines():
-        word, _, rest = line.partition(" ")
-        if word == "v":
-            vertices.append([float(value) for value in rest.split()[:3]])
-        elif word == "f":
-            corners = [int(corner.partition("/")[0]) for corner in rest.split()]
-            fan = ([corners[0], *pair] for pair in itertools.pairwise(corners[1:]))
-            faces.setdefault(material, []).extend(fan)
-        elif word == "usemtl":
-            material = rest.strip()
-        elif word == "mtllib" and (library := path.parent / rest.strip()).is_file():
-            colours.update(_read_colours(library))
-    points = np.array(vertices)
-    for name, rows in faces.items():
-        used, local = np.unique(np.array(rows) - 1, return_inverse=True)
-        yield Piece(points[used], local.reshape(-1, 3), colours.get(name, GREY))
-
-
-def _read_colours(library: Path) -> Iterator[tuple[str, Colour]]:
-    name = ""
-    for line in library.read_text(encoding="utf-8").splitlines():
-        words = line.split()
-        if words[:1] == ["newmtl"]:
-            name = words[1]
-        elif words[:1] == ["Kd"]:
-            yield name, (float(words[1]), float(words[2]), float(words[3]))
+    scene = trimesh.load_scene(path, process=False, split_objects=False, group_material=True)
+    for mesh in scene.geometry.values():
+        # A corner has a vertex of its own for every normal and texture coordinate that it appears with.
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        material = getattr(mesh.visual, "material", None)
+        colour = GREY if material is None else tuple(material.diffuse[:3] / 255.0)
+        yield Piece(np.asarray(mesh.vertices), np.asarray(mesh.faces), colour)

@@ -9,15 +9,20 @@ from html import escape
 from importlib import resources
 from typing import Any
 
-from app.viewer.sources import SourceName
+from app.viewer.description import KindDescription, PlanDescription
+from app.viewer.lift_description import LiftDescription
+from app.viewer.playback import SourceName
+from app.viewer.tool_description import ToolDescription
+from planners.plan.plan import Plan
 
 STYLES = ("viewer.css",)
-SCRIPTS = ("plot.js", "charts.js", "score.js", "regrasp.js", "panel.js", "player.js")
+SCRIPTS = ("plot.js", "charts.js", "timeline.js", "regrasp.js", "panel.js", "player.js")
 LIVE_SCRIPTS = (*SCRIPTS, "perceived.js", "live.js")
 RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
 STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"
 NEXT_MARK, REFUSAL_MARK = "<!-- next -->", "<!-- refusal -->"
+BY_KIND: Mapping[str, type[KindDescription]] = {"plate_lift": LiftDescription, "suction_tool": ToolDescription}
 
 
 @cache
@@ -43,16 +48,21 @@ def login_page(wanted: str, refusal: str = "") -> str:
     return page.replace(NEXT_MARK, escape(wanted)).replace(REFUSAL_MARK, escape(refusal))
 
 
-def recorded_page(story: Mapping[str, Any], scene: str, begins: Mapping[SourceName, float]) -> str:
+def describe_plan(plan: Plan) -> PlanDescription:
+    """Return all the page needs of a plan but its scene."""
+    return BY_KIND[plan.task.kind](plan).describe()
+
+
+def recorded_page(description: PlanDescription, scene: str, begins: Mapping[SourceName, float]) -> str:
     """Return the page of a recording, with all styles and scripts inside.
 
     Args:
-        story: what the page tells.
+        description: what the page tells.
         scene: a page that plays by itself.
         begins: when in the scene each source begins [s].
     """
     styles = "\n".join(f"<style>{static_text(name)}</style>" for name in STYLES)
-    recorded = {"story": story, "begins": begins, "scene": scene}
+    recorded = {"description": description.model_dump(mode="json", by_alias=True), "begins": begins, "scene": scene}
     data = f"<script>const RECORDED = {_literal(recorded)};</script>"
     scripts = "\n".join(f"<script>{static_text(name)}</script>" for name in RECORDED_SCRIPTS)
     return _assemble(styles, f"{data}\n{scripts}")

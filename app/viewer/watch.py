@@ -21,15 +21,14 @@ from app.errors import (
     PlanNotFound,
     SceneNotFound,
     ScopeNeeded,
-    TheatreFull,
     TooManyRequests,
+    TooManyWatchers,
 )
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
-from app.viewer import perceived_stage, stage
-from app.viewer.room import VIEWS, Room
-from app.viewer.sources import SourceName
-from app.viewer.theatre import Theatre
+from app.viewer import perceived_scene, plan_scene
+from app.viewer.playback import SourceName
+from app.viewer.scene_servers import VIEWS, SceneServer, SceneServers
 from planners.errors import LiftwrightError
 from workers.stores.database_loss import DATABASE_GONE, said_by
 
@@ -56,14 +55,14 @@ class _Request(BaseModel):
 
 
 class OpenPlan(_Request):
-    """Put a plan into the room."""
+    """Show a plan."""
 
     type: Literal["open"]
     plan: str
 
 
 class OpenPerceived(_Request):
-    """Put a perceived scene into the room."""
+    """Show a perceived scene."""
 
     type: Literal["open_perceived"]
     scene: str
@@ -81,7 +80,7 @@ class SetLayer(_Request):
     """Show or hide a layer."""
 
     type: Literal["layer"]
-    layer: Literal[stage.LAYERS + perceived_stage.LAYERS]  # pyright: ignore[reportInvalidTypeForm]
+    layer: Literal[plan_scene.LAYERS + perceived_scene.LAYERS]  # pyright: ignore[reportInvalidTypeForm]
     visible: bool
 
 
@@ -105,38 +104,38 @@ REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discrimina
 
 
 @dataclass(frozen=True)
-class Desks:
+class Visible:
     """What a watcher may see."""
 
     plans: PlanCollection
     scenes: SceneCollection
 
 
-async def watch(socket: WebSocket, theatre: Theatre, desks_now: Callable[[], Awaitable[Desks]]) -> None:
-    """Give a watcher a room, and do there what the page asks for until it goes away.
+async def watch(socket: WebSocket, servers: SceneServers, visible_now: Callable[[], Awaitable[Visible]]) -> None:
+    """Give a watcher a scene, and do with it what the page asks for until it goes away.
 
     Args:
         socket: the watcher's.
-        theatre: where the room is.
-        desks_now: tells what the watcher may see, whenever it wants to see something else; raises what `admit` does.
+        servers: of all scenes.
+        visible_now: tells what the watcher may see, whenever it wants to see something else; raises what `admit` does.
     """
     await socket.accept()
     try:
-        room = await _or_fault("open a room", theatre.enter())
-    except TheatreFull as error:
+        server = await _or_fault("open a scene", servers.enter())
+    except TooManyWatchers as error:
         await socket.close(TRY_AGAIN_LATER, str(error))
         return
     except WatcherFault as fault:
         await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
         return
     try:
-        await socket.send_json({"type": "room", "scene": f"scene/{room.key}/"})
+        await socket.send_json({"type": "scene", "scene": f"scene/{server.key}/"})
         while True:
             text = await _receive_text(socket)
             if text is None:
                 await socket.close(UNSUPPORTED_DATA, "requests of this viewer are text")
                 return
-            await socket.send_json(await _answered(theatre, room, desks_now, REQUESTS.validate_json(text)))
+            await socket.send_json(await _answered(servers, server, visible_now, REQUESTS.validate_json(text)))
     except WebSocketDisconnect:
         log.debug("a watcher left")
     except (KeyNeeded, ScopeNeeded):
@@ -145,7 +144,7 @@ async def watch(socket: WebSocket, theatre: Theatre, desks_now: Callable[[], Awa
         await socket.close(BAD_DATA, "not a request of this viewer")
     finally:
         with anyio.CancelScope(shield=True):
-            await theatre.leave(room)
+            await servers.leave(server)
 
 
 async def _receive_text(socket: WebSocket) -> str | None:
@@ -157,11 +156,11 @@ async def _receive_text(socket: WebSocket) -> str | None:
 
 
 async def _answered(
-    theatre: Theatre, room: Room, desks_now: Callable[[], Awaitable[Desks]], request: Request
+    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: Request
 ) -> dict[str, Any]:
     """Return the answer to a request, or what went wrong: with it, or in the service itself."""
     try:
-        return await _or_fault(WORDS[request.type], _answer(theatre, room, desks_now, request))
+        return await _or_fault(WORDS[request.type], _answer(servers, server, visible_now, request))
     except DATABASE_GONE as error:
         log.error("database cannot be used", error=said_by(error))
         return _refusal(request, "The database is away, or its disk is full; what was accepted is kept.")
@@ -178,7 +177,7 @@ async def _or_fault(deed: str, work: Awaitable[Result]) -> Result:
     """
     try:
         return await work
-    except (TheatreFull, KeyNeeded, ScopeNeeded, *DATABASE_GONE):
+    except (TooManyWatchers, KeyNeeded, ScopeNeeded, *DATABASE_GONE):
         raise
     except Exception as error:
         # What a request is answered with a 500, only here the connection would break: the page would take that for a
@@ -194,36 +193,38 @@ def _refusal(request: Request, detail: str) -> dict[str, Any]:
 
 
 async def _answer(
-    theatre: Theatre, room: Room, desks_now: Callable[[], Awaitable[Desks]], request: Request
+    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: Request
 ) -> dict[str, Any]:
     match request:
         case OpenPlan():
             try:
-                story = await run_in_threadpool(theatre.open, room, (await desks_now()).plans, request.plan)
+                told = await run_in_threadpool(servers.open, server, (await visible_now()).plans, request.plan)
             except (PlanNotFound, DocumentNotReady, CellNotDrawn, TooManyRequests) as error:
                 return _refusal(request, str(error))
-            return {"type": "story", "story": story}
+            return {"type": "plan", "description": told.model_dump(mode="json", by_alias=True)}
         case OpenPerceived():
             try:
-                story = await run_in_threadpool(theatre.open_perceived, room, (await desks_now()).scenes, request.scene)
+                told = await run_in_threadpool(
+                    servers.open_perceived, server, (await visible_now()).scenes, request.scene
+                )
             except (SceneNotFound, CellNotDrawn, TooManyRequests) as error:
                 return _refusal(request, str(error))
-            return {"type": "perceived", "story": story}
+            return {"type": "perceived", "description": told.model_dump(mode="json")}
         case ShowTime():
-            await run_in_threadpool(room.show, request.source, request.time)
+            await run_in_threadpool(server.show, request.source, request.time)
         case SetLayer():
-            await run_in_threadpool(room.set_layer, request.layer, visible=request.visible)
+            await run_in_threadpool(server.set_layer, request.layer, visible=request.visible)
         case Look():
-            await run_in_threadpool(room.look, VIEWS[request.view])
+            await run_in_threadpool(server.look, VIEWS[request.view])
     return {"type": "done", "request": request.type}
 
 
-async def relay_scene(socket: WebSocket, room: Room) -> None:
-    """Pass a room's scene on to the browser until either side goes away."""
+async def relay_scene(socket: WebSocket, server: SceneServer) -> None:
+    """Pass a scene on to the browser until either side goes away."""
     protocols = [websockets.Subprotocol(name) for name in socket.scope["subprotocols"]]
     try:
         async with websockets.connect(
-            room.address, subprotocols=protocols or None, max_size=None, compression=None, proxy=None
+            server.address, subprotocols=protocols or None, max_size=None, compression=None, proxy=None
         ) as scene:
             await socket.accept(scene.subprotocol)
             async with anyio.create_task_group() as tasks:

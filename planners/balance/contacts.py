@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, transform
 
@@ -96,7 +97,7 @@ class Friction:
     """Stick on plate."""
     environment: float = 0.4
     """Plate on table or support."""
-    eps: float = 0.0075
+    eps: float = SOFT_FINGER_EPS
     """Eccentricity of the soft finger: torque over tangential force at the limit [m]."""
 
     def __post_init__(self) -> None:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.certify.evidence import Evidence
-from planners.certify.lift_checks import LiftExamination
-from planners.certify.plan_view import MalformedDocument, PlanView, read_plan
-from planners.certify.scene_facts import CellReference
+from planners.certify.common.scene import require_stated
+from planners.certify.evidence import CellReference, Evidence
+from planners.certify.lift.examination import LiftExamination
+from planners.certify.motion.robot_surfaces import RobotSurfaces
+from planners.certify.plan_view import MalformedDocument, read_plan
 from planners.certify.settings import CertifySettings
-from planners.certify.stated import require_stated
-from planners.certify.surfaces import RobotSurfaces
-from planners.certify.tool_checks import ToolExamination
+from planners.certify.tool.examination import ToolExamination
 from planners.contract.task_spec import PlateLiftTask
+from planners.plan.plan import Plan
 from planners.plan.verdicts import Certificate, Check
 
 
@@ -37,22 +37,21 @@ def certify(
         infeasible have their scene and their proof checked; those that found nothing claim nothing, so that there is
         nothing to certify: None.
     """
-    settings = settings or CertifySettings()
     try:
         plan = read_plan(document)
-        evidence, task = Evidence(plan, surfaces, reference, settings), plan.stated.task
+        evidence, task = Evidence(plan, surfaces, reference, settings or CertifySettings()), plan.stated.task
         require_stated(task)
         lifts = isinstance(task, PlateLiftTask)
         examination = LiftExamination(evidence, task) if lifts else ToolExamination(evidence, task)
-        _refuse_nonsense(plan)
+        _refuse_nonsense(plan.stated)
     except MalformedDocument as problem:
         return _certificate(Check(name="structure", passed=False, margin=-1.0, unit="1", where=str(problem)))
-    if plan.outcome == "not_found":
+    if plan.stated.outcome == "not_found":
         return None
     structure = Check(name="structure", passed=True, margin=0.0, unit="1", where="the whole document")
     # Numbers that make no sense overflow to inf or nan, which fail the check that meets them.
     with np.errstate(all="ignore"):
-        if plan.outcome == "infeasible":
+        if plan.stated.outcome == "infeasible":
             return _certificate(structure, *examination.scene(), examination.proof())
         return _certificate(structure, *examination.scene(), *examination.motion())
 
@@ -61,7 +60,7 @@ def _certificate(*checks: Check) -> Certificate:
     return Certificate(passed=all(check.passed for check in checks), checks=list(checks))
 
 
-def _refuse_nonsense(plan: PlanView) -> None:
+def _refuse_nonsense(plan: Plan) -> None:
     """Refuse what no check could make sense of."""
     if plan.outcome != "solved":
         if plan.segments:

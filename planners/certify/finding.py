@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from planners.certify.plan_view import NumberedSegment
 from planners.geometry.pose import Array
+from planners.plan.scenery import JOINT_NAMES
 from planners.plan.verdicts import Check
 
 _WORST = 1e308
@@ -43,9 +45,15 @@ class Finding:
         if values[index] < self.margin:
             self.margin, self.where = (float(values[index]), where(*(int(i) for i in index)))
 
+    def note_samples(self, segment: NumberedSegment, margins: Array, text: str, *, first: int = 0) -> None:
+        """Keep the smallest of margins (n,) of the samples of a segment from number `first` on."""
+        self.note_all(margins, lambda i: f"{segment.place(first + i)}: {text}")
+
+    def note_joints(self, segment: NumberedSegment, margins: Array, when: str = "", *, first: int = 0) -> None:
+        """Keep the smallest of margins (n, 12) of the joints at the samples of a segment from number `first` on."""
+        self.note_all(margins, lambda i, j: f"{segment.place(first + i)}{when}: {JOINT_NAMES[j]}")
+
     def check(self) -> Check:
         """Close the finding."""
-        if math.isinf(self.margin):
-            return Check(name=self.name, passed=True, margin=None, unit=self.unit, where=self.where)
-        passed = self.margin >= 0.0
-        return Check(name=self.name, passed=passed, margin=self.margin, unit=self.unit, where=self.where)
+        margin = None if math.isinf(self.margin) else self.margin
+        return Check(name=self.name, passed=self.margin >= 0.0, margin=margin, unit=self.unit, where=self.where)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, model_validator
 from pydantic_core import PydanticCustomError
@@ -26,3 +26,11 @@ class StrictModel(BaseModel):
                 {"count": len(data), "most": MAX_MEMBERS},
             )
         return data
+
+    def __copy__(self) -> Self:
+        """Copy the members only: what was derived from them need not hold for a copy in which some are changed."""
+        copied = super().__copy__()
+        values = vars(copied)
+        for name in values.keys() - type(self).model_fields.keys():
+            del values[name]
+        return copied

@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter
 
 from planners.contract.counted import Counted
 from planners.contract.quantities import (
+    SOFT_FINGER_EPS,
     Direction,
     Eccentricity,
     ExternalId,
@@ -89,7 +90,7 @@ class PlateLiftFriction(StrictModel):
     grip: FrictionCoefficient = 0.5
     push: FrictionCoefficient = 0.5
     environment: FrictionCoefficient = 0.4
-    eps: Eccentricity = 0.0075
+    eps: Eccentricity = SOFT_FINGER_EPS
     """Torsional friction of a gripping finger, as a length [m]."""
 
 

@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 
 from planners.contract.arrays import Real, SampledDirection, SampledVector, SampledWrench
 from planners.contract.strict_model import StrictModel
+from planners.geometry.pose import Array
 
 
 class _Contact(StrictModel):
@@ -22,6 +23,16 @@ class _Contact(StrictModel):
     wrench: SampledWrench
     """That `by` exerts on `body`, about `point`."""
     by: str
+
+    @property
+    def force(self) -> Array:
+        """(3,) of the wrench [N]."""
+        return self.wrench[:3]
+
+    @property
+    def torque(self) -> Array:
+        """(3,) of the wrench, about `point` [Nm]."""
+        return self.wrench[3:]
 
 
 class SoftFingerContact(_Contact):
@@ -83,7 +94,16 @@ class InertiaEntry(StrictModel):
     normal: SampledVector | None = None
     wrench: SampledWrench
 
+    @property
+    def force(self) -> Array:
+        """(3,) of the wrench [N]."""
+        return self.wrench[:3]
 
-Contact = Annotated[
-    SoftFingerContact | PointContact | EnvironmentContact | SuctionContact | InertiaEntry, Field(discriminator="kind")
-]
+    @property
+    def torque(self) -> Array:
+        """(3,) of the wrench, about `point` [Nm]."""
+        return self.wrench[3:]
+
+
+BearingContact = SoftFingerContact | PointContact | EnvironmentContact | SuctionContact
+Contact = Annotated[BearingContact | InertiaEntry, Field(discriminator="kind")]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -16,6 +17,7 @@ from planners.contract.task_spec import TaskSpec
 from planners.plan.scenery import ARMS, JOINT_NAMES, BodyDocument, CellDocument, GripperDocument
 from planners.plan.segment import Segment
 from planners.plan.simulation import Simulation
+from planners.plan.timeline import Moment, Timeline
 from planners.plan.verdicts import Certificate, Explanation, Software, Statistics
 
 SCHEMA_VERSION = "1.0"
@@ -75,8 +77,7 @@ class Plan(StrictModel):
 
     def _strange_bearers(self, segment: Segment) -> Iterator[tuple[str, str]]:
         carriers = {*ARMS, *self.bodies}
-        rides = [(name, each.to) for name, attachments in segment.attached.items() for each in attachments]
-        off = [to for name, to in rides if to not in carriers - {name}]
+        off = [ride.to for name, ride in segment.rides if ride.to not in carriers - {name}]
         yield from (("attached", f"{to!r} is no arm and no other body") for to in off)
         strange = [contact.by for contact in segment.contacts if contact.by not in carriers | {"cup", "tool", None}]
         yield from (("contacts", f"{by!r} is no arm, cup, tool or body") for by in strange)
@@ -98,6 +99,30 @@ class Plan(StrictModel):
             pydantic.ValidationError: a member is missing, of the wrong type, size or range, or names something unknown.
         """
         return cls.model_validate(parse_json(source if isinstance(source, bytes) else Path(source).read_bytes()))
+
+    @cached_property
+    def timeline(self) -> Timeline:
+        """The plan between its samples."""
+        return Timeline(self.segments, self.bodies, self.task.start_positions)
+
+    @property
+    def duration(self) -> float:
+        """When the last segment ends [s]; 0 for a plan without segments."""
+        return self.timeline.duration
+
+    def at(self, time: float) -> Moment:
+        """Return where everything is at a time from the plan's begin [s], between its samples too.
+
+        Times before the begin and after the end are taken to the nearer one:
+
+        >>> plan = Plan.read("plan.json")
+        >>> moment = plan.at(0.5 * plan.duration)
+        >>> moment.positions.shape  # of both arms, in the order of JOINT_NAMES [rad]
+        (12,)
+        >>> sorted(plan.at(plan.duration + 1.0).body_poses) == sorted(plan.bodies)
+        True
+        """
+        return self.timeline.at(time)
 
     def document(self) -> dict[str, Any]:
         """Return it as JSON data: what was set, no defaults."""

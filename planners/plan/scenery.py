@@ -45,15 +45,20 @@ class ArmDocument(StrictModel):
     """Largest torque of each joint [Nm]; documents of 0.1.0 have none of this, nor of masses and centres of mass."""
     links: Annotated[tuple[LinkDocument, ...], Field(min_length=6, max_length=6)] | None = None
     """Of the six joints, from shoulder to wrist 3."""
-    payload: Positive
-    """Largest mass at the flange, the hand included [kg]."""
+    payload: Positive | None = None
+    """Largest mass at the flange, the hand included [kg]; the first documents state neither this nor hands' masses."""
+
+    @cached_property
+    def T_world_base(self) -> Transform:
+        """Where the arm is bolted on."""
+        return from_pose7(self.base)
 
 
 class GripperDocument(StrictModel):
     """A gripper; its TCP lies between the pads' centres, z the approach, y the opening axis."""
 
     kind: Literal["gripper"]
-    mass: Positive
+    mass: Positive | None = None
     """Of all that is mounted on the flange [kg]."""
     com: Vector | None = None
     """Its centre of mass, in the flange frame [m]."""
@@ -67,12 +72,20 @@ class StickDocument(StrictModel):
     """A stick; its TCP is the centre of the tip's hemisphere, in the flange frame."""
 
     kind: Literal["stick"]
-    mass: Positive
+    mass: Positive | None = None
     """Of all that is mounted on the flange [kg]."""
     com: Vector | None = None
     """Its centre of mass, in the flange frame [m]."""
     tcp: PoseRow
     tip_radius: Positive
+
+    @cached_property
+    def T_flange_tip(self) -> Transform:
+        """Where the centre of the tip's hemisphere is."""
+        return from_pose7(self.tcp)
+
+
+HandDocument = GripperDocument | StickDocument
 
 
 class CellDocument(StrictModel):
@@ -82,7 +95,7 @@ class CellDocument(StrictModel):
     hash: str
     gravity: Vector
     arms: dict[ArmName, ArmDocument]
-    hands: dict[ArmName, Annotated[GripperDocument | StickDocument, Field(discriminator="kind")]]
+    hands: dict[ArmName, Annotated[HandDocument, Field(discriminator="kind")]]
 
 
 class BodyDocument(StrictModel):

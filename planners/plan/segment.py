@@ -178,9 +178,19 @@ class Segment(StrictModel):
         return () if hold is None else tuple(grip for grip in (hold.grip, hold.second_grip) if grip is not None)
 
     @property
+    def grip(self) -> Grip | None:
+        """The grip of the hand that acts first, if there is any."""
+        return None if self.hold is None else self.hold.grip
+
+    @property
     def push(self) -> Push | None:
         """The push there is."""
         return None if self.hold is None else self.hold.push
+
+    @property
+    def rides(self) -> list[tuple[str, Attachment]]:
+        """Every attachment with the body that is attached."""
+        return [(body, each) for body, attachments in self.attached.items() for each in attachments]
 
     @cached_property
     def transforms(self) -> dict[str, Array]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, JsonValue
+from pydantic import BeforeValidator, Field, JsonValue
 
 from planners.contract.arrays import Real, Rows, Samples, Vector
 from planners.contract.strict_model import StrictModel
@@ -13,6 +13,8 @@ from planners.geometry.pose import Array
 Positions = Annotated[Array, Rows(12)]
 SimulatedPoses = Annotated[Array, Rows(7)]
 """(n, 7) [x, y, z, w, x, y, z], written with so few digits that the quaternion is unit to 1e-5 only."""
+LiftEnding = Literal["lifted", "slipped", "cup_lost", "overload"]
+ToolEnding = Literal["done", "object_dropped", "tool_slipped", "toppled", "off_goal"]
 
 
 class ForceCurve(StrictModel):
@@ -93,7 +95,7 @@ class LiftSimulation(StrictModel):
     """A plate lift executed in physics, and the cooperative lift that follows it."""
 
     kind: Literal["plate_lift"]
-    outcome: Literal["lifted", "slipped", "cup_lost", "overload"]
+    outcome: LiftEnding
     time: Real
     """When it ended [s]."""
     cause: str | None
@@ -154,7 +156,7 @@ class ToolSimulation(StrictModel):
     """A suction-tool plan executed in physics."""
 
     kind: Literal["suction_tool"]
-    outcome: Literal["done", "object_dropped", "tool_slipped", "toppled", "off_goal"]
+    outcome: ToolEnding
     time: Real
     """When it ended, some moments after a failure [s]."""
     failed_at: Real | None
@@ -171,4 +173,11 @@ class ToolSimulation(StrictModel):
     """All assumptions, SI units."""
 
 
-Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind")]
+def _with_its_kind(simulation: Any) -> Any:
+    """Return a simulation of one of the first documents, which name no kind: they had lifts only, with its kind."""
+    if isinstance(simulation, dict) and "kind" not in simulation:
+        return {"kind": "plate_lift", **simulation}
+    return simulation
+
+
+Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind"), BeforeValidator(_with_its_kind)]

@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Self
 
-from pydantic import Field, JsonValue, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, JsonValue
 
 from planners.contract.arrays import Finite
 from planners.contract.strict_model import StrictModel
 from planners.plan.considered import Considered
-
-
-def is_shortage(needed: float, available: float, unit: str) -> bool:
-    """Tell whether figures say what is short: in a unit that can be measured, more is needed than there is.
-
-    What is needed is never less than nothing; of what is available only a length can be: a finger below the table.
-    """
-    measurable = bool(unit) and unit != "1" and math.isfinite(needed) and math.isfinite(available)
-    return measurable and needed >= 0.0 and available < needed and (available >= 0.0 or unit == "m")
 
 
 class PlanningOutcome(StrEnum):
@@ -43,25 +31,16 @@ class Software(StrictModel):
 
 
 class Cause(StrictModel):
-    """One reason why there is no plan, in numbers."""
+    """One reason why there is no plan, in numbers: what is needed is more than what is available.
+
+    Any of the numbers may be missing, and the first documents have some of which nothing is short.
+    """
 
     reason: str
     needed: Finite | None
     available: Finite | None
     unit: str | None
     where: JsonValue = None
-
-    @model_validator(mode="after")
-    def _says_what_is_short(self) -> Self:
-        needed, available, unit = self.needed, self.available, self.unit
-        if needed is None and available is None and unit is None:
-            return self
-        if needed is None or available is None or unit is None or not is_shortage(needed, available, unit):
-            raise PydanticCustomError(
-                "no_shortage",
-                "a cause has needed, available and a unit, with more needed than available, or none of them",
-            )
-        return self
 
 
 class Explanation(StrictModel):

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from planners.contract.arrays import rounded, significant
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.pose import Array, pose_row, to_pose7s
 from planners.plan.contacts import Contact, EnvironmentContact, InertiaEntry, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, Grip, Hold, Segment, SegmentKind
 from planners.plan.verdicts import LeastReserve
-from planners.regrasp.statics.hold_statics import EPS, pad_axes
+from planners.regrasp.statics.hold_statics import pad_axes
 from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
@@ -107,7 +108,7 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
             case "soft_finger":
                 limit, mu = scene.finger_limit(force.by), scene.friction.grip
                 yield SoftFingerContact(
-                    **common, kind="soft_finger", mu=mu, eps=EPS, limit=limit, squeeze=scene.squeeze
+                    **common, kind="soft_finger", mu=mu, eps=SOFT_FINGER_EPS, limit=limit, squeeze=scene.squeeze
                 )
             case "environment":
                 yield EnvironmentContact(**common, kind="environment", mu=scene.friction.environment, limit=None)

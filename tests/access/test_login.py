@@ -37,7 +37,7 @@ def test_the_cookie_opens_what_the_key_opens_and_no_more(service: GuardedService
         cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
         headers = {"Cookie": cookie}
         with connect(f"{service.address.replace('http', 'ws')}/viewer/watch", additional_headers=headers) as socket:
-            assert '"room"' in socket.recv(timeout=20)
+            assert '"scene"' in socket.recv(timeout=20)
 
 
 def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites_and_is_not_the_key(service: GuardedService) -> None:

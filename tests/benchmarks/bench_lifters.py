@@ -16,16 +16,16 @@ from typing import Self
 import numpy as np
 
 from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.plan.plan import Plan
 from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.attempt_file import AttemptFile, repeated
 from tests.benchmarks.certified_plan import BROKEN
 from tests.benchmarks.tasks import SOLVABLE, Note, task_body
-from workers.simulation.execution import Execution
-from workers.simulation.outcome import Failure, SimulationOutcome
+from workers.simulation.lift_execution import LiftExecution, LiftFailure
 from workers.simulation.settings import SimulationSettings, WinchSettings
-from workers.simulation.world import World
+from workers.simulation.world import LiftWorld
 
 LIFTERS = 20
 SPEEDS = (0.3, 1.0, 3.0)
@@ -37,7 +37,7 @@ SUDDEN = (0.3, 1.0, 2.0, 3.0)
 SUDDEN_STOP = 10.0
 """How a lifter brakes that stops at once [m/s^2]: from 0.15 m/s in 15 ms."""
 PROCESSES = 2
-LIFTED, NO_PLAN = SimulationOutcome.LIFTED.value, "no plan"
+LIFTED, NO_PLAN = "lifted", "no plan"
 _MEASURING = ("bench_lifters.py",)
 _SEED = 0
 """Of all that goes before the lift."""
@@ -153,7 +153,7 @@ def measure(
 def _run(task: str, kind: LifterKind, seed: int) -> LifterRun:
     key = (task, kind.speed, kind.sudden, seed)
     prepared = _prepared(task)
-    if not isinstance(prepared, Execution):
+    if not isinstance(prepared, LiftExecution):
         return LifterRun(*key, *prepared)
     receiver, sender = Pipe(duplex=False)
     # A copy of this process, with the plate hanging in its physics, lifts it; here it hangs on for the next lifter.
@@ -169,7 +169,7 @@ def _run(task: str, kind: LifterKind, seed: int) -> LifterRun:
     return LifterRun(*key, outcome, cause, off_goal)
 
 
-def _lift(execution: Execution, winch: WinchSettings, seed: int, sender: Connection) -> None:
+def _lift(execution: LiftExecution, winch: WinchSettings, seed: int, sender: Connection) -> None:
     failure = execution.lift_behind(winch, seed)
     lift, recorder = execution.lift, execution.recorder
     assert lift is not None
@@ -180,19 +180,19 @@ def _lift(execution: Execution, winch: WinchSettings, seed: int, sender: Connect
 
 
 @cache
-def _prepared(name: str) -> Execution | tuple[str, str]:
+def _prepared(name: str) -> LiftExecution | tuple[str, str]:
     """Return the plan of a shipped task executed until the lifter rises, once in this process; or what hindered it."""
     task = read_task(task_body(name))
     assert isinstance(task, PlateLiftTask)
     scene, settings = build_scene(task), SimulationSettings()
-    document = plan(task, scene, silent, process_time).document()
-    if document["outcome"] != "solved":
-        return NO_PLAN, document["explanation"]["summary"]
-    world = ExitStack().enter_context(World(scene, settings))
-    execution = Execution(document, scene, world, settings, np.random.default_rng(_SEED), scene)
+    found = Plan.read(plan(task, scene, silent, process_time).write())
+    if found.outcome != "solved":
+        return NO_PLAN, found.explanation.summary
+    world = ExitStack().enter_context(LiftWorld(scene, settings))
+    execution = LiftExecution(found, scene, world, settings, np.random.default_rng(_SEED), scene)
     failure = execution.prepare()
     return execution if failure is None else _ending(failure)
 
 
-def _ending(failure: Failure[SimulationOutcome] | None) -> tuple[str, str]:
-    return (LIFTED, "") if failure is None else (failure.outcome.value, failure.cause)
+def _ending(failure: LiftFailure | None) -> tuple[str, str]:
+    return (LIFTED, "") if failure is None else (failure.outcome, failure.cause)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from time import process_time
-from typing import Any, Self
+from typing import Self
 
 from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.plan.plan import Plan
 from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
@@ -18,7 +19,7 @@ from tests.benchmarks.attempt_file import AttemptFile, repeated
 from tests.benchmarks.certified_plan import BROKEN
 from tests.benchmarks.reserve_draws import Deviation
 from tests.benchmarks.tasks import SOLVABLE, Note, task_body
-from tests.support.documents import simulated
+from workers.simulation.simulate import simulate_lift
 
 RUNS = 100
 RESERVES = (0.0, 0.1, 0.2)
@@ -121,29 +122,29 @@ def measure(
 
 
 def _run(name: str, reserve: float, seed: int) -> ReserveRun:
-    task, document = _planned(name, reserve)
+    task, found = _planned(name, reserve)
     deviation = Deviation.drawn(seed)
-    if document["outcome"] != "solved":
-        return ReserveRun(name, reserve, seed, NO_PLAN, document["explanation"]["summary"], deviation.multiple)
+    if found.outcome != "solved":
+        return ReserveRun(name, reserve, seed, NO_PLAN, found.explanation.summary, deviation.multiple)
     scene, actual = build_scene(task), build_scene(deviation.actual(task))
     begun = process_time()
-    simulation = simulated(document, scene, silent, seed, deviation.settings(), actual)
-    told = document["statistics"].get("reserve")
+    simulation = simulate_lift(found, scene, silent, seed, deviation.settings(), actual)
+    told = found.statistics.reserve
     return ReserveRun(
         name,
         reserve,
         seed,
-        simulation["outcome"],
-        simulation["cause"] or "",
+        simulation.outcome,
+        simulation.cause or "",
         deviation.multiple,
-        None if told is None else told["value"],
+        None if told is None else told.value,
         process_time() - begun,
     )
 
 
 @cache
-def _planned(name: str, reserve: float) -> tuple[PlateLiftTask, dict[str, Any]]:
+def _planned(name: str, reserve: float) -> tuple[PlateLiftTask, Plan]:
     """Plan a shipped task with a reserve, once in this process."""
     task = read_task(task_body(name, reserve=reserve))
     assert isinstance(task, PlateLiftTask)
-    return task, plan(task, build_scene(task), silent, process_time).document()
+    return task, Plan.read(plan(task, build_scene(task), silent, process_time).write())

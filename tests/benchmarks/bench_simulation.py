@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from statistics import fmean, median
 from time import process_time
-from typing import Any
 
 from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.plan.plan import Plan
+from planners.plan.simulation import LiftSimulation, SimulatedLift
 from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from tests.benchmarks.tasks import SOLVABLE, Note, task_body
 from tests.simulation.node_tolerance import largest_excess
-from tests.support.documents import simulated
 from workers.simulation.settings import SimulationSettings
+from workers.simulation.simulate import simulate_lift
 
 LIFTERS = 20
 PROCESSES = 2
 DRAWN = 0
 """The lifter whose curves are drawn; which one was decided before any was seen."""
-_NOT_KEPT = ("motion", "model", "settings")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class LiftFigures:
     """One plan simulated with one lifter."""
 
     seed: int
-    controlled: Mapping[str, Any]
-    blind: Mapping[str, Any]
-    """The `simulation` of a plan document, with the controller and without."""
+    controlled: LiftSimulation
+    blind: LiftSimulation
+    """Without the controller."""
     cpu_of_motion: float
     """CPU time over the simulated time, with the controller [1]."""
 
@@ -58,50 +58,51 @@ class SimulationFigures:
     @property
     def outcomes(self) -> Counter[str]:
         """How often the controlled lifts ended how."""
-        return Counter(lift.controlled["outcome"] for lift in self.lifts)
+        return Counter(lift.controlled.outcome for lift in self.lifts)
 
     @property
     def blind_outcomes(self) -> Counter[str]:
         """Likewise without the controller."""
-        return Counter(lift.blind["outcome"] for lift in self.lifts)
+        return Counter(lift.blind.outcome for lift in self.lifts)
 
     @property
     def height(self) -> float:
         """How far up the plate came in the lowest of the lifts that did not fail [m]."""
-        return min((lift["height"] for lift in self._prepared if lift["outcome"] == "lifted"), default=0.0)
+        lifts = [each.controlled.lift for each in self.lifts if each.controlled.outcome == "lifted"]
+        return min((lift.height for lift in lifts if lift is not None), default=0.0)
 
     @property
     def reachable(self) -> float:
         """How far up both arms can go, least of all lifters [m]."""
-        return min((lift["reachable_height"] for lift in self._prepared), default=0.0)
+        return min((lift.reachable_height for lift in self._prepared), default=0.0)
 
     @property
     def end_of_reach(self) -> str:
         """What ends the way up."""
-        return ", ".join(sorted({lift["end_of_reach"] for lift in self._prepared}))
+        return ", ".join(sorted({lift.end_of_reach for lift in self._prepared}))
 
     @property
     def reserve(self) -> float:
         """Part of the cup's largest force that F_goal keeps back, least of all lifters [1]."""
-        return min((lift["cup_reserve"] for lift in self._prepared), default=0.0)
+        return min((lift.cup_reserve for lift in self._prepared), default=0.0)
 
     @property
     def differences(self) -> list[float]:
         """Simulated force less planned, worst bearer of each node of each lifter [N]."""
-        return [node["largest_difference"] for lift in self.lifts for node in lift.controlled["manipulation"]["nodes"]]
+        return [node.largest_difference for lift in self.lifts for node in lift.controlled.manipulation.nodes]
 
     @property
     def difference_of_tolerance(self) -> float:
         """Largest difference over what the simulation is told to do wrong explains of it [1]."""
-        compared = [lift.controlled["manipulation"] for lift in self.lifts]
-        return max((largest_excess(forces) for forces in compared if forces["nodes"]), default=0.0)
+        compared = [lift.controlled.manipulation for lift in self.lifts]
+        return max((largest_excess(forces) for forces in compared if forces.nodes), default=0.0)
 
     @property
     def dips(self) -> tuple[float, float, float]:
         """How often and how long [s] the hands' sum was below the minimum, means of all lifts; the longest [s]."""
-        dips = [lift.controlled["dips"] for lift in self.lifts]
-        seconds = [each["seconds"] for each in dips]
-        return fmean(each["count"] for each in dips), fmean(seconds), max(seconds)
+        dips = [lift.controlled.dips for lift in self.lifts]
+        seconds = [each.seconds for each in dips]
+        return fmean(each.count for each in dips), fmean(seconds), max(seconds)
 
     @property
     def cpu_of_motion(self) -> tuple[float, float]:
@@ -110,14 +111,13 @@ class SimulationFigures:
         return median(costs), max(costs)
 
     @property
-    def drawn(self) -> Mapping[str, Any]:
+    def drawn(self) -> LiftSimulation:
         """The controlled simulation whose curves are drawn."""
         return self.lifts[DRAWN].controlled
 
     @property
-    def _prepared(self) -> list[Mapping[str, Any]]:
-        runs = [lift.controlled for lift in self.lifts]
-        return [run["lift"] | {"outcome": run["outcome"]} for run in runs if run["lift"] is not None]
+    def _prepared(self) -> list[SimulatedLift]:
+        return [each.controlled.lift for each in self.lifts if each.controlled.lift is not None]
 
 
 def measure(note: Note, tasks: Sequence[str] = SOLVABLE, lifters: int = LIFTERS) -> list[SimulationFigures]:
@@ -128,8 +128,8 @@ def measure(note: Note, tasks: Sequence[str] = SOLVABLE, lifters: int = LIFTERS)
         for name in tasks:
             note(f"simulation: planning {name}")
             task = _task(name)
-            document = plan(task, build_scene(task), silent, process_time).document()
-            jobs |= {processes.submit(partial(_lift, name, document, seed)): name for seed in range(lifters)}
+            planned = plan(task, build_scene(task), silent, process_time).write()
+            jobs |= {processes.submit(partial(_lift, name, planned, seed)): name for seed in range(lifters)}
         for done in as_completed(jobs):
             lifts[jobs[done]].append(done.result())
             note(f"simulation: {jobs[done]}, {len(lifts[jobs[done]])} of {lifters} lifters")
@@ -137,20 +137,16 @@ def measure(note: Note, tasks: Sequence[str] = SOLVABLE, lifters: int = LIFTERS)
     return [SimulationFigures(name, _task(name).cup.max_force, in_order[name]) for name in tasks]
 
 
-def _lift(name: str, document: Mapping[str, Any], seed: int) -> LiftFigures:
-    scene, settings = build_scene(_task(name)), SimulationSettings()
+def _lift(name: str, planned: bytes, seed: int) -> LiftFigures:
+    found, scene, settings = Plan.read(planned), build_scene(_task(name)), SimulationSettings()
     begun = process_time()
-    controlled = simulated(document, scene, silent, seed, settings)
+    controlled = simulate_lift(found, scene, silent, seed, settings)
     spent = process_time() - begun
-    blind = simulated(document, scene, silent, seed, replace(settings, controlled=False))
-    return LiftFigures(seed, _kept(controlled), _kept(blind), spent / controlled["time"])
+    blind = simulate_lift(found, scene, silent, seed, replace(settings, controlled=False))
+    return LiftFigures(seed, controlled, blind, spent / controlled.time)
 
 
 def _task(name: str) -> PlateLiftTask:
     task = read_task(task_body(name))
     assert isinstance(task, PlateLiftTask)
     return task
-
-
-def _kept(simulation: Mapping[str, Any]) -> dict[str, Any]:
-    return {member: value for member, value in simulation.items() if member not in _NOT_KEPT}

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from planners.plan.simulation import SimulatedLift
     from tests.benchmarks.bench_simulation import SimulationFigures
 
 HAND_COLOUR, SPEED_COLOUR, LIFTER_COLOUR, CUP_COLOUR = "#4c78a8", "#f58518", "#b8b8b8", "#9d755d"
@@ -20,17 +20,17 @@ LIMIT_COLOUR, GOAL_COLOUR = "#d62728", "#8c8c8c"
 
 def draw_lift(figures: SimulationFigures, folder: Path) -> str | None:
     """Draw the lift of one task and return the file's name; None where the manipulation failed before it."""
-    if figures.drawn["lift"] is None:
+    if figures.drawn.lift is None:
         return None
     # The same figures give the same file.
     with mpl.rc_context({"svg.hashsalt": "liftwright", "font.size": 9.0}):
         figure = Figure(figsize=(7.5, 6.0), layout="constrained")
         rows = figure.subplots(4, 1, sharex=True, height_ratios=(1.5, 1.0, 1.2, 1.0))
-        _LiftPlot(figures).draw(*rows)
+        _LiftPlot(figures, figures.drawn.lift).draw(*rows)
         for axes in rows:
             axes.spines[["top", "right"]].set_visible(False)
             axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
-        rows[-1].set_xlim(0.0, figures.drawn["time"] - figures.drawn["lift"]["begin"])
+        rows[-1].set_xlim(0.0, figures.drawn.time - figures.drawn.lift.begin)
         rows[-1].set_xlabel("time since the lift began [s]")
         figure.align_ylabels()
         name = f"lift_{figures.task}.svg"
@@ -39,22 +39,23 @@ def draw_lift(figures: SimulationFigures, folder: Path) -> str | None:
 
 
 class _LiftPlot:
-    def __init__(self, figures: SimulationFigures) -> None:
-        self._simulation, self._cup_force = figures.drawn, figures.cup_force
-        self._curves = {curve["name"]: curve for curve in self._simulation["force_curves"]}
+    def __init__(self, figures: SimulationFigures, lift: SimulatedLift) -> None:
+        self._lift, self._least, self._cup_force = lift, figures.drawn.minimum_total_force, figures.cup_force
+        self._curves = {curve.name: curve for curve in figures.drawn.force_curves}
 
     def draw(self, hands: Axes, speeds: Axes, total: Axes, cup: Axes) -> None:
         """Draw Fig. 12 into two axes, Fig. 13 into one, and the cup below them."""
         self._line(hands, "pushing hand", color=HAND_COLOUR)
         self._line(hands, "gripping hand", color=HAND_COLOUR, linestyle=(0, (3, 1.5)))
-        goal = self._simulation["lift"]["goal_force"]
-        hands.axhline(goal, color=GOAL_COLOUR, linewidth=0.8, linestyle=":", label="goal of the\npushing hand")
+        hands.axhline(
+            self._lift.goal_force, color=GOAL_COLOUR, linewidth=0.8, linestyle=":", label="goal of the\npushing hand"
+        )
         hands.set_ylabel("upward force [N]")
         self._line(speeds, "lifter velocity", "lifter", scale=1e3, color=LIFTER_COLOUR)
         self._line(speeds, "commanded velocity", "both hands,\ncommanded", scale=1e3, color=SPEED_COLOUR)
         speeds.set_ylabel("velocity [mm/s]")
         self._line(total, "both hands", "sum of both hands", color=HAND_COLOUR)
-        least = self._simulation["minimum_total_force"]
+        least = self._least or 0.0
         total.axhline(least, color=LIMIT_COLOUR, linewidth=1.0, label=r"minimum $m g - f_{cup}$")
         total.set_ylim(bottom=min(0.0, least - 2.0))
         total.set_ylabel("upward force [N]")
@@ -64,7 +65,7 @@ class _LiftPlot:
         cup.set_ylabel("pull [N]")
 
     def _line(self, axes: Axes, curve: str, label: str | None = None, *, scale: float = 1.0, **style: Any) -> None:
-        time = np.array(self._curves[curve]["time"]) - self._simulation["lift"]["begin"]
+        time = self._curves[curve].time - self._lift.begin
         lift = time >= 0.0
-        values = scale * np.array(self._curves[curve]["value"])
+        values = scale * self._curves[curve].value
         axes.plot(time[lift], values[lift], linewidth=1.0, label=label or curve, **style)

@@ -81,7 +81,10 @@ def lift_sections(tasks: Sequence[SimulationFigures], pictures: Mapping[str, str
         f"The lift of each task behind lifter {DRAWN}. From above: vertical force of each hand on the plate and the "
         "velocity that eq. (11) commands (Fig. 12), the sum of both forces against the minimum (Fig. 13), and the "
         "pull on the cup against its limit.",
-        *(f"#### {task.task}: {_spelt(task.drawn)}\n\n{_picture(task, pictures)}" for task in tasks),
+        *(
+            f"#### {task.task}: {_OUTCOMES.get(task.drawn.outcome, task.drawn.outcome)}\n\n{_picture(task, pictures)}"
+            for task in tasks
+        ),
     ]
     return ["\n\n".join(lifts), "\n\n".join(drawn)]
 
@@ -98,10 +101,10 @@ def _outcomes(task: SimulationFigures) -> list[Cell]:
 def _causes(tasks: Sequence[SimulationFigures]) -> list[str]:
     """Tell of every controlled lift that failed."""
     lines = [
-        f"- {task.task}, lifter {lift.seed}, at {lift.controlled['time']:.1f} s: {lift.controlled['cause']}"
+        f"- {task.task}, lifter {lift.seed}, at {lift.controlled.time:.1f} s: {lift.controlled.cause}"
         for task in tasks
         for lift in task.lifts
-        if lift.controlled["outcome"] != "lifted"
+        if lift.controlled.outcome != "lifted"
     ]
     return ["Controlled lifts that failed:", "\n".join(lines)] if lines else []
 
@@ -124,11 +127,6 @@ def _unexplained(tasks: Sequence[SimulationFigures]) -> list[str]:
     """Name the tasks whose forces the model's errors do not explain."""
     beyond = [task.task for task in tasks if task.difference_of_tolerance > 1.0]
     return [f"**Beyond the tolerance, unexplained: {', '.join(beyond)}.**"] if beyond else []
-
-
-def _spelt(simulation: Mapping[str, object]) -> str:
-    outcome = str(simulation["outcome"])
-    return _OUTCOMES.get(outcome, outcome)
 
 
 def _picture(task: SimulationFigures, pictures: Mapping[str, str]) -> str:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from planners.plan.simulation import ForceDips, LiftSimulation, NodeComparison, SimulatedLift, SimulatedManipulation
 from tests.benchmarks.bench_simulation import LiftFigures, SimulationFigures
 from tests.benchmarks.lift_report import lift_limits, lift_sections
 
-LIFT = {"height": 0.2, "reachable_height": 0.215, "end_of_reach": "nothing", "cup_reserve": 0.2}
+LIFT = SimulatedLift(
+    begin=10.0, height=0.2, reachable_height=0.215, end_of_reach="nothing", goal_force=10.0, cup_reserve=0.2,
+    lifter_travel=0.2, lifter_seconds=5.0, controlled=True,
+)  # fmt: skip
+LOADS = {"left": 10.0, "right": 10.0, "cup": 20.0, "support": 0.0}
+"""Upward on the plate, as planned [N]."""
 
 
 def figures_of(off: float) -> list[SimulationFigures]:
@@ -16,13 +23,12 @@ def figures_of(off: float) -> list[SimulationFigures]:
 
 
 def lift(off: float) -> LiftFigures:
-    planned = {"left": [0.0, 0.0, 10.0], "right": [0.0, 0.0, 10.0], "cup": [0.0, 0.0, 20.0], "support": [0.0, 0.0, 0.0]}
-    simulated = planned | {"left": [0.0, 0.0, 10.0 + off]}
-    node = {"planned": planned, "simulated": simulated, "largest_difference": off}
-    run = {
-        "outcome": "lifted", "lift": LIFT, "dips": {"count": 0, "seconds": 0.0, "longest": 0.0},
-        "manipulation": {"nodes": [node]},
-    }  # fmt: skip
+    planned = {name: np.array([0.0, 0.0, up]) for name, up in LOADS.items()}
+    simulated = planned | {"left": np.array([0.0, 0.0, LOADS["left"] + off])}
+    node = NodeComparison(segment=1, time=2.0, planned=planned, simulated=simulated, largest_difference=off)
+    compared = SimulatedManipulation.model_construct(nodes=[node])
+    dips = ForceDips(count=0, seconds=0.0, lowest=None)
+    run = LiftSimulation.model_construct(outcome="lifted", lift=LIFT, dips=dips, manipulation=compared)
     return LiftFigures(0, run, run, 0.2)
 
 

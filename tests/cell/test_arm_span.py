@@ -13,8 +13,8 @@ from planners.cell.arm import Arm
 from planners.cell.arm_span import SLACK, ArmSpan, out_of_reach
 from planners.cell.cell import known_cells, load_cell
 from planners.cell.hand import Gripper
-from planners.certify.arm_span import reach_bound
-from planners.certify.kinematics import ArmKinematics
+from planners.certify.common.infeasibility import reach_bound
+from planners.certify.motion.kinematics import ArmKinematics
 from planners.certify.plan_view import read_plan
 
 ARMS = [arm for name in known_cells() for arm in load_cell(name).arms.values()]

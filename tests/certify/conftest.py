@@ -22,7 +22,7 @@ from support.documents import bodies_of, cell_of
 
 from planners.cell.cell import Cell, load_cell
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
-from planners.certify.solids import Solid
+from planners.certify.motion.solids import ConvexSolid
 from planners.geometry.pose import frame_from_z, inverse, rotation_y, skew, to_pose7, transform
 from planners.kinematics.inverse import inverse_kinematics
 
@@ -424,11 +424,11 @@ def document(honest_document: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def true_distance() -> Callable[[Solid, Array, Solid, Array], float]:
+def true_distance() -> Callable[[ConvexSolid, Array, ConvexSolid, Array], float]:
     """Distances by coal, which is exact; each solid's shape is made once."""
-    shapes: dict[Solid, coal.CollisionGeometry] = {}
+    shapes: dict[ConvexSolid, coal.CollisionGeometry] = {}
 
-    def shape_of(solid: Solid) -> coal.CollisionGeometry:
+    def shape_of(solid: ConvexSolid) -> coal.CollisionGeometry:
         if solid not in shapes:
             points = coal.StdVec_Vec3s()
             for point in solid.points:
@@ -441,7 +441,7 @@ def true_distance() -> Callable[[Solid, Array, Solid, Array], float]:
     def placed(T: Array) -> coal.Transform3s:
         return coal.Transform3s(T[:3, :3], T[:3, 3])
 
-    def distance(a: Solid, T_a: Array, b: Solid, T_b: Array) -> float:
+    def distance(a: ConvexSolid, T_a: Array, b: ConvexSolid, T_b: Array) -> float:
         at_a, at_b = placed(T_a @ a.T_frame_shape), placed(T_b @ b.T_frame_shape)
         return coal.distance(shape_of(a), at_a, shape_of(b), at_b, coal.DistanceRequest(), coal.DistanceResult())
 

@@ -16,7 +16,7 @@ def is_shared(name: str) -> bool:
 
 
 def test_nothing_is_imported_from_the_planners_but_transforms_errors_and_how_a_plan_is_read() -> None:
-    for path in Path(str(planners.certify.__file__)).parent.glob("*.py"):
+    for path in Path(str(planners.certify.__file__)).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.documents import plan_of
+from support.lift_documents import contact, lift, lift_document, segment, simulation
 from support.service import FAKE_SOLVER, ROOT, TASKS, task
 from support.serving import served
+from support.tool_documents import tool_simulation
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
@@ -19,7 +22,9 @@ from app.cli.main import main
 from app.cli.service_client import KEY_VARIABLE, ServiceClient
 from app.settings import ServiceSettings
 from app.summary import contact_states, is_certified, largest_load, summarise
+from planners.cell.cell import load_cell
 from planners.contract.scene_document import SceneDocument
+from planners.plan.plan import Plan
 from tests.support.scan_frames import SHIPPED
 from workers.solver.pipeline import Pipeline
 
@@ -104,76 +109,82 @@ def test_every_command_explains_itself(command: list[str]) -> None:
     assert "usage: liftwright" in done.stdout
 
 
-def _segment(state: Any, contacts: list[dict[str, Any]]) -> dict[str, Any]:
-    return {"contact_state": state, "contacts": contacts, "time": [0.0, 1.0]}
+def _plan(**members: Any) -> Plan:
+    """Return a solved plan of one segment, with other members instead of its own."""
+    document = {**lift_document(load_cell("dual_ur3e_lift")), "outcome": "solved", "segments": [segment(0.0, 2)]}
+    return plan_of({**document, **members})
 
 
-def _contact(by: str, kind: str, normal: list[float], force: list[float], sample: int = 0) -> dict[str, Any]:
-    wrench = [*force, 1.0, 2.0, 3.0]
-    return {"by": by, "kind": kind, "body": "plate", "sample": sample, "normal": normal, "wrench": wrench}
+def _statistics(total: float, stages: dict[str, float], **members: Any) -> dict[str, Any]:
+    told = [{"name": name, "seconds": seconds} for name, seconds in stages.items()]
+    return {"total_seconds": total, "stages": told, "graph": {}, "search": {}, "rejections": {}, **members}
+
+
+def _finger(normal: list[float], force: list[float], number: int, sample: int = 0) -> dict[str, Any]:
+    return contact(
+        *(sample, "right", "soft_finger", (0.0, 0.0, 0.0)),
+        finger=number, normal=normal, wrench=[*force, 1.0, 2.0, 3.0],
+    )  # fmt: skip
 
 
 def test_the_largest_load_is_what_the_plate_weighs_on_a_hand_not_what_its_fingers_squeeze() -> None:
     up, down, aside = [0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]
     contacts = [
-        _contact("right", "soft_finger", up, [0.0, 0.0, 62.0]),
-        _contact("right", "soft_finger", down, [3.0, 0.0, -58.0]),
-        _contact("right", "soft_finger", up, [0.0, 0.0, 60.0], sample=7),
-        _contact("right", "soft_finger", down, [0.0, 0.0, -60.0], sample=7),
-        _contact("left", "point", aside, [4.5, 2.0, 2.0]),
-        _contact("cup", "suction", down, [0.0, 0.0, 50.0]),
+        _finger(up, [0.0, 0.0, 62.0], 0),
+        _finger(down, [3.0, 0.0, -58.0], 1),
+        _finger(up, [0.0, 0.0, 60.0], 0, sample=7),
+        _finger(down, [0.0, 0.0, -60.0], 1, sample=7),
+        contact(0, "left", "point", (4.5, 2.0, 2.0), normal=aside),
+        contact(0, "cup", "suction", (0.0, 0.0, 50.0), normal=down),
     ]
-    document = {"cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, contacts)]}
-    assert largest_load(document) == (5.0, "right")
+
+    def load(contacts: list[dict[str, Any]]) -> tuple[float, str]:
+        return largest_load(_plan(segments=[segment(0.0, 8, contacts=contacts)]))
+
+    assert load(contacts) == (5.0, "right")
     contacts[1]["wrench"][0] = 0.0
-    assert largest_load(document) == (4.5, "left")
-    assert largest_load({**document, "segments": [_segment(None, contacts[5:])]}) == (0.0, "")
+    assert load(contacts) == (4.5, "left")
+    assert load(contacts[5:]) == (0.0, "")
 
 
 def test_contact_states_are_told_once_in_a_row() -> None:
-    edge = {"element": "edge", "index": 1, "with": "table"}
-    none = {"element": "none", "index": 0, "with": None}
-    document = {"segments": [_segment(state, []) for state in (edge, edge, None, none, edge)]}
-    assert contact_states(document) == ["edge 1 on table", "no contact", "edge 1 on table"]
+    edge = {"element": "edge", "index": 1, "with": "table", "vertices": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]}
+    none = {"element": "none", "index": 0, "with": None, "vertices": []}
+    states = enumerate((edge, edge, None, none, edge))
+    plan = _plan(segments=[segment(0.1 * i, 2, contact_state=state) for i, state in states])
+    assert contact_states(plan) == ["edge 1 on table", "no contact", "edge 1 on table"]
 
 
 def test_a_plan_without_contact_states_tells_what_is_moved() -> None:
-    document = {
-        "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, [])],
-        "explanation": {"summary": "3 objects moved, nearest to its goal first (a, b, c), with 1 handover."},
-        "certificate": {"passed": True, "checks": []}, "simulation": None,
-        "statistics": {"total_seconds": 3.0, "stages": [{"name": "certify", "seconds": 1.0}]},
-    }  # fmt: skip
-    told = summarise(document)
+    plan = _plan(
+        explanation={"summary": "3 objects moved, nearest to its goal first (a, b, c), with 1 handover."},
+        statistics=_statistics(3.0, {"certify": 1.0}),
+    )
+    told = summarise(plan)
     assert "3 objects moved" in told
     assert "contact states" not in told
     assert "2.00 s" in told
 
 
 @pytest.mark.parametrize(
-    ("simulation", "line"),
+    ("executed", "line"),
     [
         (None, "simulation:     none, options.simulate is false"),
-        ({"outcome": "lifted", "lift": {"height": 0.188}}, "simulation:     lifted, 188 mm, in 17.7 s"),
-        ({"outcome": "done"}, "simulation:     done, in 17.7 s"),
+        (simulation(9.0, lift=lift(4.0, height=0.188)), "simulation:     lifted, 188 mm, in 17.7 s"),
+        (tool_simulation(9.0), "simulation:     done, in 17.7 s"),
         (
-            {"outcome": "cup_lost", "time": 9.5, "cause": "the pad peels off"},
+            simulation(9.5, outcome="cup_lost", cause="the pad peels off"),
             "simulation:     FAILED: cup_lost at 9.50 s of motion: the pad peels off",
         ),
         (
-            {"outcome": "object_dropped", "time": 7.0, "failed_at": 6.25, "cause": "the cup lets go"},
+            tool_simulation(7.0, outcome="object_dropped", failed_at=6.25, cause="the cup lets go"),
             "simulation:     FAILED: object_dropped at 6.25 s of motion: the cup lets go",
         ),
     ],
 )
-def test_a_solved_plan_tells_how_it_fared_in_physics(simulation: dict[str, Any] | None, line: str) -> None:
-    document = {
-        "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": [_segment(None, [])],
-        "explanation": {"summary": "1 object moved."}, "certificate": {"passed": True, "checks": []},
-        "simulation": simulation,
-        "statistics": {"total_seconds": 20.0, "stages": [{"name": "simulate", "seconds": 17.7}]},
-    }  # fmt: skip
-    assert line in summarise(document).splitlines()
+def test_a_solved_plan_tells_how_it_fared_in_physics(executed: dict[str, Any] | None, line: str) -> None:
+    plan = _plan(simulation=executed, statistics=_statistics(20.0, {"simulate": 17.7}))
+    assert line in summarise(plan).splitlines()
 
 
 @pytest.mark.parametrize("certificate", [None, {"passed": False, "checks": []}, {"passed": True, "checks": []}])
@@ -181,26 +192,27 @@ def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
     certificate: dict[str, Any] | None,
 ) -> None:
     least = {"value": 0.1234, "limited_by": "cup", "body": "plate", "segment": 1, "sample": 2}
-    segments = [{**_segment(None, []), "time": [begin, begin + 3.3, begin + 3.55]} for begin in (0.0, 3.7)]
-    document = {
-        "outcome": "solved", "cell": {"arms": {"left": {}, "right": {}}}, "segments": segments,
-        "explanation": {"summary": "1 object moved."}, "certificate": certificate, "simulation": None,
-        "statistics": {"total_seconds": 20.0, "stages": [], "reserve": least},
-    }  # fmt: skip
-    lines = summarise(document).splitlines()
+    plan = _plan(
+        segments=[segment(begin, 3, time=[begin, begin + 3.3, begin + 3.55]) for begin in (0.0, 3.7)],
+        certificate=certificate,
+        statistics=_statistics(20.0, {}, reserve=least),
+    )
+    lines = summarise(plan).splitlines()
     assert "reserve:        0.12 (cup, 7.2 s)" in lines
     (told,) = (line for line in lines if line.startswith("certificate:"))
     passed = certificate is not None and certificate["passed"]
-    assert ("passed" in told, is_certified(document)) == (passed, passed)
-    document["statistics"]["reserve"] = None
-    assert not any(line.startswith("reserve:") for line in summarise(document).splitlines())
+    assert ("passed" in told, is_certified(plan)) == (passed, passed)
+    without = _plan(statistics=_statistics(20.0, {}, reserve=None))
+    assert not any(line.startswith("reserve:") for line in summarise(without).splitlines())
+
+
+def _unsolved(outcome: str, cause: dict[str, Any]) -> Plan:
+    return _plan(outcome=outcome, segments=[], explanation={"summary": "There is none.", "causes": [cause]})
 
 
 def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:
     cause = {"reason": "the plate is too heavy", "needed": 62.8, "available": 54.0, "unit": "N", "where": "no contact"}
-    document = {"outcome": "infeasible", "explanation": {"summary": "It cannot be lifted.", "causes": [cause]}}
-    document["certificate"] = {"passed": True, "checks": []}
-    told = summarise(document)
+    told = summarise(_unsolved("infeasible", cause))
     assert "needed 62.8 N, available 54 N" in told
     assert "(no contact)" in told
 
@@ -220,9 +232,7 @@ def test_a_cause_tells_how_much_is_missing(
     reason: str, needed: float | None, available: float | None, unit: str | None, told: str
 ) -> None:
     cause = {"reason": reason, "needed": needed, "available": available, "unit": unit, "where": "face"}
-    document = {"outcome": "not_found", "explanation": {"summary": "None was found.", "causes": [cause]}}
-    document["certificate"] = None
-    assert told in map(str.strip, summarise(document).splitlines())
+    assert told in map(str.strip, summarise(_unsolved("not_found", cause)).splitlines())
 
 
 SCAN = SHIPPED / "tissue_boxes"

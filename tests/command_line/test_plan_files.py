@@ -11,6 +11,7 @@ import pytest
 from support.service import ROOT, task
 
 from app.cli.main import main
+from app.cli.service_client import NotUnderstood, ServiceClient
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Explanation
 from planners.progress import Progress
@@ -95,6 +96,12 @@ def test_a_task_with_an_upload_is_told_that_a_service_keeps_it(tmp_path: Path, r
 def test_a_place_that_cannot_be_written_is_called_as_it_was_given(refusal: Said) -> None:
     told = refusal(ROOT / "assets/tasks/ab1.json", "--out", "/proc/x.json")
     assert told.endswith("'/proc/x.json'")
+
+
+def test_a_plan_that_only_another_version_can_read_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ServiceClient, "read", lambda *_: b'{"schema_version": "1.1"}')
+    with pytest.raises(NotUnderstood, match="/schema_version"):
+        ServiceClient("http://127.0.0.1:8040").plan("/v1/plans/some/document")
 
 
 @pytest.fixture

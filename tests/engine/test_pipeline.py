@@ -49,7 +49,7 @@ def verdict(*, passed: bool) -> Any:
     return lambda *_: certificate_with(name="friction_cones", passed=passed, margin=-0.5, unit="N", where=where)
 
 
-def a_slip(_document: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
+def a_slip(_plan: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
     progress(Report("simulate", 1, 1))
     return LiftSimulation.model_construct(outcome="slipped", seed=seed)
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, inverse, transform
 from planners.geometry.wrench import wrench_about
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.statics.finger_forces import squeezed
-from planners.regrasp.statics.hold_statics import EPS
 from planners.regrasp.statics.static_hold import CarryingHand, StaticHold
 from planners.regrasp.suction.suction_hold import cup_wrenches, suction_margins, weight
 from planners.regrasp.tool_segment import SuckedObject
@@ -74,7 +74,7 @@ def test_fingers_bear_where_they_do_not_slip_with_what_friction_is_not_kept_back
     wrenches = np.array([wrench for wrench, _ in needed])
     for width in np.unique(widths):
         rows = widths == width
-        used[rows] = squeezed(wrenches[rows], float(width), scene.friction.grip, EPS, scene.squeeze).slip
+        used[rows] = squeezed(wrenches[rows], float(width), scene.friction.grip, SOFT_FINGER_EPS, scene.squeeze).slip
     clear = np.abs(used - (1.0 - reserve)) > 1e-6
     np.testing.assert_array_equal(borne.ravel()[clear], (used <= 1.0 - reserve)[clear])
     assert 0 < borne.sum() < borne.size

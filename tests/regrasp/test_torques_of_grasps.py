@@ -12,15 +12,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from support.documents import sent
+from support.documents import evidence_of
 from support.tool_plans import FEW, block, few_handovers
 
 from planners.cell.arm import Arm
-from planners.certify import CertifySettings
-from planners.certify.balances import contact_sets
-from planners.certify.joint_torque import torque_check
-from planners.certify.motion import motions_of
-from planners.certify.plan_view import read_plan
+from planners.certify.common.joint_torque import torque_check
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, inverse, transform
 from planners.graph.rejections import Rejection
@@ -213,9 +209,7 @@ def with_wrists(torque: float, outcome: str, handovers: HandoverDatabase):
     ticks = count()
     document = plan(task, scene, silent, lambda: float(next(ticks)), lambda *_: handovers).document()
     assert document["outcome"] == outcome
-    view = read_plan(sent(document))
-    motions = motions_of(view)
-    return document, torque_check(view, motions, [contact_sets(one) for one in motions], None, CertifySettings())
+    return document, torque_check(evidence_of(document))
 
 
 def test_where_one_plan_asks_too_much_of_a_joint_another_is_found(handovers):

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import pytest
-from support.documents import simulated
 
 from planners.contract.task_spec import read_task
+from planners.plan.plan import Plan
+from planners.plan.segment import Segment
+from planners.plan.simulation import LiftSimulation
 from planners.planning import plan
 from planners.progress import silent
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
+from workers.simulation.simulate import simulate_lift
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 SHORTEST = "pb1"
@@ -25,8 +29,8 @@ SHORTEST = "pb1"
 @dataclass(frozen=True, eq=False)
 class Run:
     scene: PlateLiftScene
-    document: dict[str, Any]
-    simulation: dict[str, Any]
+    plan: Plan
+    simulation: LiftSimulation
     stages: list[tuple[str, float]]
 
 
@@ -34,10 +38,28 @@ def execute(name: str = SHORTEST, **changes: Any) -> Run:
     """Plan a task of the papers with changes, and lift it."""
     task = read_task(json.loads((TASKS / f"{name}.json").read_text()) | changes)
     scene = build_scene(task)
-    document = plan(task, scene, silent, perf_counter).document() | {"id": name}
+    found = Plan.read(plan(task, scene, silent, perf_counter).write())
     seen: list[tuple[str, float]] = []
-    simulation = simulated(document, scene, lambda report: seen.append((report.stage, report.done / report.total)), 3)
-    return Run(scene, document, simulation, seen)
+    simulation = simulate_lift(found, scene, lambda report: seen.append((report.stage, report.done / report.total)), 3)
+    return Run(scene, found, simulation, seen)
+
+
+def tampered(found: Plan, change: Callable[[int, Segment], dict[str, Any]]) -> Plan:
+    """Return a plan with other members in its segments: those that `change` returns for each, by its number."""
+    segments = [each.model_copy(update=change(index, each)) for index, each in enumerate(found.segments)]
+    return found.model_copy(update={"segments": segments})
+
+
+def squeezing(found: Plan, force: float | None) -> Plan:
+    """Return a plan whose grips command another squeeze [N]."""
+
+    def change(_: int, segment: Segment) -> dict[str, Any]:
+        if segment.hold is None or segment.hold.grip is None:
+            return {}
+        grip = segment.hold.grip.model_copy(update={"squeeze": force})
+        return {"hold": segment.hold.model_copy(update={"grip": grip})}
+
+    return tampered(found, change)
 
 
 @pytest.fixture(scope="session")

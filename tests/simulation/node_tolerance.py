@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from planners.geometry.pose import Array
+from planners.plan.simulation import SimulatedManipulation
 from workers.simulation.settings import SimulationSettings
 
 OWN_SHARE = 0.1
@@ -16,16 +17,16 @@ _READINGS = 6
 """In the mean over which nodes are compared: 60 ms of a sensor of 100 Hz."""
 
 
-def largest_excess(manipulation: Mapping[str, Any]) -> float:
+def largest_excess(manipulation: SimulatedManipulation) -> float:
     """Return the largest difference of force over what is allowed for it, of all bearers at all nodes [1]."""
     return max(
-        float(np.linalg.norm(np.subtract(node["simulated"][name], force))) / _allowed(node["planned"], name)
-        for node in manipulation["nodes"]
-        for name, force in node["planned"].items()
+        float(np.linalg.norm(node.simulated[name] - force)) / _allowed(node.planned, name)
+        for node in manipulation.nodes
+        for name, force in node.planned.items()
     )
 
 
-def _allowed(planned: Mapping[str, list[float]], name: str) -> float:
+def _allowed(planned: Mapping[str, Array], name: str) -> float:
     """Return what a bearer may differ by [N].
 
     The lifter errs by some per cent of its planned pull, and what it does not bear the others do. A sensor is noisy,
@@ -39,7 +40,7 @@ def _allowed(planned: Mapping[str, list[float]], name: str) -> float:
     return own + lifter + noise + _least_push(planned, settings.contact.least_push)
 
 
-def _least_push(planned: Mapping[str, list[float]], least: float) -> float:
+def _least_push(planned: Mapping[str, Array], least: float) -> float:
     """Return how much more than planned the stick may press [N]: nothing where all hands are to bear more than it."""
     hands = [float(np.linalg.norm(force)) for name, force in planned.items() if name in ("left", "right")]
     return max(0.0, least - min(hands, default=least))

@@ -12,10 +12,9 @@ import pytest
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import transform
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
-from workers.simulation.bond import Bond, BondStiffness, exert
-from workers.simulation.free_body import FreeBody
-from workers.simulation.tool_settings import ToolSimulationSettings, TruthSettings
-from workers.simulation.tool_world import ToolWorld
+from workers.simulation.holds import Bond, exert
+from workers.simulation.settings import BondStiffness, ToolSimulationSettings, TruthSettings
+from workers.simulation.world import ToolWorld
 
 TASK = Path(__file__).resolve().parents[2] / "assets" / "tasks" / "domino_pile.json"
 HOLD = BondStiffness(linear=100e3, angular=40.0, damping_time=0.004)
@@ -61,7 +60,7 @@ def test_a_hold_bears_weight_and_moment_whatever_the_mass_and_gives_way_as_hooke
     scene = raised(tool_scene)
     settings = replace(ToolSimulationSettings(), truth=TruthSettings(object_mass=factor))
     with ToolWorld(scene, settings) as world:
-        (item,) = world.objects.values()
+        item = world.bodies[scene.objects[0].name]
         T_world_hold = item.T_world_body
         bond = Bond(item, None, T_world_hold, HOLD)
         hang(world, [bond], scene, 1.5)
@@ -75,7 +74,7 @@ def test_a_hold_bears_weight_and_moment_whatever_the_mass_and_gives_way_as_hooke
 def test_in_a_chain_the_hand_bears_both_and_the_cup_the_last_alone(tool_scene: SuctionToolScene) -> None:
     scene = tool_above(raised(tool_scene))
     with ToolWorld(scene, ToolSimulationSettings()) as world:
-        (item,) = world.objects.values()
+        item = world.bodies[scene.objects[0].name]
         hand = Bond(world.tool, None, world.tool.T_world_body @ transform(position=[0.0, 0.0, 0.15]), HOLD)
         cup = Bond(item, world.tool, world.tool.T_world_body, HOLD)
         hang(world, [hand, cup], scene, 1.5)
@@ -88,7 +87,7 @@ def test_mobility_is_newtons_law_for_a_body_that_nothing_touches(tool_scene: Suc
     scene = raised(tool_scene)
     push = np.array([0.4, -0.2, 0.3, 0.01, 0.02, -0.015])
     with ToolWorld(scene, ToolSimulationSettings()) as world:
-        (item,) = world.objects.values()
+        item = world.bodies[scene.objects[0].name]
         pushed, seen = item.center + np.array([[0.05, -0.02, 0.01], [-0.03, 0.04, 0.02]])
         expected = 0.002 * (item.mobility(seen, pushed) @ push + np.concatenate([GRAVITY, np.zeros(3)]))
         before = item.center.copy()
@@ -101,6 +100,5 @@ def test_mobility_is_newtons_law_for_a_body_that_nothing_touches(tool_scene: Suc
 def test_a_body_lies_where_it_was_put(tool_scene: SuctionToolScene) -> None:
     with ToolWorld(tool_scene, ToolSimulationSettings()) as world:
         hang(world, [], tool_scene, 0.5)
-        bodies: dict[str, FreeBody] = dict(world.bodies())
         for body in (tool_scene.tool.body, tool_scene.objects[0].body):
-            assert bodies[body.name].T_world_body == pytest.approx(body.T_world_body, abs=1e-3)
+            assert world.bodies[body.name].T_world_body == pytest.approx(body.T_world_body, abs=1e-3)

@@ -10,10 +10,9 @@ import pytest
 from planners.balance.contacts import Cup
 from planners.balance.lifter import SuctionPad
 from planners.geometry.pose import Array, rotation_from_vector, skew
-from workers.simulation.force_sensor import ForceSensor
-from workers.simulation.lifter import SuctionLifter
+from workers.simulation.hands import ForceSensor
+from workers.simulation.lifter import SuctionLifter, WinchProfile
 from workers.simulation.settings import ContactSettings, CupSettings, SensorSettings, WinchSettings
-from workers.simulation.winch import WinchProfile
 
 STEP = 0.002
 WINCH = WinchSettings()

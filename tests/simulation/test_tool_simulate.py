@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,19 +10,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from simulation.conftest import squeezing, tampered
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import rotation_y, rotation_z, transform
+from planners.plan.plan import Plan
+from planners.plan.segment import Segment
 from planners.plan.simulation import ToolSimulation
 from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
-from workers.simulation.endurance import Endurance, EnduranceSettings
-from workers.simulation.goal_error import GoalError
-from workers.simulation.stage import simulate_plan
-from workers.simulation.tool_settings import ToolSimulationSettings, TruthSettings
-from workers.simulation.tool_simulate import simulate_tool
+from workers.simulation.holds import Endurance
+from workers.simulation.settings import EnduranceSettings, ToolSimulationSettings, TruthSettings
+from workers.simulation.simulate import simulate_plan, simulate_tool
+from workers.simulation.tool_execution import goal_error
 
 TASK = json.loads((Path(__file__).resolve().parents[2] / "assets" / "tasks" / "domino_pile.json").read_text())
 NAME = "domino_1"
@@ -33,8 +34,8 @@ WEIGHT = 0.1 * 9.81
 @dataclass(frozen=True, eq=False)
 class ToolRun:
     scene: SuctionToolScene
-    document: dict[str, Any]
-    simulation: dict[str, Any]
+    plan: Plan
+    simulation: ToolSimulation
     progress: list[float]
 
 
@@ -44,45 +45,56 @@ def tool_run() -> ToolRun:
     task = read_task({**TASK, "objects": TASK["objects"][:1]})
     scene = build_scene(task)
     assert isinstance(scene, SuctionToolScene)
-    document = plan(task, scene, silent, perf_counter).document()
+    found = Plan.read(plan(task, scene, silent, perf_counter).write())
     seen: list[float] = []
-    simulation = simulate_plan(document, scene, lambda report: seen.append(report.done / report.total), 0)
-    return ToolRun(scene, document, simulation.model_dump(mode="json"), seen)
+    simulation = simulate_plan(found, scene, lambda report: seen.append(report.done / report.total), 0)
+    assert isinstance(simulation, ToolSimulation)
+    return ToolRun(scene, found, simulation, seen)
 
 
-def execute(run: ToolRun, document: dict[str, Any] | None = None, **truth: float) -> dict[str, Any]:
+def execute(run: ToolRun, changed: Plan | None = None, **truth: float) -> ToolSimulation:
     settings = replace(ToolSimulationSettings(), truth=TruthSettings(**truth))
-    return simulate_tool(document or run.document, run.scene, silent, settings).model_dump(mode="json")
+    return simulate_tool(changed or run.plan, run.scene, silent, settings)
+
+
+def without_object(run: ToolRun, indices: list[int]) -> Plan:
+    """Return the plan in which the object rides on nothing in these segments."""
+
+    def change(index: int, segment: Segment) -> dict[str, Any]:
+        others = {name: rides for name, rides in segment.attached.items() if name != NAME}
+        return {"attached": others} if index in indices else {}
+
+    return tampered(run.plan, change)
 
 
 def carried(run: ToolRun) -> list[int]:
     """Return the segments in which the object is on the cup."""
-    return [i for i, segment in enumerate(run.document["segments"]) if NAME in segment["attached"]]
+    return [i for i, segment in enumerate(run.plan.segments) if NAME in segment.attached]
 
 
 def span(run: ToolRun, segments: list[int]) -> tuple[float, float]:
-    parts = [run.document["segments"][i]["time"] for i in segments]
-    return parts[0][0], parts[-1][-1]
+    parts = [run.plan.segments[i].time for i in segments]
+    return float(parts[0][0]), float(parts[-1][-1])
 
 
-def height(simulation: dict[str, Any], time: float) -> float:
-    track = simulation["motion"]["bodies"][NAME]
-    return float(np.interp(time, track["time"], [pose[2] for pose in track["poses"]]))
+def height(simulation: ToolSimulation, time: float) -> float:
+    track = simulation.motion.bodies[NAME]
+    return float(np.interp(time, track.time, track.poses[:, 2]))
 
 
 def test_the_object_arrives_and_the_document_is_what_the_contract_says(tool_run: ToolRun) -> None:
     simulation = tool_run.simulation
-    ToolSimulation.model_validate(simulation)
-    assert (simulation["outcome"], simulation["cause"], simulation["failed_at"]) == ("done", None, None)
-    assert simulation["goals"][NAME]["distance"] < 0.003
-    assert simulation["time"] >= tool_run.document["segments"][-1]["time"][-1]
+    ToolSimulation.model_validate(simulation.model_dump(mode="json"))
+    assert (simulation.outcome, simulation.cause, simulation.failed_at) == ("done", None, None)
+    assert simulation.goals[NAME].distance < 0.003
+    assert simulation.time >= tool_run.plan.segments[-1].end
     assert np.all(np.diff(tool_run.progress) >= 0.0)
     assert tool_run.progress[-1] == 1.0
 
 
 def test_the_cup_bears_the_weight_while_the_object_is_carried_and_nothing_before_and_after(tool_run: ToolRun) -> None:
-    curves = {curve["name"]: np.array(curve["value"]) for curve in tool_run.simulation["force_curves"]}
-    time = np.array(tool_run.simulation["force_curves"][0]["time"])
+    curves = {curve.name: curve.value for curve in tool_run.simulation.force_curves}
+    time = tool_run.simulation.force_curves[0].time
     begin, end = span(tool_run, carried(tool_run))
     inside = (time > begin + 0.3) & (time < end - 0.3)
     assert np.median(curves["suction load"][inside]) == pytest.approx(WEIGHT, rel=0.02)
@@ -91,89 +103,81 @@ def test_the_cup_bears_the_weight_while_the_object_is_carried_and_nothing_before
 
 
 def test_the_motion_is_that_of_the_plan(tool_run: ToolRun) -> None:
-    motion, segments = tool_run.simulation["motion"], tool_run.document["segments"]
-    planned_time = np.concatenate([segment["time"] for segment in segments])
-    planned = np.concatenate([segment["positions"] for segment in segments])
+    motion, segments = tool_run.simulation.motion, tool_run.plan.segments
+    planned_time = np.concatenate([segment.time for segment in segments])
+    planned = np.concatenate([segment.positions for segment in segments])
     for joint in range(12):
-        wanted = np.interp(motion["time"], planned_time, planned[:, joint])
-        assert np.abs(wanted - np.array(motion["positions"])[:, joint]).max() < 0.02
-    assert tool_run.simulation["largest"]["tool_off_plan"] < 0.005
+        wanted = np.interp(motion.time, planned_time, planned[:, joint])
+        assert np.abs(wanted - motion.positions[:, joint]).max() < 0.02
+    assert tool_run.simulation.largest.tool_off_plan < 0.005
 
 
 def test_a_cup_too_weak_loses_the_object_on_the_way_and_it_falls(tool_run: ToolRun) -> None:
     simulation = execute(tool_run, cup_strength=0.05)
     begin, end = span(tool_run, carried(tool_run))
-    assert simulation["outcome"] == "object_dropped"
-    assert begin < simulation["failed_at"] < end
-    assert f"{NAME} came off the cup" in simulation["cause"]
-    assert height(simulation, simulation["time"]) < height(simulation, simulation["failed_at"]) - 0.002
-    assert simulation["time"] > simulation["failed_at"]
+    assert simulation.outcome == "object_dropped"
+    assert begin < simulation.failed_at < end
+    assert f"{NAME} came off the cup" in simulation.cause
+    assert height(simulation, simulation.time) < height(simulation, simulation.failed_at) - 0.002
+    assert simulation.time > simulation.failed_at
 
 
 def test_an_object_heavier_than_planned_is_dropped(tool_run: ToolRun) -> None:
     simulation = execute(tool_run, object_mass=30.0)
-    assert simulation["outcome"] == "object_dropped"
-    assert NAME in simulation["cause"]
+    assert simulation.outcome == "object_dropped"
+    assert NAME in simulation.cause
 
 
 def test_fingers_too_weak_lose_the_tool(tool_run: ToolRun) -> None:
     simulation = execute(tool_run, grip_strength=0.05)
-    assert simulation["outcome"] == "tool_slipped"
-    assert "3 N" in simulation["cause"]
+    assert simulation.outcome == "tool_slipped"
+    assert "3 N" in simulation.cause
 
 
 def test_fingers_squeeze_as_the_plan_commands_and_with_the_tasks_friction(tool_run: ToolRun) -> None:
-    loosely = copy.deepcopy(tool_run.document)
-    for segment in loosely["segments"]:
-        if segment["hold"] is not None:
-            segment["hold"]["grip"]["squeeze"] = 4.0
-    for simulation, squeeze in ((execute(tool_run, loosely), 4.0), (execute(tool_run, grip_friction=0.05), None)):
-        squeeze = squeeze or tool_run.document["segments"][-1]["hold"]["grip"]["squeeze"]
-        assert simulation["outcome"] == "tool_slipped"
-        assert f"squeeze with {squeeze:.0f} N" in simulation["cause"]
+    grips = tool_run.plan.segments[-1].grips
+    for simulation, squeeze in (
+        (execute(tool_run, squeezing(tool_run.plan, 4.0)), 4.0),
+        (execute(tool_run, grip_friction=0.05), grips[0].squeeze),
+    ):
+        assert simulation.outcome == "tool_slipped"
+        assert f"squeeze with {squeeze:.0f} N" in simulation.cause
 
 
 def test_a_plan_that_lets_the_object_go_too_early_is_found(tool_run: ToolRun) -> None:
-    tampered = copy.deepcopy(tool_run.document)
-    begin, _ = span(tool_run, carried(tool_run)[-1:])
-    for index in carried(tool_run)[-1:]:
-        del tampered["segments"][index]["attached"][NAME]
-    simulation = execute(tool_run, tampered)
-    assert simulation["outcome"] == "object_dropped"
-    assert f"{NAME} fell" in simulation["cause"]
-    assert begin < simulation["failed_at"] < begin + 0.5
+    last = carried(tool_run)[-1:]
+    begin, _ = span(tool_run, last)
+    simulation = execute(tool_run, without_object(tool_run, last))
+    assert simulation.outcome == "object_dropped"
+    assert f"{NAME} fell" in simulation.cause
+    assert begin < simulation.failed_at < begin + 0.5
 
 
 def test_a_plan_that_leaves_the_object_where_it_was_is_found(tool_run: ToolRun) -> None:
-    tampered = copy.deepcopy(tool_run.document)
-    for index in carried(tool_run):
-        del tampered["segments"][index]["attached"][NAME]
-    simulation = execute(tool_run, tampered)
-    assert simulation["outcome"] == "off_goal"
-    assert simulation["goals"][NAME]["distance"] == pytest.approx(np.hypot(0.08, 0.3), abs=0.005)
+    simulation = execute(tool_run, without_object(tool_run, carried(tool_run)))
+    assert simulation.outcome == "off_goal"
+    assert simulation.goals[NAME].distance == pytest.approx(np.hypot(0.08, 0.3), abs=0.005)
 
 
 def test_a_hand_that_opens_on_the_way_drops_the_tool(tool_run: ToolRun) -> None:
-    tampered = copy.deepcopy(tool_run.document)
-    for index in carried(tool_run)[1:]:
-        tampered["segments"][index]["hold"] = None
-    simulation = execute(tool_run, tampered)
-    assert simulation["outcome"] == "tool_slipped"
-    assert "no hand held it" in simulation["cause"]
+    opened = carried(tool_run)[1:]
+    simulation = execute(tool_run, tampered(tool_run.plan, lambda index, _: {"hold": None} if index in opened else {}))
+    assert simulation.outcome == "tool_slipped"
+    assert "no hand held it" in simulation.cause
 
 
 def test_fingers_that_close_beside_the_tool_are_found(tool_run: ToolRun) -> None:
     scene = tool_run.scene
     T_elsewhere = scene.tool.body.T_world_body @ transform(position=[0.3, 0.3, 0.0])
     moved = replace(scene, tool=replace(scene.tool, body=replace(scene.tool.body, T_world_body=T_elsewhere)))
-    simulation = simulate_tool(tool_run.document, moved, silent).model_dump(mode="json")
-    assert simulation["outcome"] == "tool_slipped"
-    assert "beside the tool" in simulation["cause"]
+    simulation = simulate_tool(tool_run.plan, moved, silent)
+    assert simulation.outcome == "tool_slipped"
+    assert "beside the tool" in simulation.cause
 
 
 def test_the_same_plan_gives_the_same_simulation(tool_run: ToolRun) -> None:
-    again = simulate_tool(tool_run.document, tool_run.scene, silent).model_dump(mode="json")
-    assert again == tool_run.simulation
+    again = simulate_tool(tool_run.plan, tool_run.scene, silent)
+    assert again.model_dump(mode="json") == tool_run.simulation.model_dump(mode="json")
 
 
 @pytest.mark.parametrize(
@@ -200,6 +204,6 @@ def test_a_goal_is_missed_by_what_its_symmetry_does_not_forgive(symmetry: str, t
     task = read_task(body)
     assert isinstance(task, SuctionToolTask)
     (moved,) = build_tool_scene(task).objects
-    error = GoalError.of(moved, moved.T_world_goal @ transform(turn, [0.0, 0.003, 0.0]))
+    error = goal_error(moved, moved.T_world_goal @ transform(turn, [0.0, 0.003, 0.0]))
     assert error.distance == pytest.approx(0.003)
     assert error.angle == pytest.approx(angle, abs=1e-6)

@@ -30,4 +30,4 @@ def running_browser() -> Iterator[Browser]:
 
 def wait_for_plan(page: Page, name: str) -> None:
     """Wait until the viewer tells of a plan of this name."""
-    page.wait_for_function(f"player.story?.title === '{name}'", timeout=LOADING_MILLISECONDS)
+    page.wait_for_function(f"player.description?.title === '{name}'", timeout=LOADING_MILLISECONDS)

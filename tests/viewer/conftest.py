@@ -1,107 +1,13 @@
-"""Plan documents small enough to reckon with by hand."""
+"""A small plan of a lift, and the cell that it is in."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pytest
-from support.documents import bodies_of, cell_of
+from support.lift_documents import lift_document
 
 from planners.cell.cell import Cell, load_cell
-from workers.simulation.recorder import UNITS
-
-
-def contact(sample: int, by: str, kind: str, force: tuple[float, float, float], **members: Any) -> dict[str, Any]:
-    """Return a contact on the plate at the origin, its normal up."""
-    return {
-        "sample": sample,
-        "body": "plate",
-        "by": by,
-        "finger": None,
-        "kind": kind,
-        "point": [0.0, 0.0, 1.1],
-        "normal": [0.0, 0.0, 1.0],
-        "wrench": [*force, 0.0, 0.0, 0.0],
-        "mu": 0.5,
-        "limit": 20.0,
-        **members,
-    }
-
-
-def segment(start: float, n: int, **members: Any) -> dict[str, Any]:
-    """Return a segment of `n` samples a tenth of a second apart in which nothing moves."""
-    return {
-        "kind": "transit",
-        "movers": ["left"],
-        "contact_state": None,
-        "hold": None,
-        "time": [start + 0.1 * i for i in range(n)],
-        "positions": np.zeros((n, 12)).tolist(),
-        "velocities": np.zeros((n, 12)).tolist(),
-        "accelerations": np.zeros((n, 12)).tolist(),
-        "gripper_width": {"right": [0.085] * n},
-        "attached": {},
-        "body_poses": {},
-        "contacts": [],
-        **members,
-    }
-
-
-def simulation(duration: float, **members: Any) -> dict[str, Any]:
-    """Return a simulation of 50 samples a second in which nothing moves and no force is felt."""
-    time = np.arange(0.0, duration, 0.02)
-    rest = [0.3, 0.0, 1.114, 1.0, 0.0, 0.0, 0.0]
-    return {
-        "outcome": "lifted",
-        "time": duration,
-        "cause": None,
-        "force_curves": [
-            {"name": name, "unit": unit, "time": time.tolist(), "value": np.zeros(len(time)).tolist()}
-            for name, unit in UNITS.items()
-        ],
-        "minimum_total_force": 19.24,
-        "lift": None,
-        "dips": {"count": 0, "seconds": 0.0, "lowest": None},
-        "manipulation": {
-            "nodes": [],
-            "largest_difference": 0.0,
-            "largest_difference_of_weight": 0.0,
-            "largest_distance": 0.0,
-            "largest_angle": 0.0,
-        },
-        "motion": {
-            "time": time.tolist(),
-            "positions": np.zeros((len(time), 12)).tolist(),
-            "plate": [rest] * len(time),
-        },
-        "model": [],
-        "seed": 0,
-        "settings": {},
-        **members,
-    }
-
-
-def lift(begin: float, **members: Any) -> dict[str, Any]:
-    """Return the `lift` of a simulation."""
-    return {
-        "begin": begin,
-        "height": 0.2,
-        "reachable_height": 0.25,
-        "end_of_reach": "a joint",
-        "goal_force": 14.0,
-        "cup_reserve": 0.2,
-        "lifter_travel": 0.2,
-        "lifter_seconds": 5.0,
-        "controlled": True,
-        **members,
-    }
-
-
-def set_curve(document: dict[str, Any], name: str, values: Any) -> None:
-    """Give one curve of a document's simulation other values: a number, or a function of time."""
-    curve = next(curve for curve in document["simulation"]["force_curves"] if curve["name"] == name)
-    curve["value"] = [float(values(time) if callable(values) else values) for time in curve["time"]]
 
 
 @pytest.fixture(scope="session")
@@ -112,48 +18,4 @@ def cell() -> Cell:
 @pytest.fixture
 def document(cell: Cell) -> dict[str, Any]:
     """Return a plan without segments."""
-    plate = {
-        "role": "plate",
-        "shape": {"type": "box", "size": [0.3, 0.3, 0.04]},
-        "mass": 4.0,
-        "com": [0.0, 0.0, 0.0],
-        "pose": [0.3, 0.0, 1.114, 1.0, 0.0, 0.0, 0.0],
-        "static": False,
-    }
-    lifter = {
-        "cup": _part("cup", 0.0175, 0.04, 1.154),
-        "cable": _part("cable", 0.01, 1.1, 1.724),
-    }
-    task = {
-        "kind": "plate_lift",
-        "external_id": "by hand",
-        "plate": {"mass": 4.0, "shape": plate["shape"]},
-        "cup": {"max_force": 20.0, "mu": 0.5},
-        "lifter_model": "paper",
-        "start_positions": None,
-    }
-    return {
-        "schema_version": "1.0",
-        "id": "0" * 32,
-        "task": task,
-        "outcome": "infeasible",
-        "explanation": {"summary": "nothing was planned", "causes": []},
-        "cell": cell_of(cell),
-        "bodies": {**bodies_of(cell), "plate": plate, **lifter},
-        "segments": [],
-        "certificate": None,
-        "simulation": None,
-        "statistics": {"total_seconds": None, "stages": [], "graph": {}, "search": {}, "rejections": {}},
-    }
-
-
-def _part(role: str, radius: float, height: float, z: float) -> dict[str, Any]:
-    """Return a part of the lifter, upright over the plate."""
-    return {
-        "role": role,
-        "shape": {"type": "cylinder", "radius": radius, "height": height},
-        "mass": None,
-        "com": [0.0, 0.0, 0.0],
-        "pose": [0.4, 0.0, z, 1.0, 0.0, 0.0, 0.0],
-        "static": False,
-    }
+    return lift_document(cell)

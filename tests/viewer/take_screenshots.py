@@ -66,7 +66,7 @@ def main() -> None:
             scene = client.post("/v1/scenes", files=shipped().form()).json()
             page = browser.new_page(viewport=WINDOW)
             page.goto(service.address + scene["links"]["view"])
-            page.wait_for_function("perceived.story")
+            page.wait_for_function("perceived.description")
             page.wait_for_timeout(DRAWING_MILLISECONDS)
             page.screenshot(path=DOCS / f"{SCENE}.png")
 

@@ -191,7 +191,7 @@ def test_the_smallest_reserve_is_told_and_leads_to_where_it_is(page: Page, newer
     assert f"segment {least['segment'] + 1}" in told
     button.click()
     assert page.evaluate("player.time") == pytest.approx(time, abs=1e-3)
-    assert page.evaluate("player.score.segmentAt(player.time)") == least["segment"]
+    assert page.evaluate("player.timeline.segmentAt(player.time)") == least["segment"]
     shown = page.locator(".chart", has_text="Force reserve").locator("li b").first.inner_text()
     assert float(shown) == pytest.approx(100.0 * LEAST, abs=0.1)
 
@@ -306,7 +306,7 @@ def test_a_fault_is_shown_as_one_and_not_tried_again_by_itself(window: Page, vie
     window.wait_for_function("document.getElementById('message').innerText.includes('A fault of the service')")
     told = window.locator("#message").inner_text()
     assert "could not show this plan" in told
-    assert "KeyError" in told
+    assert "ValidationError" in told
     window.wait_for_timeout(POLLS_MILLISECONDS)
     # Another try would have another fault's name.
     assert window.locator("#message").inner_text() == told
@@ -326,7 +326,7 @@ def tells_why(page: Page, document: dict[str, Any]) -> None:
     assert document["explanation"]["summary"] in said
     assert all(cause["reason"].rstrip(".") in said for cause in document["explanation"]["causes"])
     assert "No connection" not in said
-    assert not page.locator("#score").is_visible()
+    assert not page.locator("#timeline").is_visible()
     for name in page.locator("#tabs button").all_inner_texts():
         page.get_by_role("tab", name=name).click()
         assert "null" not in words(page, "#tab-body")

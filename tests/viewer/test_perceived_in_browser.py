@@ -39,7 +39,7 @@ def page(service: ServiceProcess, scene: dict[str, Any]) -> Iterator[Page]:
         page.set_default_timeout(LOADING_MILLISECONDS)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(service.address + scene["links"]["view"])
-        page.wait_for_function("perceived.story")
+        page.wait_for_function("perceived.description")
         yield page
     assert errors == []
 
@@ -51,7 +51,7 @@ def test_every_object_is_told_with_its_size_and_the_scene_is_listed(page: Page, 
         assert " × ".join(f"{1e3 * side:.1f}" for side in each["shape"]["size"]) in told
     assert scene["scene"]["tool"]["name"] in told
     page.wait_for_selector(f"#scene-list li[data-scene='{scene['id']}'][aria-selected='true']")
-    assert not page.locator("#score").is_visible()
+    assert not page.locator("#timeline").is_visible()
 
 
 @pytest.mark.slow

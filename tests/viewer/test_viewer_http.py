@@ -57,7 +57,7 @@ def test_the_view_of_a_scene_leads_to_the_viewer_which_tells_of_its_objects(
     with connect(watch_address(service)) as socket:
         socket.recv()
         socket.send(json.dumps({"type": "open_perceived", "scene": scene["id"]}))
-        told = json.loads(socket.recv())["story"]
+        told = json.loads(socket.recv())["description"]
         assert [each["name"] for each in told["objects"]] == [each["name"] for each in scene["scene"]["objects"]]
         # What only plans have does no harm.
         for request in ({"type": "time", "source": "plan", "time": 1.0}, {"type": "view", "view": "close"}):
@@ -88,10 +88,10 @@ def test_nothing_else_is_served(client: httpx.Client, name: str) -> None:
     assert client.get(f"/viewer/{name}").status_code == 404
 
 
-def test_a_watcher_gets_a_room_and_is_told_of_plans_that_are_not_there(service: ServiceProcess) -> None:
+def test_a_watcher_gets_a_scene_and_is_told_of_plans_that_are_not_there(service: ServiceProcess) -> None:
     with connect(watch_address(service)) as socket:
-        room = json.loads(socket.recv())
-        assert httpx.get(f"{service.address}/viewer/{room['scene']}").status_code == 200
+        opened = json.loads(socket.recv())
+        assert httpx.get(f"{service.address}/viewer/{opened['scene']}").status_code == 200
         socket.send(json.dumps({"type": "open", "plan": "none"}))
         answer = json.loads(socket.recv())
         assert answer["type"] == "refused"
@@ -112,7 +112,9 @@ def test_a_fault_of_the_service_is_told_as_one_and_the_connection_stays(
             socket.send(json.dumps({"type": "open", "plan": plan["id"]}))
             told.append(json.loads(socket.recv()))
         assert {(each["type"], each["request"]) for each in told} == {("fault", "open")}
-        assert all("could not show this plan" in each["detail"] and "KeyError" in each["detail"] for each in told)
+        assert all(
+            "could not show this plan" in each["detail"] and "ValidationError" in each["detail"] for each in told
+        )
         assert told[0]["detail"] != told[1]["detail"], "each fault is found in the log by a name of its own"
         socket.send(json.dumps({"type": "time", "source": "plan", "time": 1.0}))
         assert json.loads(socket.recv()) == {"type": "done", "request": "time"}

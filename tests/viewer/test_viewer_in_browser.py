@@ -253,7 +253,7 @@ def test_two_people_watch_two_plans_and_one_of_them_learns_why_there_is_none(
     drag_to(other, 0.5)
     wait_until_it_differs(other, start)
     wait_until_it_is_as_before(page, seen_by_one)
-    assert page.evaluate("[player.story.title, player.time]") == ["pb1", 0]
+    assert page.evaluate("[player.description.title, player.time]") == ["pb1", 0]
     other.context.close()
 
 
@@ -379,4 +379,4 @@ def test_a_job_that_was_cancelled_says_so_and_the_list_is_there_without_a_plan(
     page.wait_for_function("document.getElementById('message').innerText.includes('Choose a plan')")
     page.locator("#plan-list li", has_text="unwanted 1").click()
     page.wait_for_function("document.getElementById('message').innerText.includes('was cancelled')")
-    assert not page.locator("#score").is_visible()
+    assert not page.locator("#timeline").is_visible()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.documents import bodies_of
 
-from app.viewer.room import FIELD_OF_VIEW, VIEWS
+from app.viewer.scene_servers import FIELD_OF_VIEW, VIEWS
 from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
 

@@ -20,8 +20,8 @@ from planners.lifting.lift_path import LiftPath, lift_path
 from planners.manipulation.reach.lift_workcell import PLATE_FRAME, LiftWorkcell
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand
+from workers.simulation.lifter import WinchProfile
 from workers.simulation.settings import SimulationSettings
-from workers.simulation.winch import WinchProfile
 
 _LIMIT_SHARE = 0.8
 """Part of the joints' speed limits that the follower uses [1]: force control corrects on top of it."""

@@ -1,11 +1,9 @@
-"""A hand in the simulation: its contact with the plate, its force sensor, and how it tracks a wrench."""
+"""A hand on the plate: how it gets hold of it, its force sensor, and how it tracks a wrench."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -13,16 +11,42 @@ from planners.cell.arm import Arm
 from planners.cell.hand import Gripper, Pusher
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, small_motion, transform
 from planners.kinematics.forward import flange_pose, jacobian
-from workers.simulation.force_sensor import ForceSensor
-from workers.simulation.reference import Stage
-from workers.simulation.settings import SimulationSettings
-from workers.simulation.touch import PlateMotion, Touch
+from planners.plan.segment import Push, SegmentKind
+from workers.simulation.settings import SensorSettings, SimulationSettings
+from workers.simulation.timeline import PlannedMoment
+from workers.simulation.touch import Touch
+from workers.simulation.world import Motion
 
 _FADE = 0.05
 """How fast a feed-forward correction is taken on [s]."""
 _NEWTON_STEPS = 3
 _CLEAR = 0.004
 """A stick further than this from the plate has left it [m]."""
+
+
+class ForceSensor:
+    """FT300: reads the contact wrench of its hand at its own rate.
+
+    The weight of the hand itself is compensated by the robot from the hand's known mass; what remains of that is part
+    of the offset that taring takes away.
+    """
+
+    def __init__(self, rng: np.random.Generator, settings: SensorSettings) -> None:
+        """Switch it on: its offset is unknown until it is tared."""
+        self._rng, self._settings = rng, settings
+        self._noise = np.repeat([settings.force_noise, settings.torque_noise], 3)
+        self._offset = rng.normal(scale=np.repeat([settings.force_bias, settings.torque_bias], 3))
+        self._tare = np.zeros(6)
+        self.tare()
+
+    def tare(self) -> None:
+        """Average some readings while the hand bears nothing, and subtract them from now on."""
+        noise = self._rng.normal(scale=self._noise, size=(self._settings.tare_readings, 6))
+        self._tare = self._offset + noise.mean(axis=0)
+
+    def read(self, wrench: Array) -> Array:
+        """Return the (6,) reading for a true wrench (6,) of the hand on what it touches, world axes [N, Nm]."""
+        return wrench + self._offset + self._rng.normal(scale=self._noise) - self._tare
 
 
 class SimulatedHand(ABC):
@@ -56,16 +80,16 @@ class SimulatedHand(ABC):
     @property
     def pressed(self) -> bool:
         """Whether it presses on the plate anywhere."""
-        return self.touch.engaged and bool(np.any(self.touch.forces))
+        return self.touch.engaged and bool(self.touch.forces.any())
 
     @property
     def slip(self) -> float:
         """How far it has slid on the plate since it got hold of it [m]."""
-        return float(self.touch.slips.mean()) if self.touch.engaged else 0.0
+        return float(self.touch.slips.sum()) / len(self.touch.slips) if self.touch.engaged else 0.0
 
     @abstractmethod
-    def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
-        """Get hold of the plate, or let it go, as the plan says at a time [s]."""
+    def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
+        """Get hold of the plate, or let it go, as the plan says."""
 
     def sense(self, R_world_plate: Array) -> None:
         """Take a reading, with the plate's orientation (3, 3) of now."""
@@ -87,7 +111,7 @@ class SimulatedHand(ABC):
     def correction(self, positions: Array) -> Array:
         """Return the (6,) joint corrections at the planned joint positions (6,) [rad]."""
         away = self._forward + self._trim
-        if not np.any(away):
+        if not away.any():
             return np.zeros(6)
         return moved_joints(self.arm, self.T_flange_hand, positions, away) - positions
 
@@ -136,16 +160,14 @@ class GrippingHand(SimulatedHand):
             mu=contact.friction_factor * mu,
         )
 
-    def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
+    def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
         """Close and open the fingers as the plan says."""
-        holds = stage.grip is not None
-        part = (time - stage.begin) / max(stage.end - stage.begin, 1e-9)
-        if stage.kind == "grip":
+        segment, part = moment.segment, moment.elapsed
+        holds, squeeze = bool(segment.grips), 1.0
+        if segment.kind is SegmentKind.GRIP:
             holds, squeeze = part > 0.6, min(1.0, max(0.0, (part - 0.6) / 0.3))
-        elif stage.kind == "release":
+        elif segment.kind is SegmentKind.RELEASE:
             holds, squeeze = part < 0.3, max(0.0, 1.0 - part / 0.3)
-        else:
-            squeeze = 1.0
         if holds and not self.touch.engaged:
             R, com = plate[0], plate[1]
             T_plate_hand = inverse(transform(R, com)) @ T_world_hand
@@ -154,9 +176,8 @@ class GrippingHand(SimulatedHand):
         elif not holds and self.touch.engaged:
             self.touch.release()
             self.sensor.tare()
-        if stage.grip is not None:
-            commanded = stage.grip.get("squeeze")
-            self._squeeze = self.settings.contact.squeeze if commanded is None else float(commanded)
+        for grip in segment.grips:
+            self._squeeze = self.settings.contact.squeeze if grip.squeeze is None else grip.squeeze
         if self.touch.engaged:
             self.touch.preload[:] = 0.25 * self._squeeze * squeeze
 
@@ -181,7 +202,7 @@ class PushingHand(SimulatedHand):
         assert isinstance(arm.hand, Pusher)
         self.T_flange_hand = arm.hand.T_flange_tcp
         self._com, self._radius = plate_com, arm.hand.tip_radius
-        self._hold: Mapping[str, Any] | None = None
+        self._push: Push | None = None
         self.touch = Touch(
             np.zeros((1, 3)),
             normal=contact.tip_normal_stiffness,
@@ -190,27 +211,26 @@ class PushingHand(SimulatedHand):
             mu=contact.friction_factor * mu,
         )
 
-    def update(self, stage: Stage, time: float, T_world_hand: Transform, plate: PlateMotion) -> None:
+    def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
         """Watch the face that is to be pushed; there is contact where the tip is beyond it."""
-        R, com = plate[0], plate[1]
-        if stage.push is not None and stage.push is not self._hold:
-            normal = np.array(stage.push["normal"])
-            if self._hold is None or stage.push["point"] != self._hold["point"]:
+        R, com, push = plate[0], plate[1], moment.segment.push
+        if push is not None and push is not self._push:
+            if self._push is None or not np.array_equal(push.point, self._push.point):
                 T_plate_hand = inverse(transform(R, com)) @ T_world_hand
-                face = np.array(stage.push["point"]) - self._com
+                face, normal = push.point - self._com, push.normal
                 tip = T_plate_hand[:3, 3] + self._radius * normal
                 self.touch.engage_at((tip + ((face - tip) @ normal) * normal)[None], normal[None])
-            self._hold = stage.push
+            self._push = push
         if not self.touch.engaged:
             return
         n = R @ self.touch.normals[0]
         self.touch.points[0] = T_world_hand[:3, :3].T @ (self._radius * n)
-        if stage.push is None:
+        if push is None:
             gap = -float((T_world_hand[:3, 3] + self._radius * n - com - R @ self.touch.anchors[0]) @ n)
             if gap > _CLEAR:
                 self.touch.release()
                 self.sensor.tare()
-                self._hold = None
+                self._push = None
 
     def track(self, wrench: Array | None, R_world_plate: Array) -> None:
         """Track a planned push; the stick never presses less than it must to stay in touch."""

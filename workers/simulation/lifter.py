@@ -1,15 +1,17 @@
-"""The lifter's cup on the plate: a force source while the plate is manipulated, a winch while it is lifted."""
+"""The lifter: its cup is a force source while the plate is manipulated, and hangs on a winch while it is lifted."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from planners.geometry.pose import Array, skew
 from planners.scene.lift_scene import PlateLiftScene
-from workers.simulation.settings import ContactSettings, CupSettings
-from workers.simulation.touch import PlateMotion
+from workers.simulation.settings import ContactSettings, CupSettings, WinchSettings
+from workers.simulation.world import Motion
 
 
 class SuctionLifter:
@@ -46,13 +48,13 @@ class SuctionLifter:
         self._over = 0.0
         self._hung: tuple[Array, Array, Array] | None = None
 
-    def place(self, plate: PlateMotion) -> tuple[Array, Array]:
+    def place(self, plate: Motion) -> tuple[Array, Array]:
         """Return the pad's place (3,) and its velocity (3,), world."""
         R, com, velocity, spin = plate
         arm = R @ self._arm
         return com + arm, velocity + skew(spin) @ arm
 
-    def give(self, wrench: Array, point: Array, velocity: Array, plate: PlateMotion, step: float) -> Array:
+    def give(self, wrench: Array, point: Array, velocity: Array, plate: Motion, step: float) -> Array:
         """Act as the force source for one step and return the (6,) wrench on the plate about its centre of mass.
 
         Args:
@@ -71,12 +73,12 @@ class SuctionLifter:
         force = force + loaded * self.stiffness * (point - place + s.damping_time * (velocity - moves))
         return self._exert(force, wrench[3:], plate, s.saturation * self.limit)[0]
 
-    def hang(self, plate: PlateMotion, torque: Array) -> None:
+    def hang(self, plate: Motion, torque: Array) -> None:
         """Begin the lift: from now on the head is where the winch has it, and the force now is the force at rest."""
         place, _ = self.place(plate)
         self._hung = (self.force.copy(), place, torque)
 
-    def hoist(self, height: float, speed: float, plate: PlateMotion) -> Array:
+    def hoist(self, height: float, speed: float, plate: Motion) -> Array:
         """Act as a spring to the head at a height over where the lift began; return the (6,) wrench as in `give`."""
         assert self._hung is not None
         force0, place0, torque = self._hung
@@ -90,7 +92,7 @@ class SuctionLifter:
         force = force0 + self.stiffness * (lag + self._settings.damping_time * rate)
         wrench, excess = self._exert(force, torque, plate, math.inf)
         force0 -= excess
-        self.slid += float(np.linalg.norm(excess)) / self.stiffness
+        self.slid += math.sqrt(excess @ excess) / self.stiffness
         return wrench
 
     def lets_go(self, step: float) -> str | None:
@@ -106,7 +108,7 @@ class SuctionLifter:
             return "the cup slid off its place on the plate"
         return None
 
-    def _exert(self, force: Array, torque: Array, plate: PlateMotion, most: float) -> tuple[Array, Array]:
+    def _exert(self, force: Array, torque: Array, plate: Motion, most: float) -> tuple[Array, Array]:
         """Keep a force within what the cup can bear; return the wrench about the centre of mass, and what slid away."""
         R = plate[0]
         if self._cable:
@@ -117,7 +119,7 @@ class SuctionLifter:
         outward = R @ self._outward
         self.pull = min(max(0.0, float(force @ outward)), most)
         across = force - (force @ outward) * outward
-        size, grip = float(np.linalg.norm(across)), self._mu * self.pull
+        size, grip = math.sqrt(across @ across), self._mu * self.pull
         excess = across * max(0.0, 1.0 - grip / size) if size > 0.0 else np.zeros(3)
         self.force = self.pull * outward + across - excess
         arm = R @ self._arm
@@ -127,4 +129,55 @@ class SuctionLifter:
         """Keep a torque (3,) within what the pad bears: paper B's (5g) about its x and y, friction about its normal."""
         axes, twist = R_world_plate @ self._axes, self._radius * grip
         most = np.array([self._bending, self._bending, twist])
-        return axes @ np.clip(axes.T @ torque, -most, most)
+        return axes @ np.minimum(np.maximum(axes.T @ torque, -most), most)
+
+
+@dataclass(frozen=True, eq=False)
+class WinchProfile:
+    """Height of the lifter over time, drawn before the lift begins: it takes no notice of the robot.
+
+    Somebody else operates it, by a switch that is pressed and let go, unevenly.
+    """
+
+    step: float
+    """[s]"""
+    heights: Array
+    """(n,) never falling, from 0 [m]."""
+
+    @classmethod
+    def draw(cls, travel: float, step: float, rng: np.random.Generator, settings: WinchSettings) -> Self:
+        """Draw moves, holds and jerks until the lifter has risen by `travel` [m]; it stops as it does anywhere."""
+        speed, heights = 0.0, [0.0]
+        wanted = [0.0] * round(rng.uniform(*settings.hold) / step)
+        while heights[-1] < travel:
+            if not wanted:
+                wanted = _next_press(step, rng, settings)
+            # Who operates it lets go in time, so that it comes to rest at the top as it does anywhere else.
+            last = math.sqrt(2.0 * settings.deceleration * (travel - heights[-1]))
+            faster, slower = speed + settings.acceleration * step, speed - settings.deceleration * step
+            speed = max(min(wanted.pop(), last, faster), slower)
+            heights.append(min(heights[-1] + speed * step, travel))
+        return cls(step, np.array(heights))
+
+    @property
+    def duration(self) -> float:
+        """Until the lifter stands for good [s]."""
+        return self.step * (len(self.heights) - 1)
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Return height [m] and speed [m/s]."""
+        index = min(round(time / self.step), len(self.heights) - 1)
+        after = min(index + 1, len(self.heights) - 1)
+        return float(self.heights[index]), float(self.heights[after] - self.heights[index]) / self.step
+
+
+def _next_press(step: float, rng: np.random.Generator, settings: WinchSettings) -> list[float]:
+    """Return wanted speeds, last first: perhaps a jerk, a move, perhaps a hold."""
+    speed = rng.uniform(*settings.speed)
+    move = [speed] * round(rng.uniform(*settings.move) / step)
+    jerk = rng.random() < settings.jerk_chance
+    if jerk:
+        move = [settings.jerk_speed] * round(settings.jerk_time / step) + move
+    if rng.random() < settings.hold_chance:
+        move += [0.0] * round(rng.uniform(*settings.hold) / step)
+    return move[::-1]

@@ -1,31 +1,36 @@
-"""From a certified plan to the `simulation` of its document."""
+"""The stage "simulate" of a job: from a certified plan of either kind to its member `simulation`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
 from planners.contract.arrays import rounded
 from planners.geometry.pose import to_pose7s
+from planners.plan.plan import Plan
 from planners.plan.simulation import (
     ForceDips,
+    GoalError,
+    LargestLoads,
     LiftSimulation,
     SimulatedLift,
     SimulatedManipulation,
     SimulatedMotion,
+    Simulation,
+    ToolSimulation,
 )
 from planners.progress import Progress
 from planners.scene.lift_scene import PlateLiftScene
-from workers.simulation.execution import Execution
-from workers.simulation.outcome import Failure, SimulationOutcome
-from workers.simulation.settings import SimulationSettings
-from workers.simulation.world import World
+from planners.scene.tool_scene import SuctionToolScene
+from workers.simulation.lift_execution import LiftExecution, LiftFailure
+from workers.simulation.recording import MOTION_EVERY, TOOL_UNITS
+from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
+from workers.simulation.tool_execution import ToolExecution, ToolFailure
+from workers.simulation.world import LiftWorld, ToolWorld
 
-MODEL = (
+LIFT_MODEL = (
     "Plate, table, support and obstacles are rigid bodies in PyBullet; arms are chains of links driven by servos.",
     "True friction is a stated factor above the planned coefficients, at all contacts; a plan of least effort lies on "
     "the border of its friction cones.",
@@ -43,14 +48,35 @@ MODEL = (
     "The paper's lifter pulls in all directions and its cup holds by friction; on a cable the trolley keeps above the "
     "cup, which bears a pull from any side and does not slide.",
 )
+TOOL_MODEL = (
+    "Tool, objects, table, tool rest and obstacles are rigid bodies in PyBullet, evenly filled about their stated "
+    "centres of mass; what lies on what rests there by gravity and friction. Arms are chains of links driven by servos "
+    "along the timed plan; fingers collide with nothing.",
+    "Fingers hold the tool by a compliant joint in all six directions, tied as the tool is found when they close. They "
+    "lose it when the least squeeze that two soft fingers need for it is over the one that the plan commands.",
+    "The cup holds an object by a compliant joint at the lip, tied as the object is found when the vacuum comes on; "
+    "pressing loads it with nothing. It lets go when pull, shear, twist or bending leave its cones.",
+    "A hold gives way when it is over its limit for a stated time, or at once above a stated multiple of it. Then the "
+    "robot stops, and the simulation goes on for a moment.",
+    "What nothing holds must stay where it was let go; at the end all objects must be at their goals.",
+)
 """What is modelled, for a person."""
-_MOTION_EVERY = 2
-"""Of the recorded instants, how many apart the motion is kept."""
 _DIGITS = 6
 
 
-def simulate(
-    document: Mapping[str, Any],
+def simulate_plan(plan: Plan, scene: PlateLiftScene | SuctionToolScene, progress: Progress, seed: int) -> Simulation:
+    """Execute a solved plan in physics, as fits its scene; `seed` is for what is random, in lifts only.
+
+    The robot gets the numbers that are sent, which have fewer digits than those that were computed.
+    """
+    sent = Plan.read(plan.write())
+    if isinstance(scene, SuctionToolScene):
+        return simulate_tool(sent, scene, progress)
+    return simulate_lift(sent, scene, progress, seed)
+
+
+def simulate_lift(
+    plan: Plan,
     scene: PlateLiftScene,
     progress: Progress,
     seed: int,
@@ -60,7 +86,7 @@ def simulate(
     """Execute a plan in physics, then lift; that something gives way is an answer.
 
     Args:
-        document: a solved plan.
+        plan: a solved one.
         scene: that it was planned in.
         progress: told of stage "simulate".
         seed: of sensor noise, of the lifter's force error and of its profile.
@@ -72,19 +98,43 @@ def simulate(
     """
     settings = settings or SimulationSettings()
     actual = actual or scene
-    with World(actual, settings) as world:
-        execution = Execution(document, actual, world, settings, np.random.default_rng(seed), scene)
+    with LiftWorld(actual, settings) as world:
+        execution = LiftExecution(plan, actual, world, settings, np.random.default_rng(seed), scene)
         failure = execution.run(progress)
-    return _result(execution, failure, seed)
+    return _lift_result(execution, failure, seed)
 
 
-def _result(execution: Execution, failure: Failure[SimulationOutcome] | None, seed: int) -> LiftSimulation:
+def simulate_tool(
+    plan: Plan,
+    scene: SuctionToolScene,
+    progress: Progress,
+    settings: ToolSimulationSettings | None = None,
+) -> ToolSimulation:
+    """Execute a plan in physics; that something gives way is an answer.
+
+    Args:
+        plan: a solved one.
+        scene: that it was planned in.
+        progress: told of stage "simulate".
+        settings: what is assumed. Nothing is random.
+
+    Returns:
+        The `simulation` of a plan.
+    """
+    settings = settings or ToolSimulationSettings()
+    with ToolWorld(scene, settings) as world:
+        execution = ToolExecution(plan, scene, world, settings)
+        failure = execution.run(progress)
+        return _tool_result(execution, failure)
+
+
+def _lift_result(execution: LiftExecution, failure: LiftFailure | None, seed: int) -> LiftSimulation:
     scene = execution.scene
     weight = (scene.plate.mass or 0.0) * float(-scene.cell.gravity[2])
     least = weight - scene.cup.max_force
     return LiftSimulation(
         kind="plate_lift",
-        outcome=(SimulationOutcome.LIFTED if failure is None else failure.outcome).value,
+        outcome="lifted" if failure is None else failure.outcome,
         time=round(execution.time, _DIGITS),
         cause=None if failure is None else failure.cause,
         force_curves=execution.recorder.curves(),
@@ -93,13 +143,13 @@ def _result(execution: Execution, failure: Failure[SimulationOutcome] | None, se
         dips=_dips(execution, least),
         manipulation=_manipulation(execution, weight),
         motion=_motion(execution),
-        model=list(MODEL),
+        model=list(LIFT_MODEL),
         seed=seed,
         settings=json.loads(json.dumps(asdict(execution.settings))),
     )
 
 
-def _lift(execution: Execution) -> SimulatedLift | None:
+def _lift(execution: LiftExecution) -> SimulatedLift | None:
     """Tell how the lift was prepared and how far it came; None when it was not come to."""
     lift = execution.lift
     if lift is None:
@@ -118,7 +168,7 @@ def _lift(execution: Execution) -> SimulatedLift | None:
     )
 
 
-def _dips(execution: Execution, least: float) -> ForceDips:
+def _dips(execution: LiftExecution, least: float) -> ForceDips:
     """Count how often, and say how long, both hands together bore less than the minimum during the lift."""
     if execution.lift is None:
         return ForceDips(count=0, seconds=0.0, lowest=None)
@@ -131,24 +181,49 @@ def _dips(execution: Execution, least: float) -> ForceDips:
     )
 
 
-def _manipulation(execution: Execution, weight: float) -> SimulatedManipulation:
+def _manipulation(execution: LiftExecution, weight: float) -> SimulatedManipulation:
     """Compare the manipulation with its plan."""
-    differences = [node.largest_difference() for node in execution.comparison.nodes]
-    off = execution.largest_way_off
+    comparison, off = execution.comparison, execution.largest_way_off
     return SimulatedManipulation(
-        nodes=[node.stated() for node in execution.comparison.nodes],
-        largest_difference=round(max(differences, default=0.0), _DIGITS),
-        largest_difference_of_weight=round(max(differences, default=0.0) / weight, _DIGITS),
+        nodes=comparison.nodes,
+        largest_difference=round(comparison.largest_difference, _DIGITS),
+        largest_difference_of_weight=round(comparison.largest_difference / weight, _DIGITS),
         largest_distance=round(float(off[0]), _DIGITS),
         largest_angle=round(float(off[1]), _DIGITS),
     )
 
 
-def _motion(execution: Execution) -> SimulatedMotion:
+def _motion(execution: LiftExecution) -> SimulatedMotion:
     """Return how robot and plate moved, for playing it back."""
-    rows = execution.motion[::_MOTION_EVERY]
+    rows = execution.motion[::MOTION_EVERY]
     return SimulatedMotion(
         time=rounded(np.array([time for time, _, _ in rows]), _DIGITS),
         positions=rounded(np.array([positions for _, positions, _ in rows]).reshape(-1, 12), _DIGITS),
         plate=rounded(to_pose7s(np.array([T for _, _, T in rows]).reshape(-1, 4, 4)), _DIGITS),
+    )
+
+
+def _tool_result(execution: ToolExecution, failure: ToolFailure | None) -> ToolSimulation:
+    recorder = execution.recorder
+    most = {name: float(recorder.column(name).max(initial=0.0)) for name in TOOL_UNITS}
+    return ToolSimulation(
+        kind="suction_tool",
+        outcome="done" if failure is None else failure.outcome,
+        time=round(execution.time, _DIGITS),
+        failed_at=None if failure is None else round(failure.time, _DIGITS),
+        cause=None if failure is None else failure.cause,
+        force_curves=recorder.curves(),
+        goals={
+            name: GoalError(distance=round(error.distance, _DIGITS), angle=round(error.angle, _DIGITS))
+            for name, error in execution.goal_errors().items()
+        },
+        largest=LargestLoads(
+            suction_share=round(most["suction share"], _DIGITS),
+            squeeze=round(max(most["left squeeze"], most["right squeeze"]), _DIGITS),
+            tool_off_plan=round(most["tool off plan"], _DIGITS),
+            object_off_plan=round(most["object off plan"], _DIGITS),
+        ),
+        motion=execution.motion(),
+        model=list(TOOL_MODEL),
+        settings=json.loads(json.dumps(asdict(execution.settings))),
     )

@@ -2,55 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from planners.cell.hand import Gripper
-from planners.geometry.pose import Array, Transform
+from planners.contract.arrays import rounded
+from planners.geometry.pose import Array, Transform, rotation_angle
+from planners.plan.plan import Plan
+from planners.plan.segment import Attachment, Grip, Segment, SegmentKind
+from planners.plan.simulation import GoalError, SimulatedToolMotion, ToolEnding
 from planners.progress import Progress, Report
+from planners.scene.moved_object import MovedObject
+from planners.scene.solid import ExtrudedSolid
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
-from workers.simulation.bond import exert
-from workers.simulation.goal_error import GoalError
-from workers.simulation.outcome import Failure, ToolOutcome
-from workers.simulation.sampled_plan import Place
-from workers.simulation.standing import Standing
-from workers.simulation.tool_holds import CupHold, CupLoad, FingerHold, leaves_behind, misses_tool
-from workers.simulation.tool_recorder import ToolRecorder
-from workers.simulation.tool_reference import PlannedGrip, PlannedSuction, ToolReference, ToolStage
-from workers.simulation.tool_settings import ToolSimulationSettings
-from workers.simulation.tool_world import ToolWorld
+from workers.simulation.holds import CupHold, CupLoad, FingerHold, exert, leaves_behind, misses_tool
+from workers.simulation.recording import MOTION_EVERY, TOOL_UNITS, Failure, Recorder, Track
+from workers.simulation.settings import ToolSimulationSettings, WatchSettings
+from workers.simulation.timeline import PlannedMoment, Timeline
+from workers.simulation.world import FreeBody, ToolWorld
 
 _REPORT_EVERY = 50
 """Steps between two reports of progress."""
 _NO_LOAD = (0.0, 0.0)
-ToolFailure = Failure[ToolOutcome]
+ToolFailure = Failure[ToolEnding]
 
 
 class ToolExecution:
     """One simulated run of a plan. Call `run` once."""
 
-    def __init__(
-        self, document: Mapping[str, Any], scene: SuctionToolScene, world: ToolWorld, settings: ToolSimulationSettings
-    ) -> None:
+    def __init__(self, plan: Plan, scene: SuctionToolScene, world: ToolWorld, settings: ToolSimulationSettings) -> None:
         """Prepare what the plan wants.
 
         Args:
-            document: solved.
+            plan: solved.
             scene: that it was planned in.
             world: the physics, at the start.
             settings: see there.
         """
         self.scene, self.world, self.settings = scene, world, settings
-        self.reference = ToolReference.of(document)
-        self.recorder = ToolRecorder()
+        self.timeline = Timeline(plan.segments)
+        self.recorder = Recorder(TOOL_UNITS, length_digits=6)
         self.time = 0.0
         """[s]"""
+        self._moment = self.timeline.at(self.time)
         self._fingers: dict[str, FingerHold] = {}
         self._cup: CupHold | None = None
-        self._standing = Standing(dict(world.bodies()), settings.watch)
+        self._positions = {name: self.timeline.poses(name, plan.bodies[name].pose)[:, :3] for name in world.bodies}
+        """By body: (n, 3) where its origin should be, by sample [m]."""
+        self._suction = [_suction(plan.segments, index) for index in range(len(plan.segments))]
+        self._moved: list[tuple[float, Array]] = []
+        """Time and joint positions, at some of the recorder's times."""
+        self._tracks = {name: Track() for name in world.bodies}
+        self._standing = Standing(world.bodies, settings.watch)
         self._passing: frozenset[str] = frozenset()
         self._look = round(settings.watch.period / settings.step)
         self._record = round(settings.record_period / settings.step)
@@ -60,7 +65,7 @@ class ToolExecution:
 
     def run(self, progress: Progress) -> ToolFailure | None:
         """Execute everything; return what gave way, None when all objects are at their goals."""
-        end = self.reference.duration + self.settings.settle
+        end = self.timeline.duration + self.settings.settle
         failure = None
         while failure is None and self.time < end - 0.5 * self.settings.step:
             failure = self._step()
@@ -74,21 +79,29 @@ class ToolExecution:
 
     def goal_errors(self) -> dict[str, GoalError]:
         """Return how far each object is from its goal now."""
-        return {m.name: GoalError.of(m, self.world.objects[m.name].T_world_body) for m in self.scene.objects}
+        return {each.name: goal_error(each, self.world.bodies[each.name].T_world_body) for each in self.scene.objects}
+
+    def motion(self) -> SimulatedToolMotion:
+        """Return how robot and bodies moved, for playing it back; each body's poses have times of their own."""
+        return SimulatedToolMotion(
+            time=np.array([round(time, 4) for time, _ in self._moved]),
+            positions=rounded(np.array([positions for _, positions in self._moved]).reshape(-1, 12), 5),
+            bodies={name: track.stated() for name, track in self._tracks.items()},
+        )
 
     # One step.
 
     def _step(self) -> ToolFailure | None:
-        place = self.reference.locate(self.time)
-        failure = self._take_and_let_go(place)
+        timeline = self.timeline
+        failure = self._take_and_let_go(self._moment)
         if failure is not None:
             return failure
-        ahead = self.reference.locate(self.time + self.settings.step)
-        self._advance(*self.reference.joints(ahead))
+        self._moment = ahead = timeline.at(self.time + self.settings.step)
+        self._advance(ahead.between(timeline.positions), ahead.between(timeline.velocities))
         if self._steps % self._look == 0:
             failure = self._give_way() or self._standing.look(self._held(), self.time)
         if failure is not None or self._steps % self._record == 0:
-            self._keep(self.reference.locate(self.time))
+            self._keep(ahead)
         return failure
 
     def _advance(self, positions: Array, velocities: Array) -> None:
@@ -119,55 +132,58 @@ class ToolExecution:
 
     # Taking and letting go, as the plan says.
 
-    def _take_and_let_go(self, place: Place) -> ToolFailure | None:
-        stage = self.reference.stage(place)
-        self._let_pass(int(self.reference.segment_of[place[0]]))
-        return self._move_fingers(self._wanted_grips(stage)) or self._switch_vacuum(self._wanted_suction(stage))
+    def _take_and_let_go(self, moment: PlannedMoment) -> ToolFailure | None:
+        self._let_pass(moment.index)
+        return self._move_fingers(self._wanted_grips(moment)) or self._switch_vacuum(self._wanted_suction(moment))
 
-    def _wanted_grips(self, stage: ToolStage) -> tuple[PlannedGrip, ...]:
-        part, s = stage.part(self.time), self.settings
-        changing = {"grip": part >= s.close_at, "release": part < s.open_at}.get(stage.kind, True)
-        return stage.grips if changing else stage.grips[1:]
+    def _wanted_grips(self, moment: PlannedMoment) -> tuple[Grip, ...]:
+        part, s, grips = moment.elapsed, self.settings, moment.segment.grips
+        kept = {SegmentKind.GRIP: part >= s.close_at, SegmentKind.RELEASE: part < s.open_at}
+        return grips if kept.get(moment.segment.kind, True) else grips[1:]
 
-    def _wanted_suction(self, stage: ToolStage) -> PlannedSuction | None:
-        over = stage.part(self.time) >= self.settings.vacuum_at
-        on = {"attach": over, "detach": not over}.get(stage.kind, True)
-        return stage.suction if on else None
+    def _wanted_suction(self, moment: PlannedMoment) -> tuple[str, Attachment] | None:
+        over = moment.elapsed >= self.settings.vacuum_at
+        on = {SegmentKind.ATTACH: over, SegmentKind.DETACH: not over}.get(moment.segment.kind, True)
+        return self._suction[moment.index] if on else None
 
-    def _move_fingers(self, wanted: tuple[PlannedGrip, ...]) -> ToolFailure | None:
+    def _move_fingers(self, wanted: tuple[Grip, ...]) -> ToolFailure | None:
         arms = {grip.arm for grip in wanted}
         self._fingers = {arm: hold for arm, hold in self._fingers.items() if arm in arms}
         for grip in wanted:
             if grip.arm in self._fingers:
                 continue
-            T_flange_tcp = _flange_tcp(self.scene, grip)
+            hand = self.scene.cell.arms[grip.arm].hand
+            assert isinstance(hand, Gripper)
+            T_flange_tcp = hand.T_flange_tcp(grip.width)
             T_world_tcp, _ = self.world.hand(grip.arm, T_flange_tcp)
             missed = misses_tool(grip, T_world_tcp, self.world.tool, self.settings.taking)
             if missed is not None:
-                return Failure(ToolOutcome.TOOL_SLIPPED, self.time, missed)
+                return Failure("tool_slipped", self.time, missed)
             self._fingers[grip.arm] = FingerHold(
                 grip, self.world.tool, T_world_tcp, T_flange_tcp, self.scene, self.settings
             )
         return None
 
-    def _switch_vacuum(self, wanted: PlannedSuction | None) -> ToolFailure | None:
+    def _switch_vacuum(self, wanted: tuple[str, Attachment] | None) -> ToolFailure | None:
         if wanted is None:
             self._cup = None
             return None
-        if self._cup is not None and self._cup.name == wanted.name:
+        name, attachment = wanted
+        if self._cup is not None and self._cup.name == name:
             return None
-        tool, item = self.world.tool, self.world.objects[wanted.name]
-        missed = leaves_behind(wanted, tool, item, self.settings.taking)
+        tool, item = self.world.tool, self.world.bodies[name]
+        missed = leaves_behind(attachment.T_to_body, tool, item, self.settings.taking)
         if missed is not None:
-            return Failure(ToolOutcome.OBJECT_DROPPED, self.time, missed)
-        self._cup = CupHold(wanted, tool, item, self.scene.tool.cup, self.settings)
+            return Failure("object_dropped", self.time, missed)
+        self._cup = CupHold(tool, item, self.scene.tool.cup, self.settings)
         return None
 
-    def _let_pass(self, segment: int) -> None:
-        """Let the cup touch what it sucks, or is about to: its lip is no rigid body."""
-        passing = self.reference.touching(segment)
+    def _let_pass(self, index: int) -> None:
+        """Let the cup touch what it sucks in a segment, before it or after it: its lip is no rigid body."""
+        near = self._suction[max(index - 1, 0) : index + 2]
+        passing = frozenset(each[0] for each in near if each is not None)
         for name in passing ^ self._passing:
-            self.world.tool.let_touch(self.world.objects[name], touches=name not in passing)
+            self.world.tool.let_touch(self.world.bodies[name], touches=name not in passing)
         self._passing = passing
 
     # Looking at it.
@@ -180,12 +196,12 @@ class ToolExecution:
             cause = self._cup.lets_go(self._load, period)
             if cause is not None:
                 self._cup = None
-                return Failure(ToolOutcome.OBJECT_DROPPED, self.time, cause)
+                return Failure("object_dropped", self.time, cause)
         for arm, hold in self._fingers.items():
             cause = hold.lets_go(self._squeezes[arm], period)
             if cause is not None:
                 del self._fingers[arm]
-                return Failure(ToolOutcome.TOOL_SLIPPED, self.time, cause)
+                return Failure("tool_slipped", self.time, cause)
         return None
 
     def _held(self) -> list[str]:
@@ -201,32 +217,97 @@ class ToolExecution:
         worst = max(off, key=lambda name: off[name].distance)
         error = off[worst]
         where = f"{1e3 * error.distance:.1f} mm and {np.degrees(error.angle):.1f} degrees off its goal"
-        return Failure(ToolOutcome.OFF_GOAL, self.time, f"{worst} ended {where}")
+        return Failure("off_goal", self.time, f"{worst} ended {where}")
 
-    def _keep(self, place: Place | None) -> None:
-        """Record this moment; without a place in the plan nothing is off it."""
+    def _keep(self, moment: PlannedMoment | None) -> None:
+        """Record how it is now; without a moment of the plan nothing is off it."""
         pull, share = _NO_LOAD if self._load is None else (self._load.pull, self._load.share)
-        held = self._held()
+        off = {name: 0.0 if moment is None else self._off(name, moment) for name in self._held()}
+        tool_off = off.pop(TOOL_NAME, 0.0)
         self.recorder.add(
             self.time,
-            self.world.positions,
-            self.world.bodies(),
             suction_load=pull,
             suction_share=share,
             left_squeeze=self._squeezes.get("left", 0.0),
             right_squeeze=self._squeezes.get("right", 0.0),
-            tool_off_plan=self._off(TOOL_NAME, place) if TOOL_NAME in held else 0.0,
-            object_off_plan=max((self._off(name, place) for name in held if name != TOOL_NAME), default=0.0),
+            tool_off_plan=tool_off,
+            object_off_plan=max(off.values(), default=0.0),
         )
+        if len(self.recorder.time) % MOTION_EVERY == 1:
+            self._moved.append((self.time, self.world.positions.copy()))
+            for name, body in self.world.bodies.items():
+                self._tracks[name].add(self.time, body.T_world_body)
 
-    def _off(self, name: str, place: Place | None) -> float:
-        if place is None:
-            return 0.0
-        body = self.world.tool if name == TOOL_NAME else self.world.objects[name]
-        return float(np.linalg.norm(body.T_world_body[:3, 3] - self.reference.position(name, place)))
+    def _off(self, name: str, moment: PlannedMoment) -> float:
+        planned = moment.between(self._positions[name])
+        return float(np.linalg.norm(self.world.bodies[name].T_world_body[:3, 3] - planned))
 
 
-def _flange_tcp(scene: SuctionToolScene, grip: PlannedGrip) -> Transform:
-    hand = scene.cell.arms[grip.arm].hand
-    assert isinstance(hand, Gripper)
-    return hand.T_flange_tcp(grip.width)
+class Standing:
+    """Watches what nothing holds: it has to stay where it was let go."""
+
+    def __init__(self, bodies: Mapping[str, FreeBody], settings: WatchSettings) -> None:
+        """Begin with all bodies standing where they are."""
+        self._bodies, self._settings = bodies, settings
+        self._places = {name: body.T_world_body for name, body in self._bodies.items()}
+        self._centers = {name: body.center for name, body in self._bodies.items()}
+
+    def look(self, held: Iterable[str], time: float) -> ToolFailure | None:
+        """Return what has fallen, toppled or been pushed until a time [s]; what is held now may do as it likes."""
+        held = frozenset(held)
+        failure = None
+        for name, body in self._bodies.items():
+            if name in held:
+                self._places[name], self._centers[name] = body.T_world_body, body.center
+            elif failure is None:
+                failure = self._fallen(name, body, time)
+        return failure
+
+    def _fallen(self, name: str, body: FreeBody, time: float) -> ToolFailure | None:
+        s, way = self._settings, body.center - self._centers[name]
+        turned = _tilt(self._places[name], body.T_world_body)
+        if -way[2] > s.fall:
+            if name == TOOL_NAME:
+                return Failure("tool_slipped", time, "the tool fell: no hand held it and it stood on nothing")
+            return Failure("object_dropped", time, f"{name} fell where the vacuum let it go")
+        if turned > s.tilt:
+            return Failure("toppled", time, f"{name} toppled over")
+        shift = float(np.hypot(way[0], way[1]))
+        if shift > s.shift:
+            return Failure("off_goal", time, f"{name} was pushed {1e3 * shift:.0f} mm from where it stood")
+        return None
+
+
+def _tilt(T_world_a: Transform, T_world_b: Transform) -> float:
+    """Return by how much the vertical of one pose is off that of another [rad]."""
+    return float(np.arccos(np.clip(T_world_a[2, :3] @ T_world_b[2, :3], -1.0, 1.0)))
+
+
+def goal_error(moved: MovedObject, T_world_object: Transform) -> GoalError:
+    """Return how far an object is from its goal, whichever of its equivalent poses is nearest.
+
+    Where any turn about the object's axis is as good, turns about it do not count.
+    """
+    distances = np.linalg.norm(moved.goals[:, :3, 3] - T_world_object[:3, 3], axis=1)
+    if _any_turn(moved):
+        angles = np.arccos(np.clip(moved.goals[:, :3, 2] @ T_world_object[:3, 2], -1.0, 1.0))
+    else:
+        angles = np.array([rotation_angle(goal[:3, :3], T_world_object[:3, :3]) for goal in moved.goals])
+    # A turn that moves the origin counts by both.
+    best = int(np.argmin(distances + 0.1 * angles))
+    return GoalError(distance=float(distances[best]), angle=float(angles[best]))
+
+
+def _any_turn(moved: MovedObject) -> bool:
+    solid = moved.body.solid
+    round_ = isinstance(solid, ExtrudedSolid) and solid.is_round
+    return moved.symmetry == "axis" or (moved.symmetry == "shape" and round_)
+
+
+def _suction(segments: Sequence[Segment], index: int) -> tuple[str, Attachment] | None:
+    """Return what is on the cup in a segment; attach and detach, which attach nothing, have their neighbour's."""
+    beside = index + {SegmentKind.ATTACH: 1, SegmentKind.DETACH: -1}.get(segments[index].kind, 0)
+    if not 0 <= beside < len(segments):
+        return None
+    rides = ((name, each) for name, attached in segments[beside].attached.items() for each in attached)
+    return next(((name, each) for name, each in rides if each.to == TOOL_NAME), None)

@@ -1,24 +1,174 @@
-"""The cell with a plate in PyBullet."""
+"""The cell in PyBullet: what stands still, arms whose joints are driven at the robot's rate, and what moves freely."""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
 import numpy as np
 
-from planners.geometry.pose import Array, Transform, to_pose7
+from planners.cell.cell import Cell
+from planners.geometry.pose import Array, Transform, inverse, skew, to_pose7, transform
+from planners.geometry.surface import hull_with_faces
+from planners.kinematics.forward import flange_pose, jacobian
 from planners.lifting.lift_loop import box_inertia
+from planners.regrasp.statics.mass_properties import MassProperties
+from planners.scene.body import Body
 from planners.scene.lift_scene import PlateLiftScene
-from workers.simulation.bullet_shapes import convex_shape
-from workers.simulation.cell_world import CellWorld
-from workers.simulation.physics import bullet
-from workers.simulation.settings import SimulationSettings
-from workers.simulation.touch import PlateMotion
+from planners.scene.tool_scene import SuctionToolScene
+from workers.simulation.bullet import box_shape, bullet, convex_shape, hull_shape, quiet, write_arm_urdf, write_hull
+from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
+
+_LAST_LINK = 5
+"""That carries the hand."""
+_SOLVER_ITERATIONS = 60
+_DIAGONAL = 1e-9
+"""Products of inertia, over the greatest moment, below which the body's own axes are principal axes [1]."""
+Motion = tuple[Array, Array, Array, Array]
+"""(3, 3) rotation, (3,) centre of mass in the world, (3,) its velocity, (3,) angular velocity, world axes."""
 
 
-class World(CellWorld):
+class CellWorld:
+    """One physics server of its own; use as a context.
+
+    Table, platform, tool rest and obstacles stand still; both arms are chains of rigid links whose joints a velocity
+    servo drives within their torques. Fingers, pads and tips collide with nothing: what they do to what they hold is
+    given to `push_hand`.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        still: Iterable[Body],
+        start_positions: Array,
+        *,
+        step: float,
+        servo_gain: float,
+        friction: float,
+    ) -> None:
+        """Build the cell.
+
+        Args:
+            cell: what it is.
+            still: other bodies that never move.
+            start_positions: (12,) of all joints [rad].
+            step: of the physics [s].
+            servo_gain: part of a joint's position error that is made good in one step [1].
+            friction: between any two surfaces [1].
+        """
+        self.cell, self._step, self._servo_gain = cell, step, servo_gain
+        # PyBullet multiplies the coefficients of two surfaces.
+        self._friction = float(np.sqrt(friction))
+        with quiet():
+            self.client = bullet.connect(bullet.DIRECT)
+            self._build(still, start_positions)
+        self.positions = start_positions.copy()
+        """(12,) of all joints [rad]."""
+        self.velocities = np.zeros(12)
+        """[rad/s]"""
+        self.torques = np.zeros(12)
+        """Of the servos [Nm]."""
+        self.bodies: dict[str, FreeBody] = {}
+        """What moves freely, by name."""
+
+    def __enter__(self) -> Self:
+        """Enter."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Shut the physics server down."""
+        bullet.disconnect(self.client)
+
+    def drive(self, positions: Array, velocities: Array) -> None:
+        """Set the (12,) targets of all joints for the next step [rad, rad/s]."""
+        for name, part in self._joints.items():
+            bullet.setJointMotorControlArray(
+                self._arms[name],
+                range(6),
+                bullet.POSITION_CONTROL,
+                targetPositions=positions[part],
+                targetVelocities=velocities[part],
+                forces=self.cell.arms[name].torque_max,
+                positionGains=[self._servo_gain] * 6,
+                velocityGains=[1.0] * 6,
+                physicsClientId=self.client,
+            )
+
+    def push_hand(self, arm: str, wrench: Array, place: Array) -> None:
+        """Exert a (6,) wrench on an arm's hand during the next step: world axes, about a point (3,) of the world."""
+        _push(self._arms[arm], _LAST_LINK, wrench, place, self.client)
+
+    def add(self, body: Body, mass: float, moments: Array | None = None) -> FreeBody:
+        """Put a body where it is at the start, to move freely from now on.
+
+        Args:
+            body: what it is.
+            mass: its true one [kg].
+            moments: (3,) of inertia about its own axes [kg m^2]; None: those of the body evenly filled.
+        """
+        self.bodies[body.name] = added = FreeBody(body, mass, moments, self.client)
+        self._surface(added.id)
+        bullet.changeDynamics(added.id, -1, localInertiaDiagonal=added.moments, physicsClientId=self.client)
+        return added
+
+    def advance(self) -> None:
+        """Take one step of the physics."""
+        bullet.stepSimulation(physicsClientId=self.client)
+        for name, part in self._joints.items():
+            states = bullet.getJointStates(self._arms[name], range(6), physicsClientId=self.client)
+            self.positions[part], self.velocities[part], _, self.torques[part] = zip(*states, strict=True)
+        for body in self.bodies.values():
+            body.read()
+
+    def hand(self, arm: str, T_flange_hand: Transform) -> tuple[Transform, Array]:
+        """Return `T_world_hand` and its (6,) twist about its origin, world axes."""
+        part, body = self._joints[arm], self.cell.arms[arm]
+        q = np.ascontiguousarray(self.positions[part])
+        T = flange_pose(body.dh, body.T_world_base, q) @ T_flange_hand
+        J = jacobian(body.dh, body.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
+        return T, J @ self.velocities[part]
+
+    def _surface(self, body: int) -> None:
+        """Give a body the surface that all bodies have."""
+        bullet.changeDynamics(
+            body, -1, lateralFriction=self._friction, restitution=0.0, rollingFriction=0.0, spinningFriction=0.0,
+            linearDamping=0.0, angularDamping=0.0, physicsClientId=self.client,
+        )  # fmt: skip
+
+    def _build(self, still: Iterable[Body], start_positions: Array) -> None:
+        client = self.client
+        bullet.setTimeStep(self._step, physicsClientId=client)
+        bullet.setPhysicsEngineParameter(
+            numSolverIterations=_SOLVER_ITERATIONS, deterministicOverlappingPairs=1, physicsClientId=client
+        )
+        bullet.setGravity(*self.cell.gravity, physicsClientId=client)
+        for static in self.cell.boxes:
+            self._static(box_shape(static.size, client), [*static.center, 1.0, 0.0, 0.0, 0.0])
+        for body in still:
+            for part in body.solid.convex_parts:
+                self._static(hull_shape(part.vertices, client), to_pose7(body.T_world_body))
+        self._arms = _load_arms(self.cell, client)
+        self._joints = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(self._arms)}
+        for name, part in self._joints.items():
+            for joint, position in enumerate(start_positions[part]):
+                bullet.resetJointState(self._arms[name], joint, position, physicsClientId=client)
+
+    def _static(self, shape: int, pose: list[float]) -> None:
+        body = bullet.createMultiBody(
+            0.0, shape, basePosition=pose[:3], baseOrientation=[*pose[4:], pose[3]], physicsClientId=self.client
+        )
+        self._surface(body)
+
+
+class LiftWorld(CellWorld):
     """The plate is a free rigid body; the support stands still.
 
-    Hands touch the plate only through the forces that are given to `push_plate` and `push_hand`; everything else
-    collides.
+    Hands and cup touch the plate only through the forces that it and `push_hand` are given; everything else collides.
     """
 
     def __init__(self, scene: PlateLiftScene, settings: SimulationSettings) -> None:
@@ -31,57 +181,168 @@ class World(CellWorld):
             servo_gain=settings.hand.servo_gain,
             friction=settings.contact.friction_factor * scene.friction.environment,
         )
-        self._scene = scene
-        self._plate = self._free_plate()
-        self._motion = self._read_plate()
-
-    def push_plate(self, wrench: Array) -> None:
-        """Exert a (6,) wrench on the plate during the next step: world axes, about its centre of mass."""
-        self.push_body(self._plate, -1, wrench, self.plate_motion()[1])
-
-    def advance(self) -> None:
-        """Take one step of the physics."""
-        super().advance()
-        self._motion = self._read_plate()
-
-    def plate_motion(self) -> PlateMotion:
-        """Return orientation, centre of mass, its velocity and the spin of the plate."""
-        return self._motion
-
-    def plate_pose(self) -> Transform:
-        """Return `T_world_plate`, of the plate's own frame."""
-        R, com, _, _ = self._motion
-        T = np.eye(4)
-        T[:3, :3] = R
-        T[:3, 3] = com - R @ self._scene.plate.com
-        return T
+        mass = scene.plate.mass or 1.0
+        self.plate = self.add(scene.plate, mass, box_inertia(np.ptp(scene.plate.solid.convex.vertices, axis=0), mass))
 
     def resting_force(self) -> Array:
         """Return the (3,) force of everything that stands still on the plate in the last step [N]."""
         total = np.zeros(3)
-        for contact in bullet.getContactPoints(bodyA=self._plate, physicsClientId=self.client):
+        for contact in bullet.getContactPoints(bodyA=self.plate.id, physicsClientId=self.client):
             # The normal points from B to A, the plate; friction is told as it acts on B.
             for size, axis in ((contact[9], contact[7]), (-contact[10], contact[11]), (-contact[12], contact[13])):
                 total += size * np.array(axis)
         return total
 
-    def _free_plate(self) -> int:
-        plate, client = self._scene.plate, self.client
-        T = plate.T_world_body
-        pose = to_pose7(T)
-        center = T[:3, :3] @ plate.com + T[:3, 3]
-        # The body's frame is put into its centre of mass, so that nobody has to tell the two apart.
-        body = bullet.createMultiBody(
-            plate.mass or 1.0, convex_shape(plate, -plate.com, client), basePosition=center,
-            baseOrientation=[*pose[4:], pose[3]], physicsClientId=client,
-        )  # fmt: skip
-        inertia = box_inertia(np.ptp(plate.solid.convex.vertices, axis=0), plate.mass or 1.0)
-        self.surface(body)
-        bullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, physicsClientId=client)
-        return body
 
-    def _read_plate(self) -> PlateMotion:
-        position, xyzw = bullet.getBasePositionAndOrientation(self._plate, physicsClientId=self.client)
-        linear, angular = bullet.getBaseVelocity(self._plate, physicsClientId=self.client)
-        R = np.array(bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
-        return R, np.array(position), np.array(linear), np.array(angular)
+class ToolWorld(CellWorld):
+    """Tool and objects are free rigid bodies that collide with everything but fingers."""
+
+    def __init__(self, scene: SuctionToolScene, settings: ToolSimulationSettings) -> None:
+        """Build the scene at its start."""
+        super().__init__(
+            scene.cell,
+            scene.obstacles,
+            scene.start_positions,
+            step=settings.step,
+            servo_gain=settings.servo_gain,
+            friction=scene.friction.environment,
+        )
+        self.tool = self.add(scene.tool.body, scene.tool.mass)
+        for moved in scene.objects:
+            self.add(moved.body, settings.truth.object_mass * (moved.body.mass or 1.0))
+        for body in self.bodies.values():
+            bullet.changeDynamics(body.id, -1, contactProcessingThreshold=0.0, physicsClientId=self.client)
+
+
+class FreeBody:
+    """A body with mass; PyBullet's frame of it is in its centre of mass, along its principal axes."""
+
+    def __init__(self, body: Body, mass: float, moments: Array | None, client: int) -> None:
+        """Put a body where it is at the start; see `CellWorld.add`."""
+        self.name, self._client = body.name, client
+        axes = np.eye(3)
+        if moments is None:
+            axes, moments = _principal(MassProperties.homogeneous(mass, body.com, *body.solid.surface()).tensor)
+        self.moments = moments
+        """(3,) principal ones [kg m^2]."""
+        self._T_center_body = inverse(transform(axes, body.com))
+        self.id = _create(body, self._T_center_body, mass, moments, client)
+        pose = to_pose7(body.T_world_body @ inverse(self._T_center_body))
+        bullet.resetBasePositionAndOrientation(self.id, pose[:3], [*pose[4:], pose[3]], physicsClientId=client)
+        self.center, self.velocity, self.spin = np.zeros(3), np.zeros(3), np.zeros(3)
+        """(3,) centre of mass [m], its velocity [m/s], angular velocity [rad/s]; world axes."""
+        self._R = np.eye(3)
+        self._mass_inverse = np.eye(3) / mass
+        self._inertia_inverse: Array | None = None
+        self._T_world_body: Transform | None = None
+        """World axes; computed once a step where they are asked for."""
+        self.read()
+
+    def read(self) -> None:
+        """Take over where the physics has moved it."""
+        position, xyzw = bullet.getBasePositionAndOrientation(self.id, physicsClientId=self._client)
+        linear, angular = bullet.getBaseVelocity(self.id, physicsClientId=self._client)
+        self._R = np.array(bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
+        self.center, self.velocity, self.spin = np.array(position), np.array(linear), np.array(angular)
+        self._inertia_inverse = self._T_world_body = None
+
+    @property
+    def motion(self) -> Motion:
+        """Orientation of its principal axes, centre of mass, its velocity, and spin."""
+        return self._R, self.center, self.velocity, self.spin
+
+    @property
+    def T_world_body(self) -> Transform:
+        """Where the body's own frame is."""
+        if self._T_world_body is None:
+            self._T_world_body = transform(self._R, self.center) @ self._T_center_body
+        return self._T_world_body
+
+    def twist_at(self, point: Array) -> Array:
+        """Return the (6,) velocity of the body at a point (3,) of the world, world axes."""
+        return np.concatenate([self.velocity + skew(self.spin) @ (point - self.center), self.spin])
+
+    def mobility(self, one: Array, other: Array) -> Array:
+        """Return (6, 6): how fast the twist at a point changes under a wrench about another point, world axes."""
+        if self._inertia_inverse is None:
+            self._inertia_inverse = (self._R / self.moments) @ self._R.T
+        inertia_inverse = self._inertia_inverse
+        a, b = skew(one - self.center), skew(other - self.center)
+        W = np.empty((6, 6))
+        W[:3, 3:] = -a @ inertia_inverse
+        W[:3, :3] = W[:3, 3:] @ b + self._mass_inverse
+        W[3:, :3] = inertia_inverse @ b
+        W[3:, 3:] = inertia_inverse
+        return W
+
+    def push(self, wrench: Array, point: Array) -> None:
+        """Exert a (6,) wrench about a point (3,) of the world during the next step, world axes."""
+        _push(self.id, -1, wrench, point, self._client)
+
+    def let_touch(self, other: FreeBody, *, touches: bool) -> None:
+        """Let two bodies collide, or pass through one another."""
+        bullet.setCollisionFilterPair(self.id, other.id, -1, -1, int(touches), physicsClientId=self._client)
+
+
+def _push(body: int, link: int, wrench: Array, place: Array, client: int) -> None:
+    """Exert a (6,) wrench on a link during the next step: world axes, about a point (3,) of the world."""
+    bullet.applyExternalForce(body, link, wrench[:3], place, bullet.WORLD_FRAME, physicsClientId=client)
+    bullet.applyExternalTorque(body, link, wrench[3:], bullet.WORLD_FRAME, physicsClientId=client)
+
+
+def _load_arms(cell: Cell, client: int) -> Mapping[str, int]:
+    arms = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, arm in cell.arms.items():
+            pose = to_pose7(arm.T_world_base)
+            arms[name] = bullet.loadURDF(
+                str(write_arm_urdf(arm, Path(folder))), basePosition=pose[:3], baseOrientation=[*pose[4:], pose[3]],
+                useFixedBase=True, flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client,
+            )  # fmt: skip
+    for arm in arms.values():
+        for joint in range(-1, 6):
+            bullet.changeDynamics(
+                arm, joint, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, physicsClientId=client
+            )
+    return arms
+
+
+def _principal(tensor: Array) -> tuple[Array, Array]:
+    """Return the (3, 3) rotation of the principal axes, right-handed, and the (3,) moments."""
+    off = np.abs(tensor - np.diag(np.diag(tensor))).max()
+    if off <= _DIAGONAL * np.diag(tensor).max():
+        return np.eye(3), np.diag(tensor).copy()
+    moments, axes = np.linalg.eigh(tensor)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 0] *= -1.0
+    return axes, moments
+
+
+def _create(body: Body, T_center_body: Transform, mass: float, moments: Array, client: int) -> int:
+    part, *others = body.solid.convex_parts
+    if others:
+        return _load_compound(body, T_center_body, mass, moments, client)
+    if np.array_equal(T_center_body[:3, :3], np.eye(3)):
+        shape = convex_shape(body, T_center_body[:3, 3], client)
+    else:
+        shape = hull_shape(part.vertices @ T_center_body[:3, :3].T + T_center_body[:3, 3], client)
+    return bullet.createMultiBody(mass, shape, physicsClientId=client)
+
+
+def _load_compound(body: Body, T_center_body: Transform, mass: float, moments: Array, client: int) -> int:
+    """Load several convex parts as one body; PyBullet takes them from files only."""
+    ixx, iyy, izz = moments.tolist()
+    with tempfile.TemporaryDirectory() as folder:
+        names = [
+            write_hull(hull_with_faces(part.vertices), T_center_body, Path(folder) / f"part_{i}.obj")
+            for i, part in enumerate(body.solid.convex_parts)
+        ]
+        shapes = "".join(f'<collision><geometry><mesh filename="{name}"/></geometry></collision>' for name in names)
+        inertial = (
+            f'<inertial><mass value="{mass:.9g}"/>'
+            f'<inertia ixx="{ixx:.9g}" iyy="{iyy:.9g}" izz="{izz:.9g}" ixy="0" ixz="0" iyz="0"/></inertial>'
+        )
+        path = Path(folder) / "body.urdf"
+        path.write_text(f'<robot name="body"><link name="body">{inertial}{shapes}</link></robot>\n')
+        flags = bullet.URDF_USE_INERTIA_FROM_FILE
+        return bullet.loadURDF(str(path), flags=flags, physicsClientId=client)

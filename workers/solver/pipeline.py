@@ -21,7 +21,7 @@ from planners.regrasp.grasps.handovers import find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import load_tools
-from workers.simulation.stage import simulate_plan
+from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
 from workers.solver.handover_store import HandoverStore
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
@@ -107,7 +107,7 @@ class Pipeline:
             return found
         clock, spent = self.solver.clock, found.statistics
         begun = clock()
-        simulation = self.simulate(found.document(), self.solver.scene(task, uploads), progress, task.seed)
+        simulation = self.simulate(found, self.solver.scene(task, uploads), progress, task.seed)
         seconds = clock() - begun
         statistics = spent.taking([*spent.times, ("simulate", seconds)], (spent.total_seconds or 0.0) + seconds)
         return found.model_copy(update={"simulation": simulation, "statistics": statistics})

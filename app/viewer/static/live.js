@@ -1,4 +1,4 @@
-/* The live viewer: plans and perceived scenes from the service, what is drawn from a room of one's own. */
+/* The live viewer: plans and perceived scenes from the service, what is drawn from a scene of one's own. */
 "use strict";
 
 const POLL_MILLISECONDS = 3000;
@@ -7,8 +7,8 @@ const POLICY_VIOLATION = 1008;
 /** Codes (RFC 6455) with which a side closes that cannot go on: a request that makes no sense, an error of its own. */
 const FAULT_CODES = [1007, 1011];
 
-/** A room on the service: one connection for what we ask, one (viser's own) for the scene. */
-class Room {
+/** A scene on the service: this connection is for what we ask, one of viser's own for the scene. */
+class Connection {
   constructor() {
     this.waiting = null;
     this.busy = false;
@@ -23,12 +23,12 @@ class Room {
     this.socket.onclose = (event) => this.lost(event);
   }
 
-  /** Load a plan into the room. */
+  /** Load a plan into the scene. */
   load(plan) {
     this.ask({ type: "open", plan });
   }
 
-  /** Load a perceived scene into the room. */
+  /** Load a perceived scene. */
   loadPerceived(scene) {
     this.ask({ type: "open_perceived", scene });
   }
@@ -48,7 +48,7 @@ class Room {
   }
 
   ask(request) {
-    // The new room asks for what is wanted then.
+    // The new scene asks for what is wanted then.
     if (this.broken) return this.connect();
     this.queue.push(request);
     this.pump();
@@ -64,20 +64,20 @@ class Room {
   }
 
   receive(answer) {
-    if (answer.type === "room") {
+    if (answer.type === "scene") {
       this.ready = true;
-      this.onroom(new URL(answer.scene, location.href).pathname);
+      this.onscene(new URL(answer.scene, location.href).pathname);
     } else {
       this.busy = false;
-      if (answer.type === "story") this.onstory(answer.story);
-      if (answer.type === "perceived") this.onperceived(answer.story);
+      if (answer.type === "plan") this.onplan(answer.description);
+      if (answer.type === "perceived") this.onperceived(answer.description);
       if (answer.type === "refused") this.onrefused(answer);
       if (answer.type === "fault") this.onfault(answer.detail);
     }
     this.pump();
   }
 
-  /** The service went away or was restarted: ask for a new room until there is one. After a fault there would be
+  /** The service went away or was restarted: ask for a new scene until there is one. After a fault there would be
    *  the same again, so that it is told instead; and who may not have one may not ask. */
   lost(event) {
     Object.assign(this, { ready: false, busy: false, queue: [], waiting: null });
@@ -91,9 +91,9 @@ class Room {
   }
 }
 
-const room = new Room();
-const player = new Player(room);
-const perceived = new Perceived(room);
+const connection = new Connection();
+const player = new Player(connection);
+const perceived = new Perceived(connection);
 const frame = document.getElementById("scene-frame");
 const list = document.getElementById("plan-list");
 let wanted = new URLSearchParams(location.search).get("plan");
@@ -105,8 +105,8 @@ let faulty = null;
 let plans = [];
 let sceneAddress = "";
 
-room.onroom = (scene) => {
-  // The frame connects once there is a plan in the room: a scene is not to be built and sent at the same time.
+connection.onscene = (scene) => {
+  // The frame connects once there is a plan in it: a scene is not to be built and sent at the same time.
   frame.removeAttribute("src");
   sceneAddress = scene;
   loaded = null;
@@ -114,41 +114,41 @@ room.onroom = (scene) => {
   else if (wantedScene) choosePerceived(wantedScene);
   else showEmpty();
 };
-player.adopt(frame, (event) => (perceived.story ? perceived : player).key(event));
-room.onstory = (story) => {
-  if (story.id !== wanted) return;
-  loaded = story.id;
+player.adopt(frame, (event) => (perceived.description ? perceived : player).key(event));
+connection.onplan = (description) => {
+  if (description.id !== wanted) return;
+  loaded = description.id;
   say();
   showFrame();
   for (const [layer, visible] of Object.entries(player.panel.visible))
-    if (visible !== (layer === "forces")) room.layer(layer, visible);
-  player.open(story);
-  const base = `../v1/plans/${story.id}`;
+    if (visible !== (layer === "forces")) connection.layer(layer, visible);
+  player.open(description);
+  const base = `../v1/plans/${description.id}`;
   document.getElementById("links").replaceChildren(
-    element("a", { href: `${base}/recording.html`, download: `${story.title}.html`, textContent: "Recording", title: "One file that plays offline" }),
+    element("a", { href: `${base}/recording.html`, download: `${description.title}.html`, textContent: "Recording", title: "One file that plays offline" }),
     element("a", { href: `${base}/document`, target: "_blank", textContent: "Document", title: "The plan document" }),
   );
 };
-room.onperceived = (story) => {
-  if (story.id !== wantedScene) return;
+connection.onperceived = (description) => {
+  if (description.id !== wantedScene) return;
   say();
   showFrame();
-  perceived.open(story);
+  perceived.open(description);
 };
-room.onrefused = ({ plan, scene, detail }) => {
+connection.onrefused = ({ plan, scene, detail }) => {
   if (scene && scene === wantedScene) say("Nothing to show", detail);
   if (plan && plan === wanted) say(...whyNot(plans.find(({ id }) => id === plan), detail));
 };
-room.onfault = (detail) => {
+connection.onfault = (detail) => {
   faulty = wanted;
   player.play(false);
   say("A fault of the service", detail, "Choose the plan again to try once more.");
 };
-room.onlost = (words) => say("No connection", words);
+connection.onlost = (words) => say("No connection", words);
 
 VIEWS.forEach((view, index) =>
   document.getElementById("views").append(
-    element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => room.look(view) })));
+    element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => connection.look(view) })));
 
 function showFrame() {
   if (!frame.hasAttribute("src")) frame.src = sceneAddress;
@@ -162,7 +162,7 @@ function choose(plan) {
   const known = plans.find(({ id }) => id === plan);
   player.close(known ? nameOf(known) : "Plan");
   say("Loading …");
-  room.load(plan);
+  connection.load(plan);
 }
 
 function choosePerceived(scene) {
@@ -172,7 +172,7 @@ function choosePerceived(scene) {
   perceived.close();
   player.close("Perceived scene");
   say("Loading …");
-  room.loadPerceived(scene);
+  connection.loadPerceived(scene);
 }
 
 /** Mark in the lists what is wanted. */
@@ -210,7 +210,7 @@ async function refreshList() {
     const scenes = await fetch("../v1/scenes?page_size=20");
     if (scenes.ok) perceived.show((await scenes.json()).scenes, wantedScene, choosePerceived);
   } catch {
-    // The connection to the room tells the watcher when the service is away.
+    // The connection to the service tells the watcher when the service is away.
   }
   setTimeout(refreshList, POLL_MILLISECONDS);
 }
@@ -225,13 +225,13 @@ function showList(newest) {
     list.replaceChildren(...fresh.children);
     if (focused) list.querySelector(`[data-plan="${CSS.escape(focused)}"]`)?.focus();
   }
-  if (!room.ready) return;
+  if (!connection.ready) return;
   if (!wanted) {
     if (!wantedScene && wasEmpty !== !plans.length) showEmpty();
     return;
   }
   const mine = plans.find(({ id }) => id === wanted);
-  if (!mine || [loaded, faulty].includes(wanted) || room.busy) return;
+  if (!mine || [loaded, faulty].includes(wanted) || connection.busy) return;
   if (mine.state === "succeeded") choose(wanted);
   else {
     player.close(nameOf(mine));

@@ -31,27 +31,27 @@ class Panel {
     this.regrasp = new Regrasp(document.getElementById("graph"));
   }
 
-  show(story) {
-    this.story = story;
-    this.regrasp.show(story);
-    document.getElementById("tabs").replaceChildren(...story.tabs.map((name) => {
+  show(description) {
+    this.description = description;
+    this.regrasp.show(description);
+    document.getElementById("tabs").replaceChildren(...description.tabs.map((name) => {
       const tab = element("button", { textContent: name, onclick: () => this.open(name) });
       tab.setAttribute("role", "tab");
       return tab;
     }));
-    this.open(story.tabs.includes(this.current) ? this.current : "View");
+    this.open(description.tabs.includes(this.current) ? this.current : "View");
   }
 
   /** Layers that this plan has. */
   get layerRows() {
-    return LAYERS.filter(([name]) => !SIGNS.includes(name) || this.story?.considered);
+    return LAYERS.filter(([name]) => !SIGNS.includes(name) || this.description?.considered);
   }
 
   open(name) {
     this.current = name;
     for (const tab of document.getElementById("tabs").children)
       tab.setAttribute("aria-selected", String(tab.textContent === name));
-    document.getElementById("tab-body").replaceChildren(...(this.story ? this.tabs[name](this.story) : []));
+    document.getElementById("tab-body").replaceChildren(...(this.description ? this.tabs[name](this.description) : []));
   }
 
   toggle(layer) {
@@ -61,18 +61,18 @@ class Panel {
     if (box) box.checked = this.visible[layer];
   }
 
-  view(story) {
+  view(description) {
     const meanings = element("ul", { className: "legend pairs" });
-    const entries = Object.values(story.legend.meanings);
+    const entries = Object.values(description.legend.meanings);
     meanings.style.setProperty("--rows", Math.ceil(entries.length / 2));
     for (const { colour, words } of entries) {
       const mark = element("i");
       mark.style.borderColor = colour;
       meanings.append(element("li", {}, mark, words));
     }
-    const used = new Set(Object.values(story.sources).flatMap(({ segments }) => segments.map(({ kind }) => kind)));
+    const used = new Set(Object.values(description.sources).flatMap(({ segments }) => segments.map(({ kind }) => kind)));
     const kinds = element("ul", { className: "legend" });
-    for (const [kind, { colour, words }] of Object.entries(story.legend.segments)) {
+    for (const [kind, { colour, words }] of Object.entries(description.legend.segments)) {
       if (!used.has(kind)) continue;
       const mark = element("i", { className: "box" });
       mark.style.background = colour;
@@ -81,7 +81,7 @@ class Panel {
     const keys = element("div", { className: "keys" });
     for (const [words, key] of this.setLayer ? [...KEYS, CAMERA_KEYS] : KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
     return [
-      ...this.leastReserve(story),
+      ...this.leastReserve(description),
       ...(this.setLayer ? [heading("Show"), this.layers()] : []),
       heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), heading("Keys"), keys,
     ];
@@ -99,7 +99,7 @@ class Panel {
   layers() {
     const list = element("div", { className: "layers" });
     for (const [name, words, key, , about = ""] of this.layerRows) {
-      const scale = name === "forces" ? `, ${this.story.force_scale} mm/N` : "";
+      const scale = name === "forces" ? `, ${this.description.force_scale} mm/N` : "";
       const box = element("input", { type: "checkbox", id: `layer-${name}`, checked: this.visible[name] });
       box.onchange = () => this.toggle(name);
       // Of a pointer, not of a key: the next press of Space is to play.
@@ -117,15 +117,15 @@ class Panel {
     return [verdict, ...tables(simulation.figures), ...comparison(simulation.nodes), heading("What is modelled"), model];
   }
 
-  figures(story) {
-    return [...tables(story.figures), ...(story.tabs.includes("Rejected") ? [] : this.rejected(story))];
+  figures(description) {
+    return [...tables(description.figures), ...(description.tabs.includes("Rejected") ? [] : this.rejected(description))];
   }
 
-  rejected(story) {
-    if (!story.rejections.length) return [quiet("Nothing was rejected.")];
-    const most = story.rejections[0][1];
+  rejected(description) {
+    if (!description.rejections.length) return [quiet("Nothing was rejected.")];
+    const most = description.rejections[0][1];
     const list = element("ul", { className: "rejections" });
-    for (const [reason, count] of story.rejections) {
+    for (const [reason, count] of description.rejections) {
       const split = reason.indexOf(": ");
       const bar = element("div", { className: "bar" });
       bar.style.width = `${(100 * count) / most}%`;
@@ -137,14 +137,14 @@ class Panel {
     return [heading("Why candidates fell out"), list];
   }
 
-  checks(story) {
-    if (!story.certificate) return [quiet("There is no certificate: nothing was planned that could be checked.")];
+  checks(description) {
+    if (!description.certificate) return [quiet("There is no certificate: nothing was planned that could be checked.")];
     const list = element("ul", { className: "checks" });
-    for (const { name, passed, margin, unit } of story.certificate.checks) {
+    for (const { name, passed, margin, unit } of description.certificate.checks) {
       const verdict = element("span", { className: passed ? "yes" : "no", textContent: passed ? "✓" : "✗" });
       list.append(element("li", {}, verdict, name.replaceAll("_", " "), element("small", { textContent: marginWords(margin, unit) })));
     }
-    return [heading(story.certificate.passed ? "Certificate: passed, margins" : "Certificate: FAILED"), list];
+    return [heading(description.certificate.passed ? "Certificate: passed, margins" : "Certificate: FAILED"), list];
   }
 }
 

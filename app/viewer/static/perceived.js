@@ -20,29 +20,29 @@ class Perceived {
     window.addEventListener("keydown", (event) => this.key(event), true);
   }
 
-  /** Show a scene that is in the room. */
-  open(story) {
-    this.story = story;
+  /** Show a scene that was opened. */
+  open(description) {
+    this.description = description;
     document.body.classList.remove("empty", "still");
     document.body.classList.add("perceived");
-    document.title = `${story.title} · Liftwright`;
-    Object.assign(document.getElementById("title"), { textContent: story.title, title: story.title });
-    document.getElementById("subtitle").textContent = story.subtitle;
+    document.title = `${description.title} · Liftwright`;
+    Object.assign(document.getElementById("title"), { textContent: description.title, title: description.title });
+    document.getElementById("subtitle").textContent = description.subtitle;
     document.getElementById("highlights").replaceChildren(
-      ...story.highlights.map(([label, value]) => element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value }))));
-    const base = `../v1/scenes/${story.id}`;
+      ...description.highlights.map(([label, value]) => element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value }))));
+    const base = `../v1/scenes/${description.id}`;
     document.getElementById("links").replaceChildren(
       element("a", { href: `${base}/preview.png`, target: "_blank", textContent: "Picture", title: "What the cameras saw, with everything that was found drawn in" }),
       element("a", { href: base, target: "_blank", textContent: "Document", title: "The scene as tasks name it" }),
     );
     for (const [name, visible] of Object.entries(this.visible)) if (!visible) this.scene.layer(name, false);
-    document.getElementById("tab-body").replaceChildren(...this.told(story, base));
+    document.getElementById("tab-body").replaceChildren(...this.told(description, base));
     document.getElementById("tab-body").scrollTop = 0;
   }
 
   /** Show no scene, or one that there is only a name of. */
   close() {
-    this.story = null;
+    this.description = null;
     document.body.classList.remove("perceived");
   }
 
@@ -79,7 +79,7 @@ class Perceived {
 
   /** Keys of a perceived scene; those it takes do not reach the scene's camera. */
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || !this.story) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !this.description) return;
     const layer = PERCEIVED_LAYERS.find(([, , key]) => key.toLowerCase() === event.key.toLowerCase());
     const view = VIEWS[Number(event.key) - 1];
     if (!layer && !view) return;

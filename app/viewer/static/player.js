@@ -13,7 +13,7 @@ class Player {
     this.scene = scene;
     this.time = 0;
     this.playing = false;
-    this.score = new Score((time) => this.seek(time));
+    this.timeline = new TimelineBar((time) => this.seek(time));
     this.panel = new Panel(scene.layer ? (name, visible) => scene.layer(name, visible) : null, (time) => this.visit(time));
     document.getElementById("play").onclick = () => this.play(!this.playing);
     document.getElementById("previous").onclick = () => this.jump(-1);
@@ -24,52 +24,52 @@ class Player {
 
   /** What is played: the plan or its simulation, with its duration, segments and curves. */
   get source() {
-    return this.story?.sources[this.sourceName];
+    return this.description?.sources[this.sourceName];
   }
 
   /** Show no plan, or one that there is only a name of. */
   close(title) {
     this.play(false);
-    this.story = this.captioned = null;
+    this.description = this.captioned = null;
     document.body.classList.add("empty");
     document.title = `${title} · Liftwright`;
     document.getElementById("title").textContent = title;
   }
 
   /** Show a plan from its start. */
-  open(story) {
-    this.story = story;
+  open(description) {
+    this.description = description;
     document.body.classList.remove("empty");
-    document.body.classList.toggle("still", !story.sources.plan.duration);
+    document.body.classList.toggle("still", !description.sources.plan.duration);
     this.time = 0;
     this.play(false);
-    this.colours = story.colours;
+    this.colours = description.colours;
     this.charts ??= new Charts(document.getElementById("charts"), this.colours, (time) => this.seek(time));
-    this.panel.show(story);
+    this.panel.show(description);
     this.headline();
-    document.getElementById("sources").hidden = !story.sources.simulation;
-    document.getElementById("source-simulation").textContent = story.simulation_words;
+    document.getElementById("sources").hidden = !description.sources.simulation;
+    document.getElementById("source-simulation").textContent = description.simulation_words;
     this.choose("plan");
   }
 
   /** Play the plan, or the simulation, from the time that is shown now. */
   choose(name) {
-    if (!this.story.sources[name]) return;
+    if (!this.description.sources[name]) return;
     this.sourceName = name;
     for (const other of SOURCES) document.getElementById(`source-${other}`).setAttribute("aria-checked", String(other === name));
     this.charts.show(this.source);
-    this.score.show(this.source, this.colours);
+    this.timeline.show(this.source, this.colours);
     this.seek(this.time);
   }
 
   headline() {
-    const { story } = this;
-    document.title = `${story.title} · Liftwright`;
-    Object.assign(document.getElementById("title"), { textContent: story.title, title: story.title });
-    Object.assign(document.getElementById("subtitle"), { textContent: story.subtitle, title: story.subtitle });
+    const { description } = this;
+    document.title = `${description.title} · Liftwright`;
+    Object.assign(document.getElementById("title"), { textContent: description.title, title: description.title });
+    Object.assign(document.getElementById("subtitle"), { textContent: description.subtitle, title: description.subtitle });
     const badge = document.getElementById("outcome");
-    Object.assign(badge, { hidden: false, className: `badge ${story.outcome}`, textContent: story.outcome_words });
-    const { simulation } = story;
+    Object.assign(badge, { hidden: false, className: `badge ${description.outcome}`, textContent: description.outcome_words });
+    const { simulation } = description;
     const simulated = document.getElementById("simulated");
     simulated.hidden = !simulation;
     if (simulation) {
@@ -77,12 +77,12 @@ class Player {
       Object.assign(simulated, { className, textContent: `simulated: ${simulation.words}`, title: simulation.sentence });
     }
     document.getElementById("highlights").replaceChildren(
-      ...story.highlights.map(([label, value]) =>
+      ...description.highlights.map(([label, value]) =>
         element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value }))),
     );
     const message = document.getElementById("message");
     message.className = "low";
-    message.replaceChildren(...(story.outcome === "solved" ? [] : explanation(story)));
+    message.replaceChildren(...(description.outcome === "solved" ? [] : explanation(description)));
   }
 
   play(on) {
@@ -110,14 +110,14 @@ class Player {
 
   /** At the plan's end, go on with the lift that was simulated. */
   goOn() {
-    const { simulation } = this.story.sources;
+    const { simulation } = this.description.sources;
     if (this.sourceName !== "plan" || !simulation?.segments.some(({ kind }) => kind === "lift")) return false;
     this.choose("simulation");
     return true;
   }
 
   seek(time) {
-    if (!this.story) return;
+    if (!this.description) return;
     this.time = Math.min(Math.max(time, 0), this.source.duration);
     this.refresh();
   }
@@ -133,7 +133,7 @@ class Player {
   jump(direction) {
     const segments = this.source?.segments ?? [];
     if (!segments.length) return;
-    const here = this.score.segmentAt(this.time);
+    const here = this.timeline.segmentAt(this.time);
     const into = this.time - segments[here].start;
     const target = direction < 0 && into > 0.3 ? here : here + direction;
     this.seek(target >= segments.length ? this.source.duration : segments[Math.max(target, 0)].start);
@@ -142,8 +142,8 @@ class Player {
   refresh() {
     const { source, time } = this;
     this.scene.show(this.sourceName, time);
-    const segment = this.score.segmentAt(time);
-    this.score.now(time, segment);
+    const segment = this.timeline.segmentAt(time);
+    this.timeline.now(time, segment);
     this.charts.now(time);
     document.getElementById("clock").replaceChildren(
       `${time.toFixed(2)} s`, element("small", { textContent: ` / ${source.duration.toFixed(1)}` }));
@@ -168,14 +168,14 @@ class Player {
     const ending = document.getElementById("ending");
     ending.hidden = !ended;
     if (!ended) return;
-    const { words, good, sentence } = this.story.simulation;
+    const { words, good, sentence } = this.description.simulation;
     ending.className = good ? "good" : "bad";
     ending.replaceChildren(element("b", { textContent: capitalised(words) }), sentence);
   }
 
   /** Keys of the player; those it takes do not reach the scene's camera. */
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || !this.story) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !this.description) return;
     if (event.target.tagName === "SELECT" && !["[", "]"].includes(event.key)) return;
     const step = event.shiftKey ? 2 : 0.2;
     const speed = document.getElementById("speed");
@@ -219,9 +219,9 @@ class Player {
   }
 }
 
-function explanation(story) {
-  const causes = story.causes.map(({ reason, numbers }) =>
+function explanation(description) {
+  const causes = description.causes.map(({ reason, numbers }) =>
     element("li", {}, reason, ...(numbers ? [element("em", { textContent: numbers })] : [])));
-  return [element("h3", {}, capitalised(story.outcome_words), element("small", { textContent: story.outcome_meaning })),
-    element("p", { textContent: story.summary }), element("ul", {}, ...causes)];
+  return [element("h3", {}, capitalised(description.outcome_words), element("small", { textContent: description.outcome_meaning })),
+    element("p", { textContent: description.summary }), element("ul", {}, ...causes)];
 }

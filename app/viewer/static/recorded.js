@@ -52,4 +52,4 @@ const waiting = setInterval(() => {
   player.refresh();
 }, 50);
 frame.srcdoc = RECORDED.scene;
-player.open(RECORDED.story);
+player.open(RECORDED.description);

@@ -22,12 +22,12 @@ class Regrasp {
   }
 
   /** Take another plan. */
-  show(story) {
-    this.story = story;
-    this.considered = story.considered;
-    this.colours = Object.fromEntries((story.considered?.colours ?? []).map(({ reason, colour }) => [reason, colour]));
-    for (const arm of ["left", "right"]) this.colours[arm] = story.legend.meanings[arm].colour;
-    this.name = story.considered?.objects[0]?.name;
+  show(description) {
+    this.description = description;
+    this.considered = description.considered;
+    this.colours = Object.fromEntries((description.considered?.colours ?? []).map(({ reason, colour }) => [reason, colour]));
+    for (const arm of ["left", "right"]) this.colours[arm] = description.legend.meanings[arm].colour;
+    this.name = description.considered?.objects[0]?.name;
     this.box.hidden = true;
   }
 

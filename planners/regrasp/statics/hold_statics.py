@@ -20,6 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from planners.cell.cell import StaticBox
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.contract.shapes import Box
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, transform
@@ -37,8 +38,6 @@ from planners.scene.solid import FlatFace, solid_of
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 
-EPS = 0.0075
-"""Torsional friction of a finger, as a length [m]; as in paper B, and no task's choice."""
 _SLOWEST = 32.0
 """Factors of time beyond which slowing down is not tried: inertia is a thousandth of what it was."""
 _SLOWING_STEPS = 12
@@ -319,7 +318,7 @@ class HoldStatics:
         return self._squeezed(holds[0], share * asked[0]), self._squeezed(holds[1], (1.0 - share) * asked[1])
 
     def _squeezed(self, hold: ToolHold, asked: Array) -> FingerForces:
-        return squeezed(asked, hold.width, self.scene.friction.grip, EPS, self.scene.squeeze)
+        return squeezed(asked, hold.width, self.scene.friction.grip, SOFT_FINGER_EPS, self.scene.squeeze)
 
     def _uses(self, hold: ToolHold, exerted: FingerForces) -> list[_Use]:
         """Return what is used of a hand: friction, what its fingers can press beyond the squeeze, what it may carry."""
@@ -354,7 +353,7 @@ class HoldStatics:
                 "grip", PRESSED, where, float(hand.normals[sample].max()), scene.grip_force_limit, "N"
             )
         asked = _exerted(hand.forces[sample], hand.torques[sample], hold.width)
-        needed = float(least_squeeze(asked[None], hold.width, scene.friction.grip, EPS)[0])
+        needed = float(least_squeeze(asked[None], hold.width, scene.friction.grip, SOFT_FINGER_EPS)[0])
         return Rejection.measured("grip", UNGRIPPED, where, needed, scene.squeeze, "N")
 
     def _resting(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[RestingPoints, Array | None]:

@@ -15,11 +15,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.cell.arm import Arm
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 from planners.kinematics.inverse import multiply
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
-from planners.regrasp.statics.hold_statics import EPS
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.body import Body
 from planners.scene.tool_scene import SuctionToolScene
@@ -68,7 +68,7 @@ class StaticHold:
             masses=masses,
             centres=centres,
             cup=np.array([cup.max_force, cup.mu, cup.radius, math.pi * cup.radius * cup.kappa]),
-            fingers=np.array([self.scene.squeeze, self.scene.grip_force_limit, mu, EPS]),
+            fingers=np.array([self.scene.squeeze, self.scene.grip_force_limit, mu, SOFT_FINGER_EPS]),
         )
 
     def hanging(self, load: CarriedLoad, T_world_tools: Array) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from planners.geometry.facets import Facet, Indices
 from planners.geometry.pose import Array
-from planners.geometry.surface import side_neighbours
+from planners.geometry.surface import side_neighbours, winding_numbers
 
 Mask = NDArray[np.bool_]
 
@@ -118,7 +118,7 @@ class PadSurface:
                 continue
             low, high = self._lows[mine].min(axis=0), self._highs[mine].max(axis=0)
             near = np.flatnonzero(np.all((points > low) & (points < high), axis=1))
-            buried[near] |= _winding_numbers(points[near], self._corners[mine]) > 0.5
+            buried[near] |= winding_numbers(self._corners[mine], points[near]) > 0.5
         return buried
 
     @cached_property
@@ -427,21 +427,3 @@ def _something_above(points: Array, normals: Array, corners: Array, radius: floa
             least, most = _height_range(local[k], radius)
             found[i] = found[i] or (most > low and least < high)
     return found
-
-
-@njit(cache=True, nogil=True)
-def _winding_numbers(points: Array, corners: Array) -> Array:
-    """Return how often triangles (k, 3, 3) go round points (n, 3), by their solid angles (Van Oosterom, Strackee)."""
-    numbers = np.zeros(len(points))
-    for i in range(len(points)):
-        for k in range(len(corners)):
-            a, b, c = corners[k, 0] - points[i], corners[k, 1] - points[i], corners[k, 2] - points[i]
-            la, lb, lc = math.sqrt(np.sum(a * a)), math.sqrt(np.sum(b * b)), math.sqrt(np.sum(c * c))
-            triple = (
-                a[0] * (b[1] * c[2] - b[2] * c[1])
-                + a[1] * (b[2] * c[0] - b[0] * c[2])
-                + a[2] * (b[0] * c[1] - b[1] * c[0])
-            )
-            below = la * lb * lc + np.sum(a * b) * lc + np.sum(b * c) * la + np.sum(c * a) * lb
-            numbers[i] += math.atan2(triple, below) / (2.0 * math.pi)
-    return numbers

@@ -1,0 +1,359 @@
+"""What the page tells of a plan beside its scene: segments, curves, figures, reasons."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Annotated, ClassVar
+
+import numpy as np
+from pydantic import JsonValue, PlainSerializer
+
+from app.summary import figures_of, least_reserve, reason_of
+from app.viewer.charts import DIGITS, PERCENT, Chart, Spans, marked_spans, planned_charts, simulated_charts
+from app.viewer.considered import ConsideredDescription, describe_considered
+from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
+from app.viewer.playback import SourceName
+from planners.contract.strict_model import StrictModel
+from planners.plan.plan import Plan
+from planners.plan.segment import Grip
+from planners.plan.verdicts import Certificate, Statistics
+
+BY_CONTACT = "contact_states"
+"""Member of a graph's figures that has the same figures for each contact state."""
+AFTER_PLANNING = frozenset({"certify", "simulate"})
+"""Stages of a job in which there is a plan already."""
+NO_FIGURE = "\u2013"
+RESERVE = "reserve"
+"""Meaning of the colour of a curve that only newer documents have."""
+OUTCOMES = {"solved": "solved", "infeasible": "infeasible", "not_found": "not found"}
+WITHOUT_PLAN = {
+    "infeasible": "it is proven that there is no plan",
+    "not_found": "none among those that were tried; there may be one",
+}
+"""What it means that there is none."""
+Seconds = Annotated[float, PlainSerializer(lambda seconds: round(seconds, DIGITS))]
+Row = tuple[str, ...]
+"""A label and its value, or several columns."""
+
+
+class SegmentDescription(StrictModel):
+    """A stretch of time: a segment of the plan, or what follows it in the simulation."""
+
+    kind: str
+    start: Seconds
+    end: Seconds
+    words: str
+    """What happens."""
+    state: str
+    """The contact state of a plate, or the object that is moved."""
+    hold: str
+
+
+class SourceDescription(StrictModel):
+    """Something to be played; its curves are shown page by page."""
+
+    duration: Seconds
+    segments: list[SegmentDescription]
+    charts: list[Chart]
+    pages: Spans
+    marked: Spans
+    """When something was not as it should be."""
+
+
+class FigureGroup(StrictModel):
+    """A small table."""
+
+    title: str
+    rows: list[Row]
+
+
+class NodeForces(StrictModel):
+    """Sizes of forces at the end of one motion."""
+
+    segment: int
+    time: float
+    forces: list[Row]
+    """Who exerts them, planned, simulated [N]."""
+
+
+class SimulationDescription(StrictModel):
+    """How a simulation ended, and what was modelled."""
+
+    outcome: str
+    words: str
+    good: bool
+    sentence: str
+    figures: list[FigureGroup]
+    nodes: list[NodeForces]
+    model: list[str]
+
+
+class CauseDescription(StrictModel):
+    """A reason why there is no plan."""
+
+    reason: str
+    numbers: str | None
+
+
+class LeastReserveDescription(StrictModel):
+    """How much is kept back where least is."""
+
+    value: str
+    asked: str
+    """Says so where it is less than the task asks for."""
+    of: str
+    """What would give way, and what be lost."""
+    where: str
+    time: Seconds
+
+
+class LegendEntry(StrictModel):
+    """A colour and its meaning."""
+
+    colour: str
+    words: str
+
+
+class Legend(StrictModel):
+    """By name."""
+
+    meanings: dict[str, LegendEntry]
+    segments: dict[str, LegendEntry]
+
+
+class PlanDescription(StrictModel):
+    """All the page needs of a plan but its scene."""
+
+    id: str
+    title: str
+    subtitle: str
+    outcome: str
+    outcome_words: str
+    outcome_meaning: str
+    summary: str
+    causes: list[CauseDescription]
+    tabs: tuple[str, ...]
+    """Of the panel, in order."""
+    simulation_words: str
+    """Of the button that plays the simulation."""
+    force_scale: float
+    """Length of arrows [mm/N]."""
+    sources: dict[SourceName, SourceDescription]
+    simulation: SimulationDescription | None
+    considered: ConsideredDescription | None
+    legend: Legend
+    colours: dict[str, str]
+    least_reserve: LeastReserveDescription | None
+    highlights: list[Row]
+    """What a person wants to know first."""
+    figures: list[FigureGroup]
+    rejections: list[tuple[str, int]]
+    certificate: Certificate | None
+
+
+class KindDescription(ABC):
+    """What the page tells of a plan; in parts it differs by the kind of task."""
+
+    tabs: ClassVar[tuple[str, ...]]
+    simulation_words: ClassVar[str]
+    meanings: ClassVar[tuple[str, ...]]
+    """Colours that appear in scene and curves."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+
+    @abstractmethod
+    def subtitle(self) -> str:
+        """Say what the task is about."""
+
+    @abstractmethod
+    def segments(self) -> list[SegmentDescription]:
+        """Return the plan's segments."""
+
+    @abstractmethod
+    def highlights(self) -> list[Row]:
+        """Return what matters most in a plan of this kind, as label and value."""
+
+    @abstractmethod
+    def after_the_plan(self) -> Sequence[tuple[str, float, float, str]]:
+        """Return what follows the plan in its simulation: kind, start, end [s], words."""
+
+    @abstractmethod
+    def pages(self) -> Sequence[tuple[float, float]]:
+        """Return begins and ends of the stretches of the simulation whose curves are shown page by page [s]."""
+
+    @abstractmethod
+    def simulation(self) -> SimulationDescription:
+        """Return outcome, a sentence, groups of figures, and what was modelled."""
+
+    def describe(self) -> PlanDescription:
+        """Return all the page needs."""
+        plan = self.plan
+        sources = self._sources()
+        return PlanDescription(
+            id=plan.id,
+            title=plan.task.external_id or plan.id[:8],
+            subtitle=self.subtitle(),
+            outcome=plan.outcome,
+            outcome_words=OUTCOMES[plan.outcome],
+            outcome_meaning=WITHOUT_PLAN.get(plan.outcome, ""),
+            summary=plan.explanation.summary,
+            causes=[
+                CauseDescription(reason=reason_of(cause), numbers=figures_of(cause))
+                for cause in plan.explanation.causes
+            ],
+            tabs=self.tabs,
+            simulation_words=self.simulation_words,
+            force_scale=1e3 * FORCE_SCALES[plan.task.kind],
+            sources=sources,
+            simulation=None if plan.simulation is None else self.simulation(),
+            considered=describe_considered(plan),
+            legend=Legend(
+                meanings=_legend({name: MEANINGS[name] for name in self._drawn_meanings(sources)}),
+                segments=_legend(SEGMENT_KINDS),
+            ),
+            colours={name: colour for name, (colour, _) in (MEANINGS | SEGMENT_KINDS).items()},
+            least_reserve=_least_reserve(plan, sources["plan"].segments),
+            highlights=self._all_highlights(),
+            figures=_figures(plan.statistics),
+            rejections=sorted(plan.statistics.rejections.items(), key=lambda item: -item[1]),
+            certificate=plan.certificate,
+        )
+
+    def _sources(self) -> dict[SourceName, SourceDescription]:
+        """Return what can be played: the plan, and its simulation if there is one."""
+        plan, segments = self.plan, self.segments()
+        sources: dict[SourceName, SourceDescription] = {
+            "plan": SourceDescription(
+                duration=plan.duration,
+                segments=segments,
+                charts=planned_charts(plan),
+                pages=np.array([[0.0, plan.duration]]),
+                marked=np.empty((0, 2)),
+            )
+        }
+        if plan.simulation is not None:
+            sources["simulation"] = SourceDescription(
+                duration=plan.simulation.time,
+                segments=self._executed(segments, plan.simulation.time),
+                charts=simulated_charts(plan),
+                pages=np.array(self.pages()),
+                marked=marked_spans(plan.simulation),
+            )
+        return sources
+
+    def _executed(self, segments: Sequence[SegmentDescription], end: float) -> list[SegmentDescription]:
+        """Return the plan's segments as far as the simulation came, and what followed them."""
+        done = [
+            segment.model_copy(update={"end": min(segment.end, end)}) for segment in segments if segment.start < end
+        ]
+        return done + [
+            SegmentDescription(
+                kind=kind, start=start, end=stop, words=words, state=segments[-1].state, hold=segments[-1].hold
+            )
+            for kind, start, stop, words in self.after_the_plan()
+            if start < stop
+        ]
+
+    def _drawn_meanings(self, sources: Mapping[SourceName, SourceDescription]) -> list[str]:
+        """Return the meanings for the legend: those of the kind of task, and the reserve where a curve is of it."""
+        drawn = {line.colour for source in sources.values() for chart in source.charts for line in chart.series}
+        return [*self.meanings, *({RESERVE} & drawn)]
+
+    def _all_highlights(self) -> list[Row]:
+        certificate, statistics = self.plan.certificate, self.plan.statistics
+        rows: list[Row] = []
+        if self.plan.segments:
+            rows += [("motion", f"{self.plan.duration:.1f} s"), *self.highlights()]
+        if statistics.total_seconds is not None:
+            after = sum(seconds for name, seconds in statistics.times if name in AFTER_PLANNING)
+            rows.append(("planned in", f"{statistics.total_seconds - after:.2f} s"))
+        if certificate is not None:
+            passed = len(certificate.checks) - len(certificate.failures)
+            rows.append(("certificate", f"{passed} of {len(certificate.checks)} checks"))
+        return rows
+
+
+def squeeze_words(grips: Sequence[Grip]) -> str:
+    """Return with what force the pads press, to follow what is held; nothing where the plan does not command it."""
+    forces = {f"{grip.squeeze:.0f} N" for grip in grips if grip.squeeze is not None}
+    return f", squeezed with {' and '.join(sorted(forces))}" if forces else ""
+
+
+def _least_reserve(plan: Plan, segments: Sequence[SegmentDescription]) -> LeastReserveDescription | None:
+    """Return how much is kept back where least is, whether that is enough, what would give way, and where to see it."""
+    found = least_reserve(plan)
+    if found is None:
+        return None
+    least, time = found
+    options = plan.task.options
+    asked = options.reserve if "reserve" in options.model_fields_set else 0.0
+    return LeastReserveDescription(
+        value=f"{PERCENT * least.value:.1f} %",
+        asked=f"less than the {PERCENT * asked:g} % asked for" if least.value < asked else "",
+        of=f"{plain(least.limited_by)}: {plain(least.body)} would be lost",
+        where=f"segment {least.segment + 1}: {segments[least.segment].words}",
+        time=time,
+    )
+
+
+def _legend(entries: Mapping[str, tuple[str, str]]) -> dict[str, LegendEntry]:
+    return {name: LegendEntry(colour=colour, words=words) for name, (colour, words) in entries.items()}
+
+
+def _figures(statistics: Statistics) -> list[FigureGroup]:
+    graph = {name: value for name, value in statistics.graph.items() if name != BY_CONTACT}
+    groups = {
+        "Graph": _rows(graph),
+        "Nodes by contact": _by_contact(statistics.graph.get(BY_CONTACT)),
+        "Search": _rows(statistics.search),
+        "Time": [(name, f"{seconds:.2f} s") for name, seconds in statistics.times],
+    }
+    return [FigureGroup(title=title, rows=rows) for title, rows in groups.items() if rows]
+
+
+def _by_contact(figures: JsonValue) -> list[Row]:
+    """Return one row a contact state under a row of headings; nothing without contact states."""
+    if not isinstance(figures, dict):
+        return []
+    columns = ("nodes", "alive", "dead")
+    rows = []
+    for state, counts in figures.items():
+        told = counts if isinstance(counts, dict) else {}
+        rows.append((state, *(_figure(told.get(column)) for column in columns)))
+    return [("", *columns), *rows] if rows else []
+
+
+def _rows(figures: Mapping[str, JsonValue]) -> list[Row]:
+    """Flatten nested figures into rows; inner names follow their group's."""
+    rows: list[Row] = []
+    for name, value in figures.items():
+        words = plain(name)
+        if isinstance(value, dict):
+            rows += [(f"{words}: {inner}", text) for inner, text in _rows(value)]
+        else:
+            rows.append((words, _figure(value)))
+    return rows
+
+
+def _figure(value: JsonValue) -> str:
+    """Return any JSON value in words; a dash for a figure that there is none of, as where nothing was found."""
+    match value:
+        case None:
+            return NO_FIGURE
+        case bool():
+            return "yes" if value else "no"
+        case int():
+            return f"{value:,}"
+        case float():
+            return f"{value:,.2f}"
+        case list():
+            return ", ".join(map(_figure, value))
+        case _:
+            return str(value)
+
+
+def plain(name: str) -> str:
+    """Return a name with spaces."""
+    return name.replace("_", " ")

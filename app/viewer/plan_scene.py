@@ -1,0 +1,341 @@
+"""A plan in a scene: cell, bodies, contact forces, ghosts; shows any moment of it or of its simulation."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import numpy as np
+from viser import ArrowsHandle, FrameHandle, SceneApi, SceneNodeHandle
+
+from app.viewer.considered import draw_grasps, draw_places
+from app.viewer.drawing import RobotDrawing, add_frame, draw_body, light_scene, place, place_at
+from app.viewer.link_meshes import LinkMeshes
+from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
+from app.viewer.playback import Playback, SourceName, objects_of_segments
+from planners.cell.cell import Cell
+from planners.contract.task_spec import SuctionToolTask
+from planners.geometry.pose import Array, Transform, frame_from_z, transform
+from planners.geometry.surface import hull_with_faces
+from planners.kinematics.forward import link_frames
+from planners.plan.plan import Plan
+from planners.plan.timeline import ContactForce, Moment
+from planners.scene.suction_tool import TOOL_NAME
+
+LEAST_FORCE = 0.05
+"""Smaller forces are not drawn [N]."""
+CONE_HEIGHT = 0.06
+"""[m]"""
+ARROW_MEANINGS = ("left", "right", "environment", "suction")
+LAYERS = ("forces", "cones", "frames", "start", "goal", "places", "grasps")
+"""What can be shown or hidden."""
+FIRST_LAYERS = frozenset({"forces"})
+GHOST_OPACITY = 0.28
+MOVED = frozenset({"plate", "object"})
+"""Roles of the body that a task is about."""
+SIGNS = ("places", "grasps")
+"""Layers of what was considered for one object."""
+WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
+"""Kinds of contacts."""
+
+
+class PlanScene:
+    """One plan in one scene. Methods may be called from any one thread at a time."""
+
+    layers = LAYERS
+
+    def __init__(
+        self,
+        scene: SceneApi,
+        root: str,
+        playback: Playback,
+        cell: Cell,
+        meshes: LinkMeshes,
+    ) -> None:
+        """Draw a plan as it is at its start.
+
+        Args:
+            scene: an empty scene.
+            root: name of the node that all others stand under. A name is not to be used twice in a server's life:
+                viser forgets changes to a node when one of that name was removed before.
+            playback: the plan, and its simulation if there is one.
+            cell: that the plan was made in.
+            meshes: drawings of its robots.
+        """
+        plan = playback.plan
+        self._scene, self._root, self._playback, self._cell = scene, root, playback, cell
+        self._visible = set(FIRST_LAYERS)
+        self._arms = frozenset(cell.arms)
+        light_scene(scene, root)
+        self._robot = RobotDrawing(scene, cell, meshes, f"{root}/robot")
+        self._metres_per_newton = FORCE_SCALES[plan.task.kind]
+        tints = _tints(plan)
+        self._bodies = {
+            name: draw_body(scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose, tint=tints.get(name))
+            for name, body in plan.bodies.items()
+        }
+        self._poses = {name: np.zeros(7) for name in self._bodies}
+        self._body_frames = self._add_body_frames(plan)
+        self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
+        self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
+        self._ghosts = {
+            "start": self._add_ghost("start", plan, plan.at(0.0)),
+            "goal": self._add_ghost("goal", plan, plan.at(plan.duration)),
+        }
+        self._first = next(name for name, body in plan.bodies.items() if body.role in MOVED)
+        self._moved = objects_of_segments(plan.segments) if isinstance(plan.task, SuctionToolTask) else []
+        self._signs = {layer: self._add_signs(layer, plan) for layer in SIGNS}
+        self._moment = plan.at(0.0)
+        self.show("plan", 0.0)
+
+    def show(self, source: SourceName, time: float) -> None:
+        """Show the plan or its simulation at a time [s]."""
+        moment = self._moment = self._playback.at(source, time)
+        self._robot.pose(self._joint_positions(moment), moment.widths)
+        for name, pose in moment.body_poses.items():
+            if not np.array_equal(pose, self._poses[name]):
+                place_at(self._bodies[name], pose)
+                self._poses[name] = pose
+        self._show_contacts()
+        self._show_signs()
+
+    @property
+    def body_position(self) -> Array:
+        """Where the body that is moved is now (3,), in the world [m]."""
+        return self._moment.body_poses[self._moved_now][:3]
+
+    @property
+    def _moved_now(self) -> str:
+        """The body that is moved; the first there is where the plan says nothing."""
+        segment = self._moment.segment
+        return (self._moved[segment] if segment is not None and self._moved else None) or self._first
+
+    def _joint_positions(self, moment: Moment) -> Array:
+        """Return where the joints are (12,) [rad], which a plan without segments may leave to the cell."""
+        return self._cell.home if np.isnan(moment.positions).any() else moment.positions
+
+    def set_layer(self, layer: str, visible: bool) -> None:
+        """Show or hide one of `LAYERS`."""
+        (self._visible.add if visible else self._visible.discard)(layer)
+        actions: dict[str, Callable[[], None]] = {
+            "forces": self._show_contacts,
+            "cones": self._show_contacts,
+            "frames": lambda: self._show_frames(visible),
+            **dict.fromkeys(SIGNS, self._show_signs),
+        }
+        actions.get(layer, lambda: self._show_ghost(layer, visible))()
+
+    def _show_frames(self, visible: bool) -> None:
+        self._robot.show_frames(visible)
+        for frame in self._body_frames:
+            frame.visible = visible
+
+    def _show_ghost(self, layer: str, visible: bool) -> None:
+        for handle in self._ghosts[layer]:
+            handle.visible = visible
+
+    def _show_signs(self) -> None:
+        """Show what was considered for the object that is moved now."""
+        for layer, by_object in self._signs.items():
+            for name, handles in by_object.items():
+                visible = layer in self._visible and name == self._moved_now
+                for handle in handles:
+                    if handle.visible != visible:
+                        handle.visible = visible
+
+    def _show_contacts(self) -> None:
+        each = self._moment.contacts
+        # What the fingers of a hand press against each other is many times what the hand bears.
+        forces = [force for force in (each if "cones" in self._visible else by_hand(each)) if _is_drawn(force)]
+        for meaning, handle in self._arrows.items():
+            mine = [t for t in forces if meaning_of(t.by, self._arms, t.kind) == meaning]
+            drawn = bool(mine) and "forces" in self._visible
+            if drawn:
+                points = np.array([self._arrow(force) for force in mine], dtype=np.float32)
+                if not np.array_equal(points, handle.points):
+                    handle.points = points
+            if handle.visible != drawn:
+                handle.visible = drawn
+        self._show_cones(forces)
+
+    def _show_cones(self, forces: list[ContactForce]) -> None:
+        """Every cone that was ever needed stays in the scene, hidden while it is not."""
+        used = set()
+        if "cones" in self._visible:
+            for force in forces:
+                if force.kind not in WITH_FRICTION_CONE:
+                    continue
+                meaning = meaning_of(force.by, self._arms, force.kind)
+                number = sum(key[:2] == (meaning, force.mu) for key in used)
+                key = (meaning, force.mu, number)
+                used.add(key)
+                if key not in self._cones:
+                    self._cones[key] = self._add_cone(*key)
+                place(self._cones[key], _cone_pose(force, outside=_is_seen_outside(force)))
+        for key, handle in self._cones.items():
+            if handle.visible != (key in used):
+                handle.visible = key in used
+
+    def _arrow(self, force: ContactForce) -> Array:
+        """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
+        along = self._metres_per_newton * force.force
+        begin = force.point - along if _is_seen_outside(force) else force.point
+        return np.array([begin, begin + along])
+
+    def _add_signs(self, layer: str, plan: Plan) -> dict[str, list[SceneNodeHandle]]:
+        """Draw what was considered for each object, hidden at first."""
+        considered = plan.statistics.considered
+        if considered is None:
+            return {}
+        signs = {}
+        for name in (name for name, body in plan.bodies.items() if body.role == "object"):
+            if layer == "places":
+                signs[name] = draw_places(self._scene, f"{self._root}/bodies/{name}", considered, name)
+            else:
+                signs[name] = draw_grasps(self._scene, f"{self._root}/grasps", considered, name)
+            for handle in signs[name]:
+                handle.visible = False
+        return signs
+
+    def _add_arrows(self, meaning: str) -> ArrowsHandle:
+        return self._scene.add_arrows(
+            f"{self._root}/contacts/{meaning}",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            linear_rgb(meaning),
+            shaft_radius=0.55 * self._metres_per_newton,
+            head_radius=1.4 * self._metres_per_newton,
+            head_length=3.0 * self._metres_per_newton,
+            visible=False,
+        )
+
+    def _add_cone(self, meaning: str, mu: float, number: int) -> SceneNodeHandle:
+        vertices, faces = _cone(mu)
+        return self._scene.add_mesh_simple(
+            f"{self._root}/contacts/cones/{meaning}_{mu:g}_{number}".replace(".", "p"),
+            vertices,
+            faces,
+            color=rgb(meaning),
+            opacity=0.3,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _add_body_frames(self, plan: Plan) -> list[FrameHandle]:
+        movable = [name for name, body in plan.bodies.items() if body.role in ("plate", "object", "tool")]
+        frames = [
+            add_frame(self._scene, f"{self._root}/bodies/{name}/frame", np.eye(4), axes_length=0.1) for name in movable
+        ]
+        for frame in frames:
+            frame.visible = False
+        return frames
+
+    def _add_ghost(self, meaning: str, plan: Plan, moment: Moment) -> list[SceneNodeHandle]:
+        """Draw bodies and arms as they are at a moment, translucent.
+
+        A plan without segments leaves the goals to its task.
+        """
+        colour = rgb(meaning)
+        goals = _goals(plan) if meaning == "goal" and not plan.segments else {}
+        vertices, faces = _arm_hulls(self._cell, self._joint_positions(moment))
+        arms = self._scene.add_mesh_simple(
+            f"{self._root}/ghosts/{meaning}/arms",
+            vertices,
+            faces,
+            color=colour,
+            opacity=0.6 * GHOST_OPACITY,
+            flat_shading=True,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+        handles: list[SceneNodeHandle] = [arms]
+        for name, body in plan.bodies.items():
+            if body.role not in ("plate", "object", "tool", "cup"):
+                continue
+            pose = goals.get(name, moment.body_poses[name])
+            ghost = colour, GHOST_OPACITY
+            handle = draw_body(
+                self._scene, f"{self._root}/ghosts/{meaning}/{name}", body.role, body.shape, pose, ghost=ghost
+            )
+            handle.visible = False
+            handles.append(handle)
+        return handles
+
+
+def by_hand(forces: Iterable[ContactForce]) -> list[ContactForce]:
+    """Put one force in place of those of a hand's fingers on a body, midway between them.
+
+    That is what the hand bears, without its squeeze.
+    """
+    result, fingers = list[ContactForce](), defaultdict[tuple[str, str], list[ContactForce]](list)
+    for force in forces:
+        if force.kind == "soft_finger":
+            fingers[force.by, force.body].append(force)
+        else:
+            result.append(force)
+    for pair in fingers.values():
+        point = np.mean([each.point for each in pair], axis=0)
+        moments = [each.wrench[3:] + np.cross(each.point - point, each.force) for each in pair]
+        wrench = np.concatenate([np.sum([each.force for each in pair], axis=0), np.sum(moments, axis=0)])
+        result.append(replace(pair[0], finger=None, point=point, wrench=wrench))
+    return result
+
+
+def _tints(plan: Plan) -> dict[str, Rgb]:
+    """Return the colours of objects by name."""
+    names = [name for name, body in plan.bodies.items() if body.role == "object"]
+    return {name: object_tint(index) for index, name in enumerate(names)}
+
+
+def _goals(plan: Plan) -> dict[str, Array]:
+    """Return where the task wants objects, by name."""
+    objects = plan.task.objects if isinstance(plan.task, SuctionToolTask) else ()
+    return {item.name: np.array(item.goal_pose) for item in objects}
+
+
+def _is_drawn(force: ContactForce) -> bool:
+    """Tell whether a force is drawn: not the smallest, and a cup's on the object only, not its reaction."""
+    if force.kind == "suction" and force.body == TOOL_NAME:
+        return False
+    return bool(np.linalg.norm(force.force) >= LEAST_FORCE)
+
+
+def _is_seen_outside(force: ContactForce) -> bool:
+    """Tell whether a force is drawn before the point where it acts; stick, cup and table would hide it there."""
+    return force.kind == "soft_finger"
+
+
+def _cone_pose(force: ContactForce, *, outside: bool) -> Transform:
+    """Return `T_world_cone`: the cone opens to the side on which the force is drawn."""
+    hint = np.eye(3)[int(np.argmin(np.abs(force.normal)))]
+    axis = -force.normal if outside else force.normal
+    return transform(frame_from_z(axis, hint), force.point)
+
+
+def _cone(mu: float, sides: int = 28) -> tuple[Array, np.ndarray]:
+    """Return a friction cone about +z with its tip in the origin."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    rim = CONE_HEIGHT * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(sides)])
+    index = np.arange(sides)
+    faces = np.column_stack([np.zeros(sides, dtype=int), 1 + (index + 1) % sides, 1 + index])
+    return np.vstack([np.zeros((1, 3)), rim]), faces
+
+
+def _arm_hulls(cell: Cell, positions: Array) -> tuple[Array, np.ndarray]:
+    """Return the hulls of links and hands in the world, as one mesh."""
+    vertices: list[Array] = []
+    faces: list[np.ndarray] = []
+    for index, arm in enumerate(cell.arms.values()):
+        frames = np.empty((7, 4, 4))
+        link_frames(arm.dh, arm.T_world_base, np.ascontiguousarray(positions[6 * index : 6 * index + 6]), frames)
+        for body in (*arm.link_bodies(), *arm.hand_bodies(None)):
+            T = frames[int(body.frame.partition("/")[2])]
+            for shape in body.shapes:
+                if len(shape.vertices) < 4:
+                    continue
+                corners, triangles = hull_with_faces(shape.vertices)
+                faces.append(triangles + sum(map(len, vertices)))
+                vertices.append(corners @ T[:3, :3].T + T[:3, 3])
+    return np.vstack(vertices), np.vstack(faces)

@@ -1,0 +1,267 @@
+"""The scenes of all watchers: each a viser server on the loopback interface, reached through the service only.
+
+viser shares one scene among all who look at a server. A server each keeps watchers apart, and a watcher whose
+connection drops finds the scene as it was.
+"""
+
+from __future__ import annotations
+
+import gzip
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import rich
+import viser
+from anyio import CapacityLimiter
+from starlette.concurrency import run_in_threadpool
+
+from app.errors import CellNotDrawn, TooManyWatchers
+from app.resources.plan_collection import PlanCollection
+from app.resources.scene_collection import SceneCollection
+from app.viewer.description import PlanDescription
+from app.viewer.link_meshes import LinkMeshes
+from app.viewer.page import describe_plan, recorded_page
+from app.viewer.perceived_scene import PerceivedDescription, PerceivedScene, describe_perceived
+from app.viewer.plan_scene import PlanScene
+from app.viewer.playback import Playback, SourceName
+from planners.cell.cell import Cell
+from planners.contract.scene_document import SceneDocument
+from planners.geometry.pose import Array
+from planners.perception.seen_points import SeenPoints
+from planners.plan.plan import Plan
+
+MOST_SERVERS = 24
+"""Each has a scene in memory, some 10 MB."""
+PICTURES_PER_SECOND = 30.0
+"""Of a recording."""
+MOST_PICTURES = 3000
+"""A longer plan is recorded with fewer pictures a second."""
+LOOPBACK = "127.0.0.1"
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the camera is, and what it looks at, along the world's axes [m]."""
+
+    position: tuple[float, float, float]
+    target: tuple[float, float, float]
+    from_body: bool = False
+    """Whether they count from the body that is moved, wherever it is, instead of the world's origin."""
+
+    def in_world(self, body_position: Array) -> tuple[Array, Array]:
+        """Return position and target in the world (3,) [m], while the body that is moved is at `body_position` (3,)."""
+        origin = body_position if self.from_body else np.zeros(3)
+        return origin + self.position, origin + self.target
+
+
+VIEWS = {
+    "overview": View((1.89, -0.99, 1.75), (0.2, -0.02, 1.12)),
+    "front": View((2.05, 0.0, 1.62), (0.15, 0.0, 1.36)),
+    "side": View((0.32, -1.95, 1.5), (0.26, 0.0, 1.36)),
+    "top": View((0.4, 0.0, 2.9), (0.3, 0.0, 1.1)),
+    "close": View((0.68, -0.64, 0.4), (0.0, 0.0, 0.06), from_body=True),
+}
+PERCEIVED_VIEW = View((0.96, -0.66, 0.80), (0.0, 0.0, 0.04), from_body=True)
+"""From which a perceived scene is seen first."""
+FIELD_OF_VIEW = 0.66
+"""Vertical [rad]."""
+
+
+class SceneServer:
+    """A viser server with at most one plan or perceived scene in it.
+
+    Methods block: call them from one thread at a time.
+    """
+
+    def __init__(self) -> None:
+        self.key = secrets.token_urlsafe(18)
+        """Part of the scene's address; only the watcher knows it."""
+        # viser greets on the terminal, which belongs to the log.
+        rich.reconfigure(quiet=True)
+        self._server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
+        self._server.gui.configure_theme(show_logo=False, show_share_button=False)
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = VIEWS["overview"].position, VIEWS["overview"].target
+        camera.fov = FIELD_OF_VIEW
+        self._shown: PlanScene | PerceivedScene | None = None
+        self._opened = 0
+
+    @property
+    def address(self) -> str:
+        """Where the viser server listens."""
+        return f"ws://{LOOPBACK}:{self._server.get_port()}"
+
+    def open(self, playback: Playback, cell: Cell, meshes: LinkMeshes) -> None:
+        """Put a plan into the scene instead of what was there."""
+        with self._server.atomic():
+            was_plan = not isinstance(self._shown, PerceivedScene)
+            self._shown = PlanScene(self._server.scene, self._cleared(), playback, cell, meshes)
+        if not was_plan:
+            self._look_first(VIEWS["overview"])
+
+    def open_perceived(
+        self, document: SceneDocument, points: SeenPoints | None, cell: Cell, meshes: LinkMeshes
+    ) -> None:
+        """Put a perceived scene, with what was measured of it, into the scene instead of what was there."""
+        with self._server.atomic():
+            self._shown = PerceivedScene(self._server.scene, self._cleared(), document, points, cell, meshes)
+        self._look_first(PERCEIVED_VIEW)
+
+    def _look_first(self, view: View) -> None:
+        """Have whoever comes see a view first, and whoever is there see it now."""
+        assert self._shown is not None
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = view.in_world(self._shown.body_position)
+        self.look(view)
+
+    def _cleared(self) -> str:
+        """Empty the scene, and return a name for its next root that was never used before."""
+        self._server.scene.reset()
+        self._opened += 1
+        return f"/opened_{self._opened}"
+
+    def show(self, source: SourceName, time: float) -> None:
+        """Show the plan or its simulation at a time [s]; without a plan nothing changes."""
+        if isinstance(self._shown, PlanScene):
+            with self._server.atomic():
+                self._shown.show(source, time)
+            self._server.flush()
+
+    def set_layer(self, layer: str, *, visible: bool) -> None:
+        """Show or hide a layer of what is shown, if it has one of that name."""
+        if self._shown is not None and layer in self._shown.layers:
+            with self._server.atomic():
+                self._shown.set_layer(layer, visible)
+
+    def look(self, view: View) -> None:
+        """Move the camera of whoever looks at the scene; an empty one has nothing to look at."""
+        if self._shown is None:
+            return
+        position, target = view.in_world(self._shown.body_position)
+        for client in self._server.get_clients().values():
+            with client.atomic():
+                client.camera.position, client.camera.look_at = position, target
+
+    def record(self, durations: Mapping[SourceName, float], step: float) -> tuple[str, dict[SourceName, float]]:
+        """Play the sources one after the other, and return a page that does so again without any server.
+
+        Args:
+            durations: of the sources of the plan in the scene [s].
+            step: time between two pictures [s].
+
+        Returns:
+            The page, and when in it each source begins [s].
+        """
+        serializer = self._server.get_scene_serializer()
+        begins: dict[SourceName, float] = {}
+        pictures = 0
+        for source, duration in durations.items():
+            begins[source] = pictures * step
+            for index in range(int(duration / step) + 2):
+                self.show(source, min(index * step, duration))
+                serializer.insert_sleep(step)
+                pictures += 1
+        return serializer.as_html(), begins
+
+    def close(self) -> None:
+        """Stop the server; whoever still looks sees the last picture."""
+        self._server.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class SceneServers:
+    """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
+
+    def __init__(self, cells: dict[str, Cell], folder: Path) -> None:
+        self._cells = cells
+        self._meshes = LinkMeshes(folder)
+        self._servers: dict[str, SceneServer] = {}
+        self._recorders = CapacityLimiter(1)
+
+    async def enter(self) -> SceneServer:
+        """Open a server.
+
+        Raises:
+            TooManyWatchers: There are too many.
+        """
+        if len(self._servers) >= MOST_SERVERS:
+            raise TooManyWatchers(MOST_SERVERS)
+        server = await run_in_threadpool(SceneServer)
+        self._servers[server.key] = server
+        return server
+
+    async def leave(self, server: SceneServer) -> None:
+        """Close a server."""
+        self._servers.pop(server.key, None)
+        await run_in_threadpool(server.close)
+
+    def server(self, key: str) -> SceneServer | None:
+        """Return the server of a key."""
+        return self._servers.get(key)
+
+    def open(self, server: SceneServer, plans: PlanCollection, plan_id: str) -> PlanDescription:
+        """Put a plan into a server and return what the page tells of it. Blocks.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+            CellNotDrawn: There are no drawings of its cell.
+        """
+        playback, cell = self._load(plans, plan_id)
+        server.open(playback, cell, self._meshes)
+        return describe_plan(playback.plan)
+
+    def open_perceived(self, server: SceneServer, scenes: SceneCollection, scene_id: str) -> PerceivedDescription:
+        """Put a perceived scene into a server and return what the page tells of it. Blocks.
+
+        Raises:
+            SceneNotFound: There is no scene of that id.
+            CellNotDrawn: There are no drawings of its cell.
+        """
+        document, points = scenes.scene(scene_id).document, scenes.points(scene_id)
+        server.open_perceived(document, points, self._cell(document.cell), self._meshes)
+        return describe_perceived(scene_id, document, points)
+
+    def record(self, plans: PlanCollection, plan_id: str) -> str:
+        """Return a page that plays a plan without any server. Blocks for some seconds.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+            CellNotDrawn: There are no drawings of its cell.
+        """
+        playback, cell = self._load(plans, plan_id)
+        durations = playback.durations
+        step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
+        with SceneServer() as server:
+            server.open(playback, cell, self._meshes)
+            scene, begins = server.record(durations, step)
+        return recorded_page(describe_plan(playback.plan), scene, begins)
+
+    @property
+    def recorders(self) -> CapacityLimiter:
+        """One recording at a time: each keeps a core busy."""
+        return self._recorders
+
+    async def close(self) -> None:
+        """Close all servers."""
+        for server in list(self._servers.values()):
+            await self.leave(server)
+
+    def _load(self, plans: PlanCollection, plan_id: str) -> tuple[Playback, Cell]:
+        plan = Plan.read(gzip.decompress(plans.document(plan_id).gzip))
+        return Playback(plan), self._cell(plan.cell.name)
+
+    def _cell(self, name: str) -> Cell:
+        if name not in self._cells:
+            raise CellNotDrawn(name, sorted(self._cells))
+        return self._cells[name]

@@ -1,0 +1,1 @@
+"""Laws that every plan obeys, whatever its kind."""

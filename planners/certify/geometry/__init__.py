@@ -1,0 +1,1 @@
+"""Shapes of bodies, without motion: convex parts, surfaces, and what covers what."""

@@ -1,0 +1,1 @@
+"""What is checked of suction-tool plans alone."""

@@ -1,0 +1,34 @@
+"""The mass properties of shapes, by coal's word."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pytest
+
+from planners.certify.geometry.body_shape import BodyShape, box, convex_part, prism
+
+
+def test_the_inertia_of_a_convex_body_is_coals() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        part = convex_part(rng.normal(size=(12, 3)))
+        points = coal.StdVec_Vec3s()
+        for vertex in part.vertices:
+            points.append(vertex)
+        hull = coal.Convex.convexHull(points, True, None)
+        centre, volume = hull.computeCOM(), hull.computeVolume()
+        shift = float(centre @ centre) * np.eye(3) - np.outer(centre, centre)
+        ours = BodyShape(part.vertices, (part,)).inertia(volume, np.zeros(3))
+        assert ours == pytest.approx(hull.computeMomentofInertia(), rel=1e-6, abs=1e-9)
+        about_centre = BodyShape(part.vertices, (part,)).inertia(volume, centre)
+        assert about_centre == pytest.approx(ours - volume * shift, rel=1e-6, abs=1e-9)
+
+
+def test_a_body_of_two_parts_has_the_inertia_of_the_whole() -> None:
+    outline = np.array([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]])
+    halves = [outline * [0.5, 1.0] + [shift, 0.0] for shift in (-0.1, 0.1)]
+    parts = tuple(prism(half, 0.04).parts[0] for half in halves)
+    point = np.array([0.03, -0.02, 0.01])
+    whole = box(np.array([0.4, 0.2, 0.04]))
+    assert BodyShape(whole.vertices, parts).inertia(3.0, point) == pytest.approx(whole.inertia(3.0, point))

@@ -1,0 +1,121 @@
+"""Surfaces and distances against the cell, coal and brute force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
+from planners.certify import RobotSurfaces
+from planners.certify.geometry.body_shape import box, convex_part
+from planners.certify.motion.kinematics import ArmKinematics
+from planners.certify.motion.robot_surfaces import LARGEST_WIDTH, LINKS, finger_poses, pad_height
+from planners.certify.motion.solids import ConvexSolid, Frame, capsule, polytope, signed_distance
+from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
+from tests.cell.cell_probe import gripper_hulls
+
+Distance = Callable[[ConvexSolid, Transform, ConvexSolid, Transform], float]
+FRAME = Frame("body", "test")
+
+
+def random_pose(rng: np.random.Generator, reach: float) -> Transform:
+    return transform(rotation_from_vector(rng.normal(size=3) * 2), rng.uniform(-reach, reach, size=3))
+
+
+def random_solid(rng: np.random.Generator) -> ConvexSolid:
+    if rng.uniform() < 0.3:
+        return capsule("capsule", "test", FRAME, rng.normal(size=(2, 3)) * 0.05, float(rng.uniform(0.01, 0.04)))
+    return polytope("hull", "test", FRAME, convex_part(rng.normal(size=(12, 3)) * 0.05))
+
+
+def test_distances_are_coals_and_never_larger(true_distance: Distance) -> None:
+    rng = np.random.default_rng(2)
+    apart = 0
+    for _ in range(2000):
+        a, b = random_solid(rng), random_solid(rng)
+        T_a, T_b = random_pose(rng, 0.15), random_pose(rng, 0.15)
+        known = true_distance(a, T_a, b, T_b)
+        ours = signed_distance(a, T_a, b, T_b)
+        assert (ours > 0) == (known > 0)
+        if known > 0:
+            apart += 1
+            assert known * 0.97 - 1e-5 <= ours <= known + 2e-6
+    assert 500 < apart < 1950
+
+
+def test_a_depth_is_the_shortest_way_out() -> None:
+    """Moved by its depth, and no less, along some direction the hulls are apart (over many directions)."""
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(20000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    seen = 0
+    while seen < 30:
+        a, b = (polytope("hull", "test", FRAME, convex_part(rng.normal(size=(8, 3)) * 0.05)) for _ in range(2))
+        T_a, T_b = random_pose(rng, 0.05), random_pose(rng, 0.05)
+        depth = -signed_distance(a, T_a, b, T_b)
+        if depth <= 0:
+            continue
+        seen += 1
+        p, q = (solid.points @ T[:3, :3].T + T[:3, 3] for solid, T in ((a, T_a), (b, T_b)))
+        ways = (directions @ p.T).max(axis=1) - (directions @ q.T).min(axis=1)
+        assert depth <= ways.min() + 1e-9
+        assert depth >= ways.min() * 0.9 - 1e-3
+
+
+def test_links_are_where_the_cell_has_them(cell: Cell, surfaces: RobotSurfaces) -> None:
+    """The cell reads the meshes in another way; its bodies enclose them closely."""
+    for arm in cell.arms.values():
+        for body, hull in zip(arm.link_bodies(), surfaces.links, strict=True):
+            assert body.name.removeprefix(f"{arm.name}_") in LINKS
+            assert_encloses(
+                np.vstack([s.vertices for s in body.shapes]), max(s.radius for s in body.shapes), hull.vertices
+            )
+
+
+def test_fingers_are_where_the_cell_has_them(cell: Cell, surfaces: RobotSurfaces) -> None:
+    gripper = cell.arms["right"].hand
+    assert isinstance(gripper, Gripper)
+    for width in (0.0, 0.02, 0.04, 0.085):
+        hulls = gripper_hulls(gripper, width)
+        for finger in (0, 1):
+            for part, hull in surfaces.finger_parts.items():
+                T = finger_poses(part, finger, np.array([width]))[0]
+                name = f"pad_{finger}" if part == "pad" else f"finger_{finger}_{part}"
+                points = hull.vertices @ T[:3, :3].T + T[:3, 3]
+                assert_encloses(hulls[name], 2e-5, points)
+                assert_encloses(points, 2e-5, hulls[name])
+
+
+def test_pads_have_the_height_and_gap_that_were_measured() -> None:
+    """facts: gap = 2 (0.0054057 + 0.0376 cos q - 0.043 sin q), height = 0.087324 + 0.0376 sin q + 0.043 cos q."""
+    q = np.linspace(0.0, 0.8, 50)
+    gaps = 2 * (0.0054057 + 0.0376 * np.cos(q) - 0.043 * np.sin(q))
+    heights = 0.0484 + 0.087324 + 0.0376 * np.sin(q) + 0.043 * np.cos(q)
+    assert LARGEST_WIDTH == pytest.approx(gaps[0], abs=1e-6)
+    np.testing.assert_allclose(pad_height(gaps), heights, atol=1e-6)
+    for finger, side in ((0, -1.0), (1, 1.0)):
+        inner = side * finger_poses("pad", finger, gaps)[:, 1, 3] - 0.00635 / 2
+        np.testing.assert_allclose(2 * inner, gaps, atol=1e-6)
+
+
+def assert_encloses(outer: Array, radius: float, points: Array) -> None:
+    hull = ConvexHull(outer)
+    assert (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max() <= radius + 2e-5
+
+
+def test_links_hang_together_in_any_pose(surfaces: RobotSurfaces, cell: Cell) -> None:
+    """Neighbours across a joint overlap or touch closely: each hull is in the frame that carries it."""
+    arm = cell.arms["right"]
+    frames = ArmKinematics(arm.dh, arm.T_world_base).frames(np.random.default_rng(4).uniform(-3, 3, size=(20, 6)))
+    solids = [polytope(name, "link", FRAME, hull) for name, hull in zip(LINKS, surfaces.links, strict=True)]
+    for poses in frames:
+        for i in range(6):
+            assert signed_distance(solids[i], poses[i], solids[i + 1], poses[i + 1]) < 0.004
+
+
+def test_edges_of_a_box_are_its_three_axes() -> None:
+    assert {tuple(np.abs(edge)) for edge in box(np.array([1.0, 2.0, 3.0])).parts[0].edges} == set(map(tuple, np.eye(3)))
