@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from support.tool_plans import block
 
+from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array, inverse, rotation_from_vector, transform
 from planners.motion.trajectory import Trajectory
 from planners.plan.segment import SegmentKind
-from planners.regrasp.statics.hold_statics import EPS, PRESSED, HoldStatics, UnheldError
+from planners.regrasp.statics.hold_statics import PRESSED, HoldStatics, UnheldError
 from planners.regrasp.tool_segment import ContactForce, SuckedObject, ToolHold, ToolSegment
 from planners.scene.tool_scene import build_tool_scene
 
@@ -347,7 +348,7 @@ def test_two_hands_use_their_friction_alike_and_less_than_one_where_they_may_car
     def used(force: ContactForce) -> float:
         pressed = float(force.wrench[:3] @ force.normal)
         across = np.linalg.norm(force.wrench[:3] - pressed * force.normal)
-        return float(np.hypot(across, force.wrench[3:] @ force.normal / EPS) / (friction * pressed))
+        return float(np.hypot(across, force.wrench[3:] @ force.normal / SOFT_FINGER_EPS) / (friction * pressed))
 
     def most(made: ToolSegment) -> list[float]:
         forces = [f for s in held.sets(made, places) if s.body == "tool" and s.sample == 0 for f in s.forces]
