@@ -1,20 +1,24 @@
-"""What docstrings show of the planners' public surface works as shown."""
+"""What docstrings show of the planners' public surface works as shown; `Plan.at` is tried where its timeline is."""
 
 from __future__ import annotations
 
 import doctest
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+import planners
+
 ROOT = Path(__file__).parents[2]
-SHOWN = ["planners", "planners.planning", "planners.plan.plan"]
+SHOWN = [planners, planners.solve, planners.Plan.read]
 
 
-@pytest.mark.parametrize("name", SHOWN)
-def test_usage_in_docstrings_works(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("shown", SHOWN, ids=lambda shown: shown.__name__)
+def test_usage_in_docstrings_works(shown: ModuleType | Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    result = doctest.testmod(import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE)
-    assert result.attempted
-    assert not result.failed
+    (usage,) = doctest.DocTestFinder(recurse=False).find(shown, module=import_module("planners"), globs={})
+    assert usage.examples
+    assert not doctest.DocTestRunner().run(usage).failed
