@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from planners.progress import Report
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
@@ -39,7 +40,7 @@ class Heard:
     def __init__(self) -> None:
         self.anything = False
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
+    def __call__(self, _: Report, /) -> None:
         self.anything = True
 
 
