@@ -69,7 +69,7 @@ def post_file(path: Path, out: Path | None, service: str) -> int:
 
     Raises:
         BadInput: The file is not a task.
-        KeyNeeded, ServiceAway, ServiceRefused, NotUnderstood: The service cannot do it, and not because of the task.
+        KeyMissing, ServiceAway, ServiceRefused, NotUnderstood: The service cannot do it, and not because of the task.
         OSError: A file cannot be read or written.
     """
     body = json.dumps(read_task_file(path)).encode()

@@ -39,7 +39,7 @@ def perceive_files(named: Sequence[str], service: str | None, out: Path | None, 
         preview: where the picture goes.
 
     Raises:
-        KeyNeeded, ServiceAway, ServiceRefused: The service cannot do it, and not because of the scan.
+        KeyMissing, ServiceAway, ServiceRefused: The service cannot do it, and not because of the scan.
         OSError: A file cannot be read or written.
     """
     try:

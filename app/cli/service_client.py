@@ -84,7 +84,7 @@ class ServiceClient:
         """Return the plan whose document is at a path.
 
         Raises:
-            KeyNeeded, ServiceRefused, ServiceAway: There is none.
+            KeyMissing, ServiceRefused, ServiceAway: There is none.
             NotUnderstood: The service is of another version, whose documents have what this one does not know.
         """
         try:

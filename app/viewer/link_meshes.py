@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from trimesh.exchange.gltf import export_glb
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
@@ -22,8 +21,8 @@ from trimesh.visual.texture import TextureVisuals
 from planners.cell.asset_files import MeshFile, mesh_path
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
+from planners.geometry.surface import Faces
 
-Faces = NDArray[np.int64]
 Colour = tuple[float, float, float]
 GREY: Colour = (0.32, 0.34, 0.37)
 """Of parts without a material."""

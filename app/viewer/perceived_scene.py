@@ -36,7 +36,7 @@ SURE = 2.0
 """± is so many uncertainties of the document: 19 of 20 errors are smaller [1]."""
 
 
-class PerceivedScene:
+class SceneDrawing:
     """One perceived scene. Methods may be called from any one thread at a time."""
 
     layers = LAYERS
@@ -152,7 +152,7 @@ def _middle(document: SceneDocument, cell: Cell) -> Array:
     return np.mean(places, axis=0) if places else np.array([*table.center[:2], cell.table_top])
 
 
-class PerceivedObject(StrictModel):
+class ObjectDescription(StrictModel):
     """What the page tells of one object."""
 
     name: str
@@ -161,14 +161,14 @@ class PerceivedObject(StrictModel):
     rows: list[Row]
 
 
-class PerceivedTool(StrictModel):
+class PerceivedToolDescription(StrictModel):
     """What the page tells of the tool."""
 
     name: str
     rows: list[Row]
 
 
-class Unrecognised(StrictModel):
+class UnrecognisedDescription(StrictModel):
     """What the page tells of something that is no object it knows."""
 
     reason: str
@@ -182,10 +182,10 @@ class PerceivedDescription(StrictModel):
     title: str
     subtitle: str
     highlights: list[Row]
-    objects: list[PerceivedObject]
-    tool: PerceivedTool | None
+    objects: list[ObjectDescription]
+    tool: PerceivedToolDescription | None
     table: list[Row] | None
-    unrecognised: list[Unrecognised]
+    unrecognised: list[UnrecognisedDescription]
     unrecognised_colour: str
     notes: list[str]
 
@@ -201,7 +201,7 @@ def describe_perceived(scene_id: str, document: SceneDocument, points: SeenPoint
         tool=None if document.tool is None else _tool(document.tool),
         table=None if document.table is None else _table(document.table),
         unrecognised=[
-            Unrecognised(reason=part.reason, place=_top_words(part.top, document.table))
+            UnrecognisedDescription(reason=part.reason, place=_top_words(part.top, document.table))
             for part in document.unrecognised
         ],
         unrecognised_colour=MEANINGS["limit"][0],
@@ -244,7 +244,7 @@ def _highlights(document: SceneDocument, points: SeenPoints | None) -> list[Row]
     return rows
 
 
-def _object(index: int, part: ObjectPart) -> PerceivedObject:
+def _object(index: int, part: ObjectPart) -> ObjectDescription:
     told = part.uncertainty
     x, y, z = part.pose[:3]
     shape = "box" if part.shape.type == "box" else "cylinder"
@@ -260,7 +260,7 @@ def _object(index: int, part: ObjectPart) -> PerceivedObject:
         rows.append(("yaw", f"{yaw:.1f}° ± {math.degrees(SURE * told.yaw):.1f}°"))
     rows += [("stands on", part.supported_by.replace("_", " ")), ("found from", f"{part.top_points:,} points")]
     colour = "#{:02x}{:02x}{:02x}".format(*vivid_tint(index))
-    return PerceivedObject(name=part.name, shape=shape, colour=colour, rows=rows)
+    return ObjectDescription(name=part.name, shape=shape, colour=colour, rows=rows)
 
 
 def _lengths(part: ObjectPart, lengths: tuple[float, ...], digits: int) -> str:
@@ -270,7 +270,7 @@ def _lengths(part: ObjectPart, lengths: tuple[float, ...], digits: int) -> str:
     return f"Ø {1e3 * lengths[0]:.{digits}f} × {1e3 * lengths[2]:.{digits}f}"
 
 
-def _tool(tool: SeenToolPart) -> PerceivedTool:
+def _tool(tool: SeenToolPart) -> PerceivedToolDescription:
     x, y, z = tool.pose[:3]
     position, rotation = (SURE * std for std in (tool.uncertainty.position, tool.uncertainty.rotation))
     rows: list[Row] = [
@@ -280,7 +280,7 @@ def _tool(tool: SeenToolPart) -> PerceivedTool:
         ("markers", ", ".join(map(str, tool.markers))),
         ("off their places", f"{tool.error:.2f} px"),
     ]
-    return PerceivedTool(name=tool.name, rows=rows)
+    return PerceivedToolDescription(name=tool.name, rows=rows)
 
 
 def _table(table: TablePart) -> list[Row]:

@@ -90,7 +90,7 @@ class Simulated(ABC):
         return float(np.interp(time, curve.time, curve.value)) if len(curve.time) else 0.0
 
 
-class SimulatedLift(Simulated):
+class LiftPlayback(Simulated):
     """A simulated plate lift: the cup rides on the plate, the cable stands upright on one point of it.
 
     Its contacts are the vertical force of each hand, where it holds the plate, and the load of the cup.
@@ -157,7 +157,7 @@ def _simulated(plan: Plan) -> Simulated | None:
         case None:
             return None
         case LiftSimulation() as simulation:
-            return SimulatedLift(plan, simulation)
+            return LiftPlayback(plan, simulation)
         case ToolSimulation() as simulation:
             return SimulatedToolUse(plan, simulation)
 

@@ -25,7 +25,7 @@ from app.resources.scene_collection import SceneCollection
 from app.viewer.description import PlanDescription
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.page import describe_plan, recorded_page
-from app.viewer.perceived_scene import PerceivedDescription, PerceivedScene, describe_perceived
+from app.viewer.perceived_scene import PerceivedDescription, SceneDrawing, describe_perceived
 from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback, SourceName
 from planners.cell.cell import Cell
@@ -87,7 +87,7 @@ class SceneServer:
         camera = self._server.initial_camera
         camera.position, camera.look_at = VIEWS["overview"].position, VIEWS["overview"].target
         camera.fov = FIELD_OF_VIEW
-        self._shown: PlanScene | PerceivedScene | None = None
+        self._shown: PlanScene | SceneDrawing | None = None
         self._opened = 0
 
     @property
@@ -98,7 +98,7 @@ class SceneServer:
     def open(self, playback: Playback, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
         with self._server.atomic():
-            was_plan = not isinstance(self._shown, PerceivedScene)
+            was_plan = not isinstance(self._shown, SceneDrawing)
             self._shown = PlanScene(self._server.scene, self._cleared(), playback, cell, meshes)
         if not was_plan:
             self._look_first(VIEWS["overview"])
@@ -108,7 +108,7 @@ class SceneServer:
     ) -> None:
         """Put a perceived scene, with what was measured of it, into the scene instead of what was there."""
         with self._server.atomic():
-            self._shown = PerceivedScene(self._server.scene, self._cleared(), document, points, cell, meshes)
+            self._shown = SceneDrawing(self._server.scene, self._cleared(), document, points, cell, meshes)
         self._look_first(PERCEIVED_VIEW)
 
     def _look_first(self, view: View) -> None:

@@ -36,7 +36,7 @@ TRY_AGAIN_LATER, INTERNAL_ERROR, POLICY_VIOLATION, BAD_DATA, UNSUPPORTED_DATA = 
 """Close codes of RFC 6455, and of its registry."""
 LONGEST_REASON = 120
 """Of closing [bytes]."""
-Result = TypeVar("Result")
+Answered = TypeVar("Answered")
 log = structlog.get_logger(__name__)
 
 
@@ -91,7 +91,7 @@ class Look(_Request):
     view: Literal[tuple(VIEWS)]  # pyright: ignore[reportInvalidTypeForm]
 
 
-Request = OpenPlan | OpenPerceived | ShowTime | SetLayer | Look
+WatcherMessage = OpenPlan | OpenPerceived | ShowTime | SetLayer | Look
 WORDS = {
     "open": "show this plan",
     "open_perceived": "show this scene",
@@ -100,7 +100,7 @@ WORDS = {
     "view": "move the camera",
 }
 """What is asked for, by type of request."""
-REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="type")])
+REQUESTS: TypeAdapter[WatcherMessage] = TypeAdapter(Annotated[WatcherMessage, Field(discriminator="type")])
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ async def _receive_text(socket: WebSocket) -> str | None:
 
 
 async def _answered(
-    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: Request
+    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: WatcherMessage
 ) -> dict[str, Any]:
     """Return the answer to a request, or what went wrong: with it, or in the service itself."""
     try:
@@ -168,7 +168,7 @@ async def _answered(
         return {"type": "fault", "request": request.type, "detail": str(fault)}
 
 
-async def _or_fault(deed: str, work: Awaitable[Result]) -> Result:
+async def _or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
     """Return the result of some work for a watcher.
 
     Raises:
@@ -187,13 +187,13 @@ async def _or_fault(deed: str, work: Awaitable[Result]) -> Result:
         raise fault from error
 
 
-def _refusal(request: Request, detail: str) -> dict[str, Any]:
+def _refusal(request: WatcherMessage, detail: str) -> dict[str, Any]:
     wanted = request.model_dump(include={"plan", "scene"})
     return {"type": "refused", **wanted, "detail": detail}
 
 
 async def _answer(
-    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: Request
+    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: WatcherMessage
 ) -> dict[str, Any]:
     match request:
         case OpenPlan():

@@ -14,7 +14,7 @@ from planners.plan.contacts import Contact, EnvironmentContact, InertiaEntry, So
 from planners.plan.segment import Attachment, Grip, Hold, Segment, SegmentKind
 from planners.plan.verdicts import LeastReserve
 from planners.regrasp.statics.hold_statics import pad_axes
-from planners.regrasp.tool_segment import ContactForce, ToolContactSet, ToolHold, ToolSegment
+from planners.regrasp.tool_segment import ExertedForce, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 
@@ -117,7 +117,7 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
 
 
 def _cup_members(
-    stated: Sequence[tuple[ToolContactSet, ContactForce]],
+    stated: Sequence[tuple[ToolContactSet, ExertedForce]],
     segment: ToolSegment,
     places: Mapping[str, Array],
     scene: SuctionToolScene,

@@ -31,7 +31,7 @@ class SuckedObject:
 
 
 @dataclass(frozen=True, eq=False)
-class ContactForce:
+class ExertedForce:
     """What one contact exerts on a body, in world axes."""
 
     by: str
@@ -54,7 +54,7 @@ class ToolContactSet:
 
     sample: int
     body: str
-    forces: tuple[ContactForce, ...]
+    forces: tuple[ExertedForce, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,10 +22,10 @@ from planners.plan.verdicts import StageTime, Statistics
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Report, silent
 from workers.solver.pipeline import Pipeline
-from workers.solver.protocol import REJECTED_VARIABLE, Request
+from workers.solver.protocol import REJECTED_VARIABLE, SolverRequest
 
 CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
-REQUEST: Request = {"id": "p1", "task": task()}
+REQUEST: SolverRequest = {"id": "p1", "task": task()}
 
 
 def a_plan(*_: Any) -> Plan:
@@ -115,7 +115,7 @@ def test_uploaded_meshes_come_with_the_request() -> None:
     body = {**task(), "obstacles": [{"name": "bin", "shape": bin_shape, "pose": [0.7, 0.6, 1.25, 1, 0, 0, 0]}]}
     content = trimesh.creation.box((100, 200, 300)).export(file_type="stl")
     mesh = take_mesh(content, "stl").document()
-    request: Request = {"id": "p1", "task": body, "meshes": {"bin": json.loads(json.dumps(mesh))}}
+    request: SolverRequest = {"id": "p1", "task": body, "meshes": {"bin": json.loads(json.dumps(mesh))}}
     pipeline(passed=True, plan=plan).solve(request, silent)
     (scene,) = scenes
     vertices, _ = scene.obstacles[0].solid.surface()

@@ -24,13 +24,13 @@ from planners.progress import Report
 from workers.solver import pool as pool_module
 from workers.solver.pool import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver.process import COMPILE
-from workers.solver.protocol import PackedDocument, Request
+from workers.solver.protocol import PackedDocument, SolverRequest
 from workers.solver.warm_up import CACHE_VARIABLE
 
 COMMAND = SolverCommand(FAKE_SOLVER, {})
 
 
-def request(wish: str) -> Request:
+def request(wish: str) -> SolverRequest:
     return {"id": "a", "task": {"external_id": wish}}
 
 

@@ -17,7 +17,7 @@ from planners.geometry.pose import Array, inverse, rotation_from_vector, transfo
 from planners.motion.trajectory import Trajectory
 from planners.plan.segment import SegmentKind
 from planners.regrasp.statics.hold_statics import PRESSED, HoldStatics, UnheldError
-from planners.regrasp.tool_segment import ContactForce, SuckedObject, ToolHold, ToolSegment
+from planners.regrasp.tool_segment import ExertedForce, SuckedObject, ToolHold, ToolSegment
 from planners.scene.tool_scene import build_tool_scene
 
 GRAVITY = 9.81
@@ -345,7 +345,7 @@ def test_two_hands_use_their_friction_alike_and_less_than_one_where_they_may_car
     one, places = still(held)
     both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
 
-    def used(force: ContactForce) -> float:
+    def used(force: ExertedForce) -> float:
         pressed = float(force.wrench[:3] @ force.normal)
         across = np.linalg.norm(force.wrench[:3] - pressed * force.normal)
         return float(np.hypot(across, force.wrench[3:] @ force.normal / SOFT_FINGER_EPS) / (friction * pressed))

@@ -126,6 +126,20 @@ def test_no_folder_has_more_modules_than_can_be_taken_in_at_a_glance() -> None:
     assert {folder: count for folder, count in modules.items() if count > MOST_MODULES} == {}
 
 
+def test_no_two_classes_or_types_have_one_name() -> None:
+    homes: dict[str, list[str]] = {}
+    for path in (path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")):
+        for node in ast.parse(path.read_text()).body:
+            names = [node.name] if isinstance(node, ast.ClassDef) else []
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                name = node.targets[0].id
+                # An alias of a type is written as a class is; constants are in capitals.
+                names = [name] if name[0].isupper() and not name.isupper() else []
+            for name in names:
+                homes.setdefault(name, []).append(str(path.relative_to(ROOT)))
+    assert {name: found for name, found in homes.items() if len(found) > 1} == {}
+
+
 def plainly_installed() -> set[str]:
     """What `pip install liftwright[postgres]` brings: the run-time dependencies and what they need in turn."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

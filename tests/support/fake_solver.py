@@ -17,12 +17,12 @@ import time
 
 from planners.progress import Progress, Report
 from workers.solver.process import COMPILE, main
-from workers.solver.protocol import Answer, Request
+from workers.solver.protocol import Answer, SolverRequest
 
 STEP_SECONDS = 0.05
 
 
-def solve(request: Request, progress: Progress) -> Answer:
+def solve(request: SolverRequest, progress: Progress) -> Answer:
     wish = "fail" if "fail" in sys.argv else str(request["task"].get("external_id"))
     progress(Report("scene", 1, 1))
     if wish == "die":

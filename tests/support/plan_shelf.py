@@ -19,7 +19,7 @@ from planners.progress import Progress, silent
 from planners.scene.scene import build_scene, with_centres
 from workers.settings import HANDOVERS_FOLDER
 from workers.solver.process import COMPILE, main
-from workers.solver.protocol import Answer, Request
+from workers.solver.protocol import Answer, SolverRequest
 
 from .service import ROOT
 
@@ -48,7 +48,7 @@ class PlanShelf:
         """Return what comes of a task by all that the product does, certificate and simulation too."""
         return json.loads(self.take({"id": NOBODY, "task": dict(task)}, silent))
 
-    def take(self, request: Request, progress: Progress) -> bytes:
+    def take(self, request: SolverRequest, progress: Progress) -> bytes:
         """Return the document of a request; where another process is making it, wait for that."""
         # A service passes a task on with all that it left to defaults.
         task = read_task(request["task"])
@@ -61,7 +61,7 @@ class PlanShelf:
                 path.write_bytes(self._pipeline.answer({**request, "id": NOBODY}, progress).document)
         return path.read_bytes().replace(NOBODY.encode(), request["id"].encode())
 
-    def answer(self, request: Request, progress: Progress) -> Answer:
+    def answer(self, request: SolverRequest, progress: Progress) -> Answer:
         """Answer as a solver."""
         document = self.take(request, progress)
         return Answer(json.loads(document)["outcome"], document)

@@ -15,7 +15,7 @@ from planners.progress import Report
 from workers.settings import WorkerSettings
 from workers.solver.pool import SolverDied, SolverFault, SolverPool
 from workers.solver.progress import ProgressScale
-from workers.solver.protocol import PackedDocument, Request
+from workers.solver.protocol import PackedDocument, SolverRequest
 from workers.stores.database_loss import once_it_is_there, said_by
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
@@ -88,11 +88,11 @@ class JobRunner:
         if task is None:
             raise JobLeft(plan_id)
         meshes = await once_it_is_there(self._meshes.documents, named_uploads(task))
-        request: Request = {"id": plan_id, "task": task, "meshes": meshes}
+        request: SolverRequest = {"id": plan_id, "task": task, "meshes": meshes}
         async with self._slots:
             return await self._solve_despite_crashes(plan_id, request)
 
-    async def _solve_despite_crashes(self, plan_id: str, request: Request) -> str:
+    async def _solve_despite_crashes(self, plan_id: str, request: SolverRequest) -> str:
         while True:
             if await once_it_is_there(self._queue.not_with, self._settings.executor_name, [plan_id]):
                 raise JobLeft(plan_id)
@@ -114,7 +114,7 @@ class JobRunner:
                 return document.outcome
 
     async def _attempt(
-        self, plan_id: str, request: Request, attempt: int, scale: ProgressScale
+        self, plan_id: str, request: SolverRequest, attempt: int, scale: ProgressScale
     ) -> PackedDocument | None:
         """Have a solver process try; None if it died and another one may try."""
 
@@ -144,7 +144,7 @@ class JobRunner:
                 raise JobFailed(f"given up after {crashes} attempts: {death}", "crashes") from death
             return None
 
-    async def _solve(self, plan_id: str, request: Request, show: Any) -> PackedDocument:
+    async def _solve(self, plan_id: str, request: SolverRequest, show: Any) -> PackedDocument:
         if self._stopping:
             await self._wait_for_the_end()
         # An earlier run of the same job in this process has lost it: only the newest may have a solver.

@@ -13,7 +13,7 @@ from planners.plan.contacts import Contact
 from planners.plan.plan import Plan
 from planners.plan.segment import Segment, SegmentKind
 from planners.plan.simulation import NodeComparison
-from workers.simulation.timeline import PlannedMoment, Timeline
+from workers.simulation.timeline import PlannedMoment, SampledTimeline
 
 LEAD = 0.3
 """Hands and lifter begin to change what they bear so long before the plan has it change [s]."""
@@ -23,7 +23,7 @@ _MEAN_TIME = 0.06
 """Forces at nodes are means over so long [s]."""
 
 
-class LiftReference(Timeline):
+class LiftReference(SampledTimeline):
     """The plan of a lift on one time axis."""
 
     def __init__(self, plan: Plan, pad: Array) -> None:

@@ -37,7 +37,7 @@ class PlannedMoment:
         return (1.0 - self.part) * rows[self.low] + self.part * rows[self.high]
 
 
-class Timeline:
+class SampledTimeline:
     """Rows are samples of the whole plan; a segment's last has the time of the next one's first."""
 
     def __init__(self, segments: Sequence[Segment]) -> None:

@@ -20,7 +20,7 @@ from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.holds import CupHold, CupLoad, FingerHold, exert, leaves_behind, misses_tool
 from workers.simulation.recording import MOTION_EVERY, TOOL_UNITS, Failure, Recorder, Track
 from workers.simulation.settings import ToolSimulationSettings, WatchSettings
-from workers.simulation.timeline import PlannedMoment, Timeline
+from workers.simulation.timeline import PlannedMoment, SampledTimeline
 from workers.simulation.world import FreeBody, ToolWorld
 
 _REPORT_EVERY = 50
@@ -42,7 +42,7 @@ class ToolExecution:
             settings: see there.
         """
         self.scene, self.world, self.settings = scene, world, settings
-        self.timeline = Timeline(plan.segments)
+        self.timeline = SampledTimeline(plan.segments)
         self.recorder = Recorder(TOOL_UNITS, length_digits=6)
         self.time = 0.0
         """[s]"""
@@ -55,7 +55,7 @@ class ToolExecution:
         self._moved: list[tuple[float, Array]] = []
         """Time and joint positions, at some of the recorder's times."""
         self._tracks = {name: Track() for name in world.bodies}
-        self._standing = Standing(world.bodies, settings.watch)
+        self._standing = StandingWatch(world.bodies, settings.watch)
         self._passing: frozenset[str] = frozenset()
         self._look = round(settings.watch.period / settings.step)
         self._record = round(settings.record_period / settings.step)
@@ -243,7 +243,7 @@ class ToolExecution:
         return float(np.linalg.norm(self.world.bodies[name].T_world_body[:3, 3] - planned))
 
 
-class Standing:
+class StandingWatch:
     """Watches what nothing holds: it has to stay where it was let go."""
 
     def __init__(self, bodies: Mapping[str, FreeBody], settings: WatchSettings) -> None:

@@ -24,7 +24,7 @@ from planners.scene.suction_tool import load_tools
 from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
 from workers.solver.handover_store import HandoverStore
-from workers.solver.protocol import REJECTED_VARIABLE, Answer, Request
+from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel that a plate lift needs."""
@@ -77,7 +77,7 @@ class Pipeline:
             for settings in (standing, standing.with_fingertips()):
                 self.solver.handovers(self.solver.cells[tasks[0]["cell"]], tool, settings.handovers, silent)
 
-    def answer(self, request: Request, progress: Progress) -> Answer:
+    def answer(self, request: SolverRequest, progress: Progress) -> Answer:
         """Return what `solve` finds as it is sent."""
         plan = self.solve(request, progress)
         objects = () if plan.task.kind == "plate_lift" else tuple(f" {each.name}" for each in plan.task.objects)
@@ -88,7 +88,7 @@ class Pipeline:
             seconds[stage] = seconds.get(stage, 0.0) + each
         return Answer(plan.outcome, plan.write(), seconds)
 
-    def solve(self, request: Request, progress: Progress) -> Plan:
+    def solve(self, request: SolverRequest, progress: Progress) -> Plan:
         """Return the certified and simulated plan of a task, or the one that says why there is none.
 
         That nothing was found is no claim: such a plan has the certificate None.
@@ -131,7 +131,7 @@ def _shipped_task(name: str) -> dict[str, Any]:
     return json.loads(resources.files("assets").joinpath("tasks", name).read_text())
 
 
-def _uploads(request: Request) -> Uploads:
+def _uploads(request: SolverRequest) -> Uploads:
     """Return how the scene finds the meshes that came with a request."""
     documents = request.get("meshes", {})
     return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None

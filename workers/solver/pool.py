@@ -21,7 +21,7 @@ import structlog
 
 from planners.errors import LiftwrightError
 from planners.progress import Report
-from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, PackedDocument, Request
+from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, PackedDocument, SolverRequest
 
 READY_SECONDS = 300.0
 """A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""
@@ -117,7 +117,7 @@ class SolverProcess:
             await self._receive()
             self._ready = True
 
-    async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
+    async def solve(self, request: SolverRequest, on_report: OnReport) -> PackedDocument:
         """Hand over a request and wait for its document. Unless it is to be asked again, the process ends by itself.
 
         Raises:
@@ -198,7 +198,7 @@ class SolverPool:
         self._end_surplus()
         await asyncio.gather(*map(_give_up, waiting), *self._ending)
 
-    async def solve(self, request: Request, on_report: OnReport) -> PackedDocument:
+    async def solve(self, request: SolverRequest, on_report: OnReport) -> PackedDocument:
         """Solve one request in a process that works on nothing else; when this is cancelled, the process is gone.
 
         Raises:

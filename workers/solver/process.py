@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, BinaryIO, Self
 
 from planners.errors import LiftwrightError
 from planners.progress import Progress, Report
-from workers.solver.protocol import HANDOVERS_VARIABLE, Answer, DocumentHeader, Message, Request
+from workers.solver.protocol import HANDOVERS_VARIABLE, Answer, DocumentHeader, Message, SolverRequest
 
 if TYPE_CHECKING:
     from workers.solver.pipeline import Pipeline
@@ -39,7 +39,7 @@ PARTS = ("plate_lift", "suction_tool")
 GZIP_LEVEL = 3
 """Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
 
-Solve = Callable[[Request, Progress], Answer]
+Solve = Callable[[SolverRequest, Progress], Answer]
 """Answers a request, telling its progress."""
 
 
@@ -126,7 +126,7 @@ def main(prepare: Callable[[], Solve]) -> None:
             gc.collect()
 
 
-def _answer(solve: Solve, request: Request, channel: Channel) -> bool:
+def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> bool:
     """Hand over the document of a request; return whether there may be another one."""
     answer = solve(request, ThrottledReports(channel))
     packed = gzip.compress(answer.document, GZIP_LEVEL, mtime=0)

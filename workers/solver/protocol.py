@@ -25,7 +25,7 @@ HANDOVERS_VARIABLE = "LIFTWRIGHT_HANDOVERS_DIR"
 """Names the directory where handover databases are kept; without it each process computes its own."""
 
 
-class Request(TypedDict):
+class SolverRequest(TypedDict):
     """What is to be solved."""
 
     id: str

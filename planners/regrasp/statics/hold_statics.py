@@ -32,7 +32,7 @@ from planners.regrasp.statics.finger_forces import FingerForces, least_squeeze, 
 from planners.regrasp.statics.mass_properties import MassProperties
 from planners.regrasp.statics.resting import RestingPoints, resting_points
 from planners.regrasp.suction.suction_hold import SuctionLimit, cup_uses, least_margin
-from planners.regrasp.tool_segment import ContactForce, HeldReserve, ToolContactSet, ToolHold, ToolSegment
+from planners.regrasp.tool_segment import ExertedForce, HeldReserve, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.body import Body
 from planners.scene.solid import FlatFace, solid_of
 from planners.scene.suction_tool import TOOL_NAME
@@ -368,13 +368,13 @@ class HoldStatics:
 
     # Contact sets.
 
-    def _standing(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[ContactForce, ...]:
+    def _standing(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[ExertedForce, ...]:
         points, forces = self._resting(segment, places)
         assert forces is not None
         up = np.array([0.0, 0.0, 1.0])
         wrenches = np.outer(forces, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         return tuple(
-            ContactForce(by, "environment", point, up, wrench)
+            ExertedForce(by, "environment", point, up, wrench)
             for by, point, wrench in zip(points.by, points.points, wrenches, strict=True)
         )
 
@@ -419,7 +419,7 @@ class HoldStatics:
         segment: ToolSegment,
         loads: Mapping[str, _Load],
         bearing: _Bearing,
-        standing: tuple[ContactForce, ...],
+        standing: tuple[ExertedForce, ...],
         sample: int,
     ) -> Iterator[ToolContactSet]:
         tool = loads[TOOL_NAME]
@@ -428,15 +428,15 @@ class HoldStatics:
             name = segment.sucked.name
             point, outward = tool.poses[sample, :3, 3], tool.poses[sample, :3, 2]
             wrench = bearing.suction[sample]
-            forces.append(ContactForce(name, "suction", point, outward, -wrench))
-            on_object = [ContactForce(TOOL_NAME, "suction", point, -outward, wrench), *standing]
+            forces.append(ExertedForce(name, "suction", point, outward, -wrench))
+            on_object = [ExertedForce(TOOL_NAME, "suction", point, -outward, wrench), *standing]
             yield ToolContactSet(sample, name, (*on_object, *_inertia(loads[name], sample)))
         yield ToolContactSet(sample, TOOL_NAME, (*forces, *_inertia(tool, sample)))
 
     @staticmethod
     def _finger_contacts(
         segment: ToolSegment, T_world_tool: Transform, bearing: _Bearing, sample: int
-    ) -> Iterator[ContactForce]:
+    ) -> Iterator[ExertedForce]:
         for hold, exerted in zip(bearers(segment), bearing.hands, strict=True):
             T = T_world_tool @ hold.T_tool_tcp
             for finger, inward in ((0, 1.0), (1, -1.0)):
@@ -445,7 +445,7 @@ class HoldStatics:
                     [T[:3, :3] @ exerted.forces[sample, finger], exerted.torques[sample, finger] * T[:3, 1]]
                 )
                 point = T[:3, 3] - 0.5 * hold.width * normal
-                yield ContactForce(hold.arm, "soft_finger", point, normal, wrench, finger)
+                yield ExertedForce(hold.arm, "soft_finger", point, normal, wrench, finger)
 
 
 def bearers(segment: ToolSegment) -> tuple[ToolHold, ...]:
@@ -486,12 +486,12 @@ def _in_axes(poses: Array, wrenches: Array) -> Array:
     return np.einsum("nji,nkj->nki", poses[:, :3, :3], wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
 
 
-def _inertia(load: _Load, sample: int) -> tuple[ContactForce, ...]:
+def _inertia(load: _Load, sample: int) -> tuple[ExertedForce, ...]:
     """Return the entry of kind `inertia`; none where there is no motion."""
     wrench = load.inertia[sample]
     if not wrench.any():
         return ()
-    return (ContactForce("", "inertia", load.centres[sample], np.zeros(3), wrench),)
+    return (ExertedForce("", "inertia", load.centres[sample], np.zeros(3), wrench),)
 
 
 def _box_faces(box: StaticBox) -> list[FlatFace]:
