@@ -7,8 +7,8 @@ import math
 import numpy as np
 from viser import SceneApi, SceneNodeHandle
 
+from app.viewer.body_drawing import RobotDrawing, add_frame, draw_body, hull_of_prism, light_scene
 from app.viewer.description import Row
-from app.viewer.drawing import RobotDrawing, add_frame, draw_body, hull_of_prism, light_scene
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.palette import MEANINGS, rgb, vivid_tint
 from planners.cell.cell import Cell

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from viser import ArrowsHandle, FrameHandle, SceneApi, SceneNodeHandle
 
+from app.viewer.body_drawing import RobotDrawing, add_frame, draw_body, light_scene, place, place_at
 from app.viewer.considered import draw_grasps, draw_places
-from app.viewer.drawing import RobotDrawing, add_frame, draw_body, light_scene, place, place_at
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
 from app.viewer.playback import Playback, SourceName, objects_of_segments

@@ -11,10 +11,10 @@ from numba import njit
 
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
+from planners.balance.cone_program import TORQUE_LENGTH, Columns, CompiledSolvers, Fingers, Manner, Structure, Template
 from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
-from planners.balance.template import TORQUE_LENGTH, Columns, CompiledSolvers, Fingers, Manner, Structure, Template
 from planners.balance.uncertainty import Uncertainty
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, transform

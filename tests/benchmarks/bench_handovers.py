@@ -20,7 +20,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 from tests.benchmarks.tasks import Note, task_body
-from workers.solver.handover_store import HandoverStore
+from workers.stores.handover_store import HandoverStore
 
 TISSUE_TASKS = ("tissue_pile", "tissue_pile_short_tool")
 """The objects of Table II, with either tool."""

@@ -27,7 +27,7 @@ from planners.scene.tool_scene import build_tool_scene
 from tests.benchmarks.path_shortening import lengths_shortened
 from tests.benchmarks.random_piles import PILES
 from tests.benchmarks.tasks import Note, task_body
-from workers.solver.handover_store import HandoverStore
+from workers.stores.handover_store import HandoverStore
 
 TASKS = tuple(pile.task for pile in PILES)
 EMPTY, TOOL, LADEN = "empty hand", "tool", "tool and object"

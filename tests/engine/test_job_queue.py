@@ -7,11 +7,10 @@ import re
 import sqlalchemy as sa
 from support.service import task
 
-from workers.solver.protocol import PackedDocument
 from workers.stores.database import Database
 from workers.stores.job_queue import APPLICATION_VERSION, Depth, JobQueue
 from workers.stores.jobs import JobOrder, workflow_table
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PackedDocument, PlanStore
 from workers.stores.tables import now_us
 from workers.stores.totals import DOCUMENT, STAGE, TAKEOVER
 

@@ -10,11 +10,10 @@ import pytest
 from support.service import task
 
 from workers.settings import WorkerSettings
-from workers.solver.protocol import PackedDocument
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import JobState
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PackedDocument, PlanStore
 
 
 def packed(content: bytes) -> PackedDocument:

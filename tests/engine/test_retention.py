@@ -10,11 +10,10 @@ from support.service import task
 from planners.contract.scene_document import SceneDocument
 from planners.perception.perceive import PerceivedScene
 from workers.engine.housekeeping import BATCH, US_PER_DAY, delete_old
-from workers.solver.protocol import PackedDocument
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
-from workers.stores.plan_store import PlanStore, now_us
+from workers.stores.plan_store import PackedDocument, PlanStore, now_us
 from workers.stores.scene_store import SceneStore
 from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, SCENES
 

@@ -18,12 +18,11 @@ from app.access.caller import Caller, Scope
 from planners.progress import Report
 from workers.engine.job_runner import JobRunner
 from workers.settings import WorkerSettings
-from workers.solver.protocol import PackedDocument
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
 from workers.stores.mesh_store import MeshStore
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PackedDocument, PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.tables import METADATA, StoredText
 from workers.stores.totals import STAGE

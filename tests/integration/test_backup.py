@@ -11,11 +11,10 @@ from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import task
 
 from workers.settings import WorkerSettings
-from workers.solver.protocol import PackedDocument
 from workers.stores.database import SQLITE_FILE, Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import JobState
-from workers.stores.plan_store import PlanRecord, PlanStore
+from workers.stores.plan_store import PackedDocument, PlanRecord, PlanStore
 
 
 def fill(database: Database) -> tuple[PlanRecord, PlanRecord]:

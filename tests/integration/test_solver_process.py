@@ -24,8 +24,9 @@ from planners.progress import Report
 from workers.solver import pool as pool_module
 from workers.solver.pool import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver.process import COMPILE
-from workers.solver.protocol import PackedDocument, SolverRequest
+from workers.solver.protocol import SolverRequest
 from workers.solver.warm_up import CACHE_VARIABLE
+from workers.stores.plan_store import PackedDocument
 
 COMMAND = SolverCommand(FAKE_SOLVER, {})
 

@@ -12,7 +12,7 @@ from planners.progress import Report
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
 from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
-from workers.solver.handover_store import HandoverStore
+from workers.stores.handover_store import HandoverStore
 
 SMALL = HandoverSettings(
     ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1

@@ -74,7 +74,7 @@ LAYERS = {
         ("manipulation", "regrasp", "perception", "certify"),
         ("lifting", "planning"),
     ),
-    "workers": (("settings", "software"), ("simulation",), ("solver",), ("stores",), ("webhooks",), ("engine",)),
+    "workers": (("settings", "software"), ("simulation", "stores"), ("solver", "webhooks"), ("engine",)),
 }
 """From the lowest up; parts of one layer do not know each other."""
 

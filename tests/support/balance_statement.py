@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import cvxpy as cp
 import numpy as np
 
+from planners.balance.cone_program import K_HAND, K_SUCTION
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
 from planners.balance.lifter import LifterModel, lifter_of
-from planners.balance.template import K_HAND, K_SUCTION
 from planners.geometry.pose import Array, Transform, inverse, transform
 from planners.geometry.wrench import grasp_map
 

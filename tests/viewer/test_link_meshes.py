@@ -11,7 +11,7 @@ import trimesh
 import viser
 from scipy.spatial import cKDTree
 
-from app.viewer.drawing import ArmDrawing, link_files
+from app.viewer.body_drawing import ArmDrawing, link_files
 from app.viewer.link_meshes import LINKS, LinkMeshes, thin_out, visual_path
 from planners.cell.asset_files import shipped_shelf
 from planners.cell.cell import known_cells, load_cell

@@ -15,11 +15,11 @@ from planners.progress import Report
 from workers.settings import WorkerSettings
 from workers.solver.pool import SolverDied, SolverFault, SolverPool
 from workers.solver.progress import ProgressScale
-from workers.solver.protocol import PackedDocument, SolverRequest
+from workers.solver.protocol import SolverRequest
 from workers.stores.database_loss import once_it_is_there, said_by
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PackedDocument, PlanStore
 
 log = structlog.get_logger(__name__)
 

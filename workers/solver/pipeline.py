@@ -23,8 +23,8 @@ from planners.scene.shape_source import Uploads
 from planners.scene.suction_tool import load_tools
 from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
-from workers.solver.handover_store import HandoverStore
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest
+from workers.stores.handover_store import HandoverStore
 
 REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel that a plate lift needs."""

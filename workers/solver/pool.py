@@ -21,7 +21,8 @@ import structlog
 
 from planners.errors import LiftwrightError
 from planners.progress import Report
-from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, PackedDocument, SolverRequest
+from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, SolverRequest
+from workers.stores.plan_store import PackedDocument
 
 READY_SECONDS = 300.0
 """A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""

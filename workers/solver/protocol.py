@@ -65,15 +65,3 @@ class Message(TypedDict):
     progress: NotRequired[Report]
     document: NotRequired[DocumentHeader]
     fault: NotRequired[str]
-
-
-@dataclass(frozen=True, eq=False)
-class PackedDocument:
-    """A plan document as the solver hands it over."""
-
-    outcome: str
-    sha256: str
-    """Of the uncompressed JSON."""
-    gzip: bytes
-    stages: Mapping[str, float]
-    """How long each stage took, by name [s]."""

@@ -13,7 +13,6 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
-from workers.solver.protocol import PackedDocument
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import (
@@ -30,6 +29,18 @@ from workers.stores.jobs import (
 from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, TOTALS, Position, newest_first, now_us
 from workers.stores.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document
 from workers.stores.webhook_store import expect_deliveries, forget_deliveries
+
+
+@dataclass(frozen=True, eq=False)
+class PackedDocument:
+    """A plan document as the solver hands it over."""
+
+    outcome: str
+    sha256: str
+    """Of the uncompressed JSON."""
+    gzip: bytes
+    stages: Mapping[str, float]
+    """How long each stage took, by name [s]."""
 
 
 @dataclass(frozen=True)
