@@ -35,6 +35,7 @@ SECTIONS = {
         "What the controller is worth",
         "Fig. 12 and 13: forces while lifting",
     ),
+    "Plate lifts: lifters of all speeds": ("Aimed at and reached", "Lifters that can be followed"),
     "Plate lifts: what a reserve is worth": ("Aimed at and reached", "What the reserve is worth"),
     "The suction tool": (
         "Aimed at and reached",
