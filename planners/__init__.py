@@ -3,8 +3,8 @@
 >>> from pathlib import Path
 >>> from planners import Plan, read_task, solve
 >>> plan = solve(read_task(Path("assets/tasks/pb1_weak_cup.json")))
->>> print(plan.outcome, plan.explanation.summary, sep=": ")
-infeasible: Robot and vacuum lifter together can carry at most 57.6 N; the plate weighs 62.8 N.
+>>> print(plan.outcome, plan.explanation.remedies[0].sentence, sep=": ")
+infeasible: Use a cup, or a vacuum, that pulls with 44.5 N instead of 20 N.
 >>> Plan.read(plan.write()).outcome
 'infeasible'
 """

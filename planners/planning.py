@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, partial
 from importlib.metadata import version
 from typing import Any, Protocol
 
 import numpy as np
 
-from planners.cell.cell import Cell, known_cells, load_cell
+from planners.cell.cell import Cell, load_cells
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import LiftwrightError, SceneError
@@ -24,20 +24,27 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.plan.plan import SCHEMA_VERSION, Plan
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
+from planners.plan.simulation import Simulation
 from planners.plan.verdicts import Cause, Check, Explanation, Software, StageTime, Statistics
 from planners.progress import Progress, Report, silent
 from planners.regrasp import plan_segments as tool_segments
 from planners.regrasp.considered import considered_by
-from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers, handover_key
 from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
+from planners.remedies.change import Effort
+from planners.remedies.find_remedies import MOST_STEPS, find_remedies
+from planners.remedies.lift_changes import LiftChanges
+from planners.remedies.tool_changes import ToolChanges
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene, with_centres
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
+
+THIS_SOFTWARE = Software(name="liftwright", version=version("liftwright"), commit=None)
 
 
 class HandoverSource(Protocol):
@@ -47,6 +54,16 @@ class HandoverSource(Protocol):
         self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
     ) -> HandoverDatabase:
         """Return what `find_handovers` returns for the same arguments."""
+        ...
+
+
+class LiftPlanner(Protocol):
+    """Plans a plate lift: `plan_lift`, or what remembers other lifts."""
+
+    def __call__(
+        self, scene: PlateLiftScene, settings: LiftSettings, progress: Progress, /, *, persistent: bool
+    ) -> LiftPlan:
+        """Return what `plan_lift` returns for the same arguments."""
         ...
 
 
@@ -72,9 +89,10 @@ def solve(
     >>> from pathlib import Path
     >>> from planners import read_task, solve
     >>> task = read_task(Path("assets/tasks/pb1_weak_cup.json"))
-    >>> plan = solve(task, on_progress=lambda report: None if report.done else print(report.name))
-    scene
-    certify
+    >>> stages = []
+    >>> plan = solve(task, on_progress=lambda report: stages.append(report.stage))
+    >>> list(dict.fromkeys(stages))
+    ['scene', 'remedies', 'certify']
     >>> plan.outcome, plan.certificate.passed
     ('infeasible', True)
 
@@ -92,9 +110,54 @@ def solve(
         CertificateFailed: the plan must not be used.
         PlanningCancelled: `on_progress` asked for it.
     """
-    return TaskSolver(_shipped_cells() if cells is None else cells, _shipped_tools()).solve(
+    return TaskSolver(load_cells() if cells is None else cells, _shipped_tools()).solve(
         task, uploads=uploads, on_progress=on_progress
     )
+
+
+def plan(
+    task: PlateLiftTask | SuctionToolTask,
+    scene: PlateLiftScene | SuctionToolScene,
+    progress: Progress,
+    clock: Callable[[], float],
+    handovers: HandoverSource = find_handovers,
+    lift: LiftPlanner = plan_lift,
+    *,
+    persistent: bool = True,
+) -> Plan:
+    """Plan a task; that there is no plan is an answer, with its reasons.
+
+    Args:
+        task: as accepted.
+        scene: built from it.
+        progress: told what is being done; may raise `PlanningCancelled`.
+        clock: seconds, for the statistics only; no decision depends on it.
+        handovers: asked once by a suction-tool task that may have a plan; computing them takes some seconds.
+        lift: plans a plate lift.
+        persistent: whether denser samplings, stopovers and smaller reserves are tried where nothing is found. What is
+            found without is found with them.
+
+    Returns:
+        The plan, without id and certificate.
+
+    Raises:
+        SceneError: the scene is not of the task's kind.
+        PlanningCancelled: `progress` asked for it.
+    """
+    stopwatch = _Stopwatch(clock, progress)
+    if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene):
+        found = lift(scene, lift_settings(task.options), stopwatch, persistent=persistent)
+        stopwatch.stop()
+        kept = {} if found.reserve is None else {"reserve": found.reserve}
+        statistics = _statistics(found, stopwatch.seconds, **kept)
+        return _plan(task, scene, found, lift_segments.plan_segments(found, scene), statistics)
+    if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
+        moved = infeasible_plan(scene) or _searched(scene, handovers, stopwatch, persistent=persistent)
+        stopwatch.stop()
+        reserve, considered = tool_segments.least_reserve(moved.segments), considered_by(moved)
+        statistics = _statistics(moved, stopwatch.seconds, reserve=reserve, considered=considered)
+        return _plan(task, scene, moved, tool_segments.plan_segments(moved.segments, scene), statistics)
+    raise SceneError("/kind", f"the scene is not that of a task of kind {task.kind}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +169,12 @@ class TaskSolver:
     """By name."""
     handovers: HandoverSource = find_handovers
     """Asked once by a suction-tool task that may have a plan; computing them takes some seconds."""
-    plan: Callable[..., Plan] = field(default_factory=lambda: plan)
+    plan: Callable[..., Plan] = plan
     certify: Callable[[bytes, RobotSurfaces, CellReference], Certificate | None] = certify
-    software: Software | None = None
-    """What is told to have made the plan; None: this package, of no known commit."""
+    simulate: Callable[[Plan, PlateLiftScene | SuctionToolScene, Progress, int], Simulation] | None = None
+    """Executes a certified plan in its scene, telling its progress, by a seed; None: plans are not simulated."""
+    software: Software = THIS_SOFTWARE
+    """What is told to have made the plan."""
     clock: Callable[[], float] = time.perf_counter
     """[s], for the statistics only; no decision depends on it."""
 
@@ -120,18 +185,19 @@ class TaskSolver:
         uploads: Uploads = no_uploads,
         on_progress: Progress = silent,
     ) -> Plan:
-        """Return what `planners.solve` returns, as the plan of this name (its `id`)."""
+        """Return what `planners.solve` returns, as the plan of this name (its `id`), and simulated if it shall be."""
         begun = self.clock()
         on_progress(Report("scene", 0, 1))
-        scene = self.scene(task, uploads)
+        scene = build_scene(task, self.cells, uploads=uploads, tools=self.tools)
         on_progress(Report("scene", 1, 1))
         built = self.clock()
         found = self.plan(task, scene, on_progress, self.clock, self.handovers)
-        made_by = {} if self.software is None else {"software": self.software}
-        found = found.model_copy(update={"id": name, **made_by})
+        found = found.model_copy(update={"id": name, "software": self.software})
+        if task.options.remedies and found.outcome != "solved":
+            found = self._with_remedies(found, task, uploads, on_progress)
         planned = self.clock()
         on_progress(Report("certify", 0, 1))
-        certificate = self.certify(found.write(), _surfaces(), _reference(self.cells[found.cell.name]))
+        certificate = self._certificate_of(found)
         on_progress(Report("certify", 1, 1))
         certified = self.clock()
         times = [("scene", built - begun), *found.statistics.times, ("certify", certified - planned)]
@@ -139,22 +205,61 @@ class TaskSolver:
         found = found.model_copy(update={"certificate": certificate, "statistics": statistics})
         if certificate is not None and not certificate.passed:
             raise CertificateFailed(found, certificate.failures)
-        return found
+        if self.simulate is None or found.outcome != "solved" or not task.options.simulate:
+            return found
+        simulation = self.simulate(found, scene, on_progress, task.seed)
+        simulated = self.clock()
+        statistics = statistics.taking([*times, ("simulate", simulated - certified)], simulated - begun)
+        return found.model_copy(update={"simulation": simulation, "statistics": statistics})
 
-    def scene(
-        self, task: PlateLiftTask | SuctionToolTask, uploads: Uploads = no_uploads
-    ) -> PlateLiftScene | SuctionToolScene:
-        """Return the scene of a task.
+    def _certificate_of(self, plan: Plan) -> Certificate | None:
+        return self.certify(plan.write(), _surfaces(), _reference(self.cells[plan.cell.name]))
 
-        Raises:
-            SceneError: the task names what cannot stand as it says.
-        """
-        return build_scene(task, self.cells, uploads=uploads, tools=self.tools)
+    def _with_remedies(
+        self, found: Plan, task: PlateLiftTask | SuctionToolTask, uploads: Uploads, on_progress: Progress
+    ) -> Plan:
+        """Look for changes of a task that has no plan, and add what helps to the explanation."""
+        begun = self.clock()
+        effort = Effort(MOST_STEPS, plan=6 if isinstance(task, PlateLiftTask) else 4)
+        known: dict[str, HandoverDatabase] = {}
+        build = partial(build_scene, cells=self.cells, uploads=uploads, tools=self.tools)
 
+        def quiet(report: Report, /) -> None:
+            """Ask whether to stop, and leave it to the search for remedies to tell how far it is."""
+            on_progress(Report("remedies", effort.spent, effort.steps))
 
-@cache
-def _shipped_cells() -> Mapping[str, Cell]:
-    return {name: load_cell(name) for name in known_cells()}
+        def handovers(
+            cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
+        ) -> HandoverDatabase:
+            """Find handovers once for all changed tasks that have them in common."""
+            key = handover_key(cell, tool, settings)
+            if key not in known:
+                known[key] = self.handovers(cell, tool, settings, progress)
+            return known[key]
+
+        def attempt(changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
+            try:
+                scene = build(changed)
+            except SceneError:
+                return None
+            plan = self.plan(changed, scene, quiet, self.clock, handovers, persistent=False)
+            if plan.outcome != "solved":
+                return None
+            certificate = self._certificate_of(plan)
+            passed = certificate is not None and certificate.passed
+            return plan.model_copy(update={"certificate": certificate}) if passed else None
+
+        if isinstance(task, PlateLiftTask):
+            changes = LiftChanges(task, build, lift_settings(task.options), effort, quiet).by_kind()
+        else:
+            changes = ToolChanges(task, build, found).by_kind()
+        remedies = find_remedies(changes, attempt, task, effort, on_progress)
+        helps = f"What helps: {remedies[0].sentence}" if remedies else "Of the changes that were tried, none helps."
+        summary = f"{found.explanation.summary} {helps}"
+        explanation = found.explanation.model_copy(update={"summary": summary, "remedies": remedies})
+        times = [*found.statistics.times, ("remedies", self.clock() - begun)]
+        statistics = found.statistics.taking(times, sum(seconds for _, seconds in times))
+        return found.model_copy(update={"explanation": explanation, "statistics": statistics})
 
 
 _shipped_tools = cache(load_tools)
@@ -167,44 +272,6 @@ def _reference(cell: Cell) -> CellReference:
     home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
     rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
     return CellReference(cell.document(), cell.body_documents(), home, rest, tool_descriptions())
-
-
-def plan(
-    task: PlateLiftTask | SuctionToolTask,
-    scene: PlateLiftScene | SuctionToolScene,
-    progress: Progress,
-    clock: Callable[[], float],
-    handovers: HandoverSource = find_handovers,
-) -> Plan:
-    """Plan a task; that there is no plan is an answer, with its reasons.
-
-    Args:
-        task: as accepted.
-        scene: built from it.
-        progress: told what is being done; may raise `PlanningCancelled`.
-        clock: seconds, for the statistics only; no decision depends on it.
-        handovers: asked once by a suction-tool task that may have a plan; computing them takes some seconds.
-
-    Returns:
-        The plan, without id and certificate.
-
-    Raises:
-        SceneError: the scene is not of the task's kind.
-        PlanningCancelled: `progress` asked for it.
-    """
-    stopwatch = _Stopwatch(clock, progress)
-    if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene):
-        lift = plan_lift(scene, lift_settings(task.options), stopwatch)
-        stopwatch.stop()
-        statistics = _statistics(lift, stopwatch.seconds, **({} if lift.reserve is None else {"reserve": lift.reserve}))
-        return _plan(task, scene, lift, lift_segments.plan_segments(lift, scene), statistics)
-    if isinstance(task, SuctionToolTask) and isinstance(scene, SuctionToolScene):
-        moved = infeasible_plan(scene) or _searched(scene, handovers, stopwatch)
-        stopwatch.stop()
-        reserve, considered = tool_segments.least_reserve(moved.segments), considered_by(moved)
-        statistics = _statistics(moved, stopwatch.seconds, reserve=reserve, considered=considered)
-        return _plan(task, scene, moved, tool_segments.plan_segments(moved.segments, scene), statistics)
-    raise SceneError("/kind", f"the scene is not that of a task of kind {task.kind}")
 
 
 def _plan(
@@ -231,7 +298,7 @@ def _plan(
         # Read again, so that every default is stated.
         task=read_task(write_task(with_centres(task, scene))),
         seed=task.seed,
-        software=Software(name="liftwright", version=version("liftwright"), commit=None),
+        software=THIS_SOFTWARE,
         outcome=found.outcome.value,
         explanation=Explanation(summary=found.summary, causes=causes),
         cell=scene.cell.document(),
@@ -286,10 +353,11 @@ def lift_settings(options: PlateLiftOptions) -> LiftSettings:
     return settings.scaled(options.contact_density, options.hold_density)
 
 
-def _searched(scene: SuctionToolScene, handovers: HandoverSource, progress: Progress) -> ToolPlan:
+def _searched(scene: SuctionToolScene, handovers: HandoverSource, progress: Progress, *, persistent: bool) -> ToolPlan:
     settings = ToolPlannerSettings().starting_at(scene.tool.T_world_tool)
     database = handovers(scene.cell, scene.tool, settings.handovers, progress)
-    return plan_with_reserve(scene, settings, database, progress)
+    settings = settings if persistent else settings.hasty()
+    return plan_with_reserve(scene, settings, database, progress, persistent=persistent)
 
 
 class _Stopwatch:

@@ -209,6 +209,23 @@ class CompiledSolvers:
         return known
 
 
+class ConeProgram(NamedTuple):
+    """Program (5) of one pose and hold in numbers: `balance @ x = load`, and `rows @ x + offsets` in cones."""
+
+    balance: Array
+    """(6, k), (5b): takes the variables to the plate's wrench, torques over `TORQUE_LENGTH` [N]."""
+    load: Array
+    """(6,) what they have to balance, likewise [N]."""
+    rows: Array
+    """(m, k), (5c)-(5j): first linear rows, which are not to be negative, then second-order cones, head first."""
+    offsets: Array
+    """(m,) [N]."""
+    sizes: tuple[int, ...]
+    """Number of linear rows, then of the rows of each second-order cone; they add up to m."""
+    pull: int
+    """Which variable is the cup's net pull."""
+
+
 class Template:
     """One compiled cone program; `solve` writes new data into it. Not for use by two threads at once."""
 
@@ -331,6 +348,17 @@ class Template:
         solution = solver.solve()
         infeasible = solution.status == clarabel.SolverStatus.PrimalInfeasible
         return infeasible, np.array(solution.x), np.array(solution.z)
+
+    def stated(self, contact_map: Array, gravity: Array, squeezed: Array) -> ConeProgram:
+        """Return the program in numbers, with nothing tightened; the arguments are those of `solve`."""
+        rows, offsets = self.rows.copy(), self.offsets.copy()
+        for net in self._net_rows:
+            rows[net, self.columns.grip] = contact_map[:3, self.columns.grip]
+            offsets[net] = squeezed[:3]
+        scale = np.repeat([1.0, 1.0 / TORQUE_LENGTH], 3)
+        balance = np.zeros((6, self.columns.size))
+        balance[:, : self.columns.wrench_size] = scale[:, None] * contact_map
+        return ConeProgram(balance, -scale * (gravity + squeezed), rows, offsets, self._sizes, self.columns.pull)
 
     def _solver(self, manner: Manner) -> clarabel.DefaultSolver:
         solver = self._solvers.get(manner)

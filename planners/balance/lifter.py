@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
 from planners.balance.contacts import Cup
+from planners.contract.task_spec import LifterModel
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
-
-LifterModel = Literal["paper", "cable", "dexnet"]
 
 _SQRT2, _SQRT3 = math.sqrt(2.0), math.sqrt(3.0)
 

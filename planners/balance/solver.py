@@ -11,11 +11,21 @@ from numba import njit
 
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
-from planners.balance.cone_program import TORQUE_LENGTH, Columns, CompiledSolvers, Fingers, Manner, Structure, Template
+from planners.balance.cone_program import (
+    TORQUE_LENGTH,
+    Columns,
+    CompiledSolvers,
+    ConeProgram,
+    Fingers,
+    Manner,
+    Structure,
+    Template,
+)
 from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
-from planners.balance.lifter import LifterModel, lifter_of
+from planners.balance.lifter import lifter_of
 from planners.balance.uncertainty import Uncertainty
+from planners.contract.task_spec import LifterModel
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, transform
 from planners.geometry.wrench import grasp_map
@@ -131,6 +141,18 @@ class Balance:
         """
         contacts = self._contacts(rotation_world_plate, environment_points, grip, push)
         return self._answer(contacts, *self._contact_map(contacts))
+
+    def program(
+        self,
+        rotation_world_plate: Array,
+        environment_points: Array,
+        grip: GripContacts | None = None,
+        push: PushContact | None = None,
+    ) -> ConeProgram:
+        """Return (5b)-(5j) in numbers, for whoever changes them; the arguments are those of `solve`."""
+        contacts = self._contacts(rotation_world_plate, environment_points, grip, push)
+        contact_map, squeezed = self._contact_map(contacts)
+        return self._template(contacts.structure).stated(contact_map, contacts.gravity, squeezed)
 
     def refusal(
         self,

@@ -187,6 +187,15 @@ def load_cell(name: str) -> Cell:
     return _load(shelf.find("cells", name, "cell"), shelf)
 
 
+def load_cells() -> dict[str, Cell]:
+    """Load every shipped cell, by name.
+
+    Raises:
+        AssetError: One of their files is wrong; the message names file and field.
+    """
+    return {name: load_cell(name) for name in known_cells()}
+
+
 def load_cell_file(path: Path | str) -> Cell:
     """Load a cell of one's own.
 

@@ -143,6 +143,10 @@ def read_plan(document: bytes) -> PlanView:
     bodies = {name: BodyView.of(name, body) for name, body in plan.bodies.items()}
     segments = (NumberedSegment.model_construct(index=index, **dict(one)) for index, one in enumerate(plan.segments))
     view = PlanView(plan, bodies, tuple(segments))
+    for index, cause in enumerate(plan.explanation.causes):
+        if not cause.says_what_is_short:
+            detail = "a cause has needed, available and a unit, with more needed than available, or none of them"
+            raise MalformedDocument(f"/explanation/causes/{index}", detail)
     for arm in ARMS:
         # The first documents state neither; of these no certificate is asked.
         for stated, pointer in (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NotRequired, TypedDict
 
 from pydantic import ValidationError
@@ -44,6 +44,31 @@ def problems_of(error: ValidationError | SceneError) -> list[Problem]:
     if len(faults) > MAX_PROBLEMS:
         problems.append(Problem(pointer="", detail=f"{len(faults) - MAX_PROBLEMS} more problems are not listed"))
     return problems
+
+
+def doubts_of(task: object) -> list[Problem]:
+    """Return what a task, as JSON data, may be read in and was most probably not meant.
+
+    That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last. Who writes
+    1, 0, 0, 0 elsewhere in the same task knows that w comes first.
+    """
+    poses = list(_poses(task, ()))
+    if any(pose[3:] == [1, 0, 0, 0] for _, pose in poses):
+        return []
+    detail = (
+        "0, 0, 0, 1 is half a turn about z: a pose is [x, y, z, qw, qx, qy, qz], with w before x; no turn is 1, 0, 0, 0"
+    )
+    return [Problem(pointer=json_pointer(path), detail=detail) for path, pose in poses if pose[3:] == [0, 0, 0, 1]]
+
+
+def _poses(data: object, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], list[object]]]:
+    """Yield every member that is a pose, by its name and length, and where it is."""
+    members = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in members:
+        if key in _POSES and isinstance(value, list) and len(value) == 7:
+            yield (*path, key), value
+        else:
+            yield from _poses(value, (*path, key))
 
 
 def _scene_problems(error: SceneError) -> list[Problem]:

@@ -132,6 +132,8 @@ class PlanningOptions(StrictModel):
     reserve: Reserve = 0.1
     """Share of every force limit (friction, what hands may bear, cup) that is kept back all along [1]. Where there is
     a plan only with less, it is planned with as much as a few searches find, and the document says so."""
+    remedies: Annotated[bool, Field(strict=True)] = True
+    """Where there is no plan, look for changes of the task with which there is one."""
 
 
 class PlateLiftOptions(PlanningOptions):
@@ -156,6 +158,10 @@ class PlateLiftOptions(PlanningOptions):
     """Pushes to use instead of generated ones."""
 
 
+LifterModel = Literal["paper", "cable", "dexnet"]
+"""What the vacuum lifter's cup can exert, see `planners.balance.lifter`."""
+
+
 class PlateLiftTask(StrictModel):
     """Raise a plate from its support with two hands and the vacuum lifter (paper B)."""
 
@@ -167,7 +173,7 @@ class PlateLiftTask(StrictModel):
     support: Support | None = None
     """None: the table."""
     cup: LifterCup
-    lifter_model: Literal["paper", "cable", "dexnet"] = "paper"
+    lifter_model: LifterModel = "paper"
     contact_model: Literal["squeeze", "paper"] = "squeeze"
     """How the gripper holds: with a commanded squeeze that what it bears comes on top of, or as in the paper, with two
     fingers whose normal forces are free up to a cap."""

@@ -7,18 +7,10 @@ from collections import Counter
 from dataclasses import dataclass
 
 from planners.errors import LiftwrightError
+from planners.plan.verdicts import is_shortage
 
 _ROUNDING = 1e-9
 """Share of what is needed below which a shortage is none [1]."""
-
-
-def is_shortage(needed: float, available: float, unit: str) -> bool:
-    """Tell whether figures say what is short: in a unit that can be measured, more is needed than there is.
-
-    What is needed is never less than nothing; of what is available only a length can be: a finger below the table.
-    """
-    measurable = bool(unit) and unit != "1" and math.isfinite(needed) and math.isfinite(available)
-    return measurable and needed >= 0.0 and available < needed and (available >= 0.0 or unit == "m")
 
 
 class NoShortage(LiftwrightError):

@@ -14,25 +14,39 @@ from planners.graph.rejections import Rejection
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.manipulation.statics.reserves import STEPS
 from planners.plan.verdicts import PlanningOutcome
 from planners.progress import Progress, Report
 from planners.scene.lift_scene import PlateLiftScene
 
+_ROOM = 0.95
+"""How much smaller still the numbers of poses and holds are made than would just fit, if edges grew as expected [1]."""
 _ROUNDING = 1e-6
 """Part of a step by which a reserve may miss it."""
 
 
-def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress) -> LiftPlan:
+def plan_lift(
+    scene: PlateLiftScene,
+    settings: LiftSettings,
+    progress: Progress,
+    memory: ReachMemory | None = None,
+    *,
+    persistent: bool = True,
+) -> LiftPlan:
     """Plan a plate lift; that there is no plan is an answer, with its reasons.
 
     Args:
         scene: what is to be lifted, and where.
         settings: budgets and choices.
         progress: told what is being done; may raise `PlanningCancelled`.
+        memory: of the reach in other lifts, to which this one's is added; the plan is the same without it.
+        persistent: whether to try denser samplings where nothing is found. What is found without is found with them.
     """
-    planner = PlateLiftPlanner(scene, settings, progress)
+    planner = PlateLiftPlanner(scene, settings, progress, memory)
     plan = planner.plan(explained=settings.reserve == 0.0)
+    if plan.outcome is PlanningOutcome.NOT_FOUND and not planner.fits and _thinning(planner) >= settings.least_thinning:
+        return _thinned(planner, progress, memory, persistent=persistent)
     if plan.outcome is PlanningOutcome.SOLVED and settings.most_reserve:
         return _keeping_most(planner, plan, settings, progress, below=settings.largest_reserve)
     if plan.outcome is not PlanningOutcome.NOT_FOUND or not planner.fits:
@@ -40,11 +54,13 @@ def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress)
     below = settings.reserve
     if settings.reserve > 0.0:
         plan, below = _keeping_less(planner, settings, progress)
+    if plan.outcome is not PlanningOutcome.SOLVED and not persistent:
+        return plan
     for number, (contacts, holds) in enumerate(settings.denser, start=1):
         if plan.outcome is PlanningOutcome.SOLVED:
             break
         progress(Report("denser", number, len(settings.denser)))
-        denser = PlateLiftPlanner(scene, replace(settings.scaled(contacts, holds), reserve=0.0), progress)
+        denser = PlateLiftPlanner(scene, replace(settings.scaled(contacts, holds), reserve=0.0), progress, memory)
         tried = denser.plan()
         if not denser.fits:
             break
@@ -53,6 +69,22 @@ def plan_lift(scene: PlateLiftScene, settings: LiftSettings, progress: Progress)
     if plan.outcome is not PlanningOutcome.SOLVED:
         return _blaming_tolerances(planner, plan, progress)
     return _keeping_most(planner, plan, settings, progress, below=below)
+
+
+def _thinning(planner: PlateLiftPlanner) -> float:
+    """Return which share of poses and holds likely fits into memory: edges grow with poses and with pairs of holds."""
+    return _ROOM * (planner.settings.largest_graph / planner.reach.edge_count) ** (1.0 / 3.0)
+
+
+def _thinned(
+    planner: PlateLiftPlanner, progress: Progress, memory: ReachMemory | None, *, persistent: bool
+) -> LiftPlan:
+    """Plan with fewer poses and holds, where the graph of all does not fit into memory, and say so."""
+    settings, edges, share = planner.settings, planner.reach.edge_count, _thinning(planner)
+    fewer = replace(settings.scaled(share, share), least_thinning=settings.least_thinning / share, denser=())
+    plan = plan_lift(planner.scene, fewer, progress, memory, persistent=persistent)
+    told = f"Of poses and holds {100 * share:.0f} % were tried: the graph of all would have {edges} edges"
+    return replace(plan, summary=f"{plan.summary} {told}, and {settings.largest_graph} fit into memory.")
 
 
 def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: Progress) -> tuple[LiftPlan, float]:

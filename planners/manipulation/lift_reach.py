@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from planners.manipulation.lift_sampling import LiftSampling
 from planners.manipulation.motion.posture_follower import PostureFollower, PostureQueries
 from planners.manipulation.reach.hand_reach import Hand, HandReach, PairReach, PlateQuery, ReachedPostures
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
+from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.manipulation.statics.hold_balance import HoldBalance
 from planners.manipulation.statics.lift_programs import keeping_back
 from planners.progress import Progress, Report
@@ -22,17 +24,25 @@ from planners.progress import Progress, Report
 class LiftReach:
     """The reach of both hands in one sampling, and the graph that is merged from it."""
 
-    def __init__(self, sampling: LiftSampling, rejections: Rejections, progress: Progress) -> None:
+    def __init__(
+        self, sampling: LiftSampling, rejections: Rejections, progress: Progress, memory: ReachMemory | None = None
+    ) -> None:
         """Find the postures, and take all holds from the poses at which plate or cup meet what stands in the cell.
 
         Args:
             sampling: poses and holds.
             rejections: what plate or cup meet is added.
             progress: told of the poses; may raise to stop.
+            memory: of what other lifts have found; None: there were none.
         """
         workcell, plates = sampling.workcell, sampling.T_world_plates
         self.sampling, self.pair = sampling, _pair_reach(sampling)
-        grips, pushes = self.pair.postures(plates, lambda done: progress(Report("reach", done, len(plates))))
+        if memory is None:
+            grips, pushes = self.pair.postures(plates, lambda done: progress(Report("reach", done, len(plates))))
+        else:
+            progress(Report("reach", 0, len(plates)))
+            grips, pushes = memory.postures(workcell, self.pair, plates)
+            progress(Report("reach", len(plates), len(plates)))
         self.lifted = workcell.plate_query(workcell.holding, workcell.lifted, hands=[])
         for names in self.lifted.meetings(plates):
             rejections.add(meeting(*names))
@@ -45,6 +55,12 @@ class LiftReach:
         )
         self._whole: ManipulationStateGraph | None = None
         self._risings: dict[tuple[float, ...], RisingReach] = {}
+
+    def with_limits(self, sampling: LiftSampling) -> LiftReach:
+        """Return the same reach for a sampling in which nothing but forces is another."""
+        other = copy(self)
+        other.sampling, other._risings = sampling, {}
+        return other
 
     @property
     def edge_count(self) -> int:

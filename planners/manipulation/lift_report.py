@@ -119,8 +119,8 @@ def too_large(sampling: LiftSampling, rejections: Rejections, edges: int) -> Lif
     reason = "The graph of all poses and holds is too large"
     cause = Rejection("sampling", reason, needed=edges, available=limit, unit="edges")
     summary = (
-        f"The graph would have {edges} edges, and {limit} fit into memory: lower contact_density or hold_density, "
-        "or simplify the plate's outline."
+        f"The graph would have {edges} edges, and {limit} fit into memory, which leaves too few poses and holds: "
+        "simplify the plate's outline."
     )
     return _unsearched(sampling, rejections, PlanningOutcome.NOT_FOUND, cause, summary)
 

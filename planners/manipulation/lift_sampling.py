@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,12 +16,11 @@ from planners.manipulation.graph.manipulation_graph import HandHold
 from planners.manipulation.holds.grips import CupFootprint, Jaw, PlateGrip, generate_grips, given_grips
 from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes
 from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.reach.hand_reach import ALL_POSTURES
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance
 from planners.manipulation.statics.lift_programs import balance_program, keeping_back, tolerant_program
 from planners.scene.lift_scene import PlateLiftScene
-
-ALL_POSTURES = (1 << 64) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +53,10 @@ class LiftSampling:
         else:
             pushes = given_pushes(scene.given_pushes, radius, settings.pushes.rolls)
         return cls(workcell, settings, prism, poses, grips, pushes, balance_program(scene))
+
+    def with_limits(self, scene: PlateLiftScene) -> LiftSampling:
+        """Return the same poses and holds for a scene in which nothing but forces is another."""
+        return replace(self, workcell=replace(self.workcell, scene=scene), stated=balance_program(scene))
 
     @property
     def scene(self) -> PlateLiftScene:

@@ -47,7 +47,9 @@ class LiftSettings:
     sequences: int = 400
     """Sequences that are checked before the planner gives up."""
     largest_graph: int = 2_400_000
-    """Edges of the graph that fit into 1 GiB of memory: denser samplings are not searched."""
+    """Edges of the graph that fit into 1 GiB of memory: larger samplings are not searched, but thinned."""
+    least_thinning: float = 0.25
+    """Share of poses and holds that is left then at least [1]: with fewer, nothing can be said of a lift."""
     largest_split: int = 400_000
     """Nodes above which no hold is split by its postures: then an edge of the sequence is given up instead."""
 

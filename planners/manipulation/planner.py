@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +20,7 @@ from planners.manipulation.lift_report import not_found, out_of_hands, solved, t
 from planners.manipulation.lift_sampling import LiftSampling, jaw_of
 from planners.manipulation.lift_search import Found, LiftRecord, LiftSearch, NothingFound
 from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.progress import Progress
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -26,9 +28,11 @@ from planners.scene.lift_scene import PlateLiftScene
 class PlateLiftPlanner:
     """One sampling of poses and holds of one lift, searched as often as is asked for."""
 
-    def __init__(self, scene: PlateLiftScene, settings: LiftSettings, progress: Progress) -> None:
+    def __init__(
+        self, scene: PlateLiftScene, settings: LiftSettings, progress: Progress, memory: ReachMemory | None = None
+    ) -> None:
         """Sample poses and holds; nothing is solved yet."""
-        self.scene, self.settings = scene, settings
+        self.scene, self.settings, self._memory = scene, settings, memory
         self.record = LiftRecord(progress)
         self.sampling = LiftSampling.of(scene, settings)
         self.balance = self.sampling.balance(settings.reserve)
@@ -40,12 +44,27 @@ class PlateLiftPlanner:
     @cached_property
     def reach(self) -> LiftReach:
         """Which hand reaches which pose in which postures; found when first asked for."""
-        return LiftReach(self.sampling, self.record.rejections, self.record.progress)
+        return LiftReach(self.sampling, self.record.rejections, self.record.progress, self._memory)
 
     @cached_property
     def fits(self) -> bool:
         """Whether the graph fits into memory."""
         return self.reach.edge_count <= self.settings.largest_graph
+
+    def with_limits(self, scene: PlateLiftScene) -> PlateLiftPlanner:
+        """Return a planner of the same poses, holds and reach for other forces; nothing is solved yet.
+
+        Args:
+            scene: other than this one in nothing but what the balance program takes: the cup's force and cone,
+                friction, limits of the hands, the lifter's model, mass and tolerances. Where the cup sits is taken for
+                the balance alone: what it meets, and which grips it is in the way of, stays as it was.
+        """
+        other = copy(self)
+        other.scene, other.sampling = scene, self.sampling.with_limits(scene)
+        other.reach = self.reach.with_limits(other.sampling)
+        other.balance = other.sampling.balance(self.settings.reserve)
+        other.record, other.search = LiftRecord(self.record.progress), None
+        return other
 
     def plan(self, *, explained: bool = True) -> LiftPlan:
         """Plan the lift with the reserve of the settings.
@@ -53,18 +72,23 @@ class PlateLiftPlanner:
         Args:
             explained: whether to look for the causes where nothing is found; that takes balances of its own.
         """
+        proof = self.proof()
+        if proof is not None:
+            return proof
+        if not self.fits:
+            return too_large(self.sampling, self.record.rejections, self.reach.edge_count)
+        return self.planned(self.begin(), explained=explained)
+
+    def proof(self) -> LiftPlan | None:
+        """Return the answer where it takes no search: that there is no plan. None where a search has to tell."""
         sampling, rejections = self.sampling, self.record.rejections
         capacity = self.capacity()
         if not capacity.suffices:
             return too_heavy(sampling, rejections, capacity)
         if jaw_of(sampling.workcell).width_max < least_opening(sampling.prism, self.scene.friction.grip):
             return too_thick(sampling, rejections)
-        beyond = self._out_of_reach()
-        if beyond is not None:
-            return out_of_hands(sampling, rejections, beyond)
-        if not self.fits:
-            return too_large(sampling, rejections, self.reach.edge_count)
-        return self.planned(self.begin(), explained=explained)
+        beyond = self.out_of_reach()
+        return None if beyond is None else out_of_hands(sampling, rejections, beyond)
 
     def capacity(self) -> LiftCapacity:
         """Bound what robot and lifter can carry together off the support, at whatever tilt, with nothing kept back."""
@@ -142,7 +166,7 @@ class PlateLiftPlanner:
         impasse = find_impasse(search)
         return not_found(search, impasse.summary, impasse.causes)
 
-    def _out_of_reach(self) -> OutOfReach | None:
+    def out_of_reach(self) -> OutOfReach | None:
         """Prove that neither hand reaches the plate where it lies, if it is so: nothing else could move it first."""
         plate = self.scene.plate
         spans = [ArmSpan.of(arm) for arm in self.scene.cell.arms.values()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
@@ -12,17 +12,11 @@ from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
 
 
-class _Contact(StrictModel):
-    sample: Annotated[int, Field(strict=True, ge=0)]
-    body: str
-    finger: Literal[0, 1] | None
-    """0 is at the TCP's -y; None where the contact is no finger's."""
-    point: SampledVector
-    normal: SampledDirection
-    """Into the body."""
-    wrench: SampledWrench
-    """That `by` exerts on `body`, about `point`."""
-    by: str
+class _Wrenched(StrictModel):
+    """What states a wrench, each kind at its own place among its members."""
+
+    if TYPE_CHECKING:
+        wrench: SampledWrench
 
     @property
     def force(self) -> Array:
@@ -33,6 +27,19 @@ class _Contact(StrictModel):
     def torque(self) -> Array:
         """(3,) of the wrench, about `point` [Nm]."""
         return self.wrench[3:]
+
+
+class _Contact(_Wrenched):
+    sample: Annotated[int, Field(strict=True, ge=0)]
+    body: str
+    finger: Literal[0, 1] | None
+    """0 is at the TCP's -y; None where the contact is no finger's."""
+    point: SampledVector
+    normal: SampledDirection
+    """Into the body."""
+    wrench: SampledWrench
+    """That `by` exerts on `body`, about `point`."""
+    by: str
 
 
 class SoftFingerContact(_Contact):
@@ -82,7 +89,7 @@ class SuctionContact(_Contact):
     x_axis: SampledDirection
 
 
-class InertiaEntry(StrictModel):
+class InertiaEntry(_Wrenched):
     """The inertial wrench that was counted in a set, about `point`, the centre of mass."""
 
     kind: Literal["inertia"]
@@ -93,16 +100,6 @@ class InertiaEntry(StrictModel):
     point: SampledVector
     normal: SampledVector | None = None
     wrench: SampledWrench
-
-    @property
-    def force(self) -> Array:
-        """(3,) of the wrench [N]."""
-        return self.wrench[:3]
-
-    @property
-    def torque(self) -> Array:
-        """(3,) of the wrench, about `point` [Nm]."""
-        return self.wrench[3:]
 
 
 BearingContact = SoftFingerContact | PointContact | EnvironmentContact | SuctionContact

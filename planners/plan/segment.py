@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from functools import cached_property
 from typing import Annotated, Self
@@ -196,3 +196,14 @@ class Segment(StrictModel):
     def transforms(self) -> dict[str, Array]:
         """`T_world_body` (n, 4, 4) of every body that moves here."""
         return {name: from_pose7s(poses) for name, poses in self.body_poses.items()}
+
+
+def riding_on(carrier: str, segments: Sequence[Segment], index: int) -> tuple[str, Attachment] | None:
+    """Return the first body that rides on a carrier in a segment, and how; None where there is none.
+
+    While a body is attached or detached nothing rides yet, or any more: these segments have what their neighbour has.
+    """
+    beside = index + {SegmentKind.ATTACH: 1, SegmentKind.DETACH: -1}.get(segments[index].kind, 0)
+    if not 0 <= beside < len(segments):
+        return None
+    return next((ride for ride in segments[beside].rides if ride[1].to == carrier), None)

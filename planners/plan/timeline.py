@@ -7,17 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from planners.geometry.pose import Array
-from planners.plan.contacts import EnvironmentContact, InertiaEntry, PointContact, SoftFingerContact, SuctionContact
+from planners.plan.contacts import BearingContact, InertiaEntry
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
-
-BorneContact = SoftFingerContact | PointContact | EnvironmentContact | SuctionContact
-"""A contact at which something bears something, unlike inertia."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,7 @@ class ContactForce:
         return self.wrench[:3]
 
     @classmethod
-    def of(cls, contact: BorneContact) -> ContactForce:
+    def of(cls, contact: BearingContact) -> ContactForce:
         """Return what a contact of a plan exerts."""
         return cls(
             contact.by,
@@ -81,7 +79,7 @@ class ContactSet:
 
     time: float
     """[s]"""
-    contacts: tuple[BorneContact, ...]
+    contacts: tuple[BearingContact, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +133,7 @@ class Timeline:
             return Moment(time, None, self._start, {}, dict(self._bodies), ())
         index = max(bisect_right(self._starts, time) - 1, 0)
         segment = self._segments[index]
-        sample, fraction = segment.locate(time)
+        sample, fraction = locate(segment.time, time)
         return Moment(
             time,
             index,
@@ -181,14 +179,8 @@ class _SegmentCurves:
 
     def __init__(self, segment: Segment) -> None:
         self._segment = segment
+        self.time = segment.time
         self.tracks = {name: PoseTrack(poses) for name, poses in segment.body_poses.items()}
-
-    def locate(self, time: float) -> tuple[int, float]:
-        """Return the sample at or before `time`, but the last, and how far `time` is on the way to the next."""
-        times = self._segment.time
-        sample = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
-        step = times[sample + 1] - times[sample]
-        return sample, float(np.clip((time - times[sample]) / step, 0.0, 1.0)) if step > 0.0 else 0.0
 
     def joint_positions(self, sample: int, s: float) -> Array:
         """Return the cubic Hermite value (12,) at the fraction `s` of a step [rad]."""
@@ -219,23 +211,38 @@ class _SegmentCurves:
         return tuple(ContactSet(float(self._segment.time[sample]), tuple(group)) for sample, group in by_sample)
 
     @cached_property
-    def _forces(self) -> list[tuple[ContactForce, ...]]:
-        return [tuple(map(ContactForce.of, each.contacts)) for each in self.contact_sets]
+    def _forces(self) -> list[tuple[float, tuple[ContactForce, ...]]]:
+        """Time and forces of each contact set."""
+        return [(each.time, tuple(map(ContactForce.of, each.contacts))) for each in self.contact_sets]
 
     def contact_forces(self, time: float) -> tuple[ContactForce, ...]:
         """Return what contacts exert at `time`: those of the set before it, on their way to the set after it."""
-        times = [contact_set.time for contact_set in self.contact_sets]
-        before = bisect_right(times, time) - 1
+        before = bisect_right(self._forces, time, key=itemgetter(0)) - 1
         if before < 0:
             return ()
-        earlier = self._forces[before]
-        if before + 1 == len(times):
+        begin, earlier = self._forces[before]
+        if before + 1 == len(self._forces):
             return earlier
-        later = self._forces[before + 1]
+        end, later = self._forces[before + 1]
         if len(earlier) != len(later) or not all(map(ContactForce.is_at, earlier, later)):
             return earlier
-        s = (time - times[before]) / (times[before + 1] - times[before])
+        s = (time - begin) / (end - begin)
         return tuple(a.between(b, s) for a, b in zip(earlier, later, strict=True))
+
+
+def locate(times: Array, time: float) -> tuple[int, float]:
+    """Return the sample at or before a time, but the last of several, and how far the time is on the way to the next.
+
+    Args:
+        times: (n,) of the samples, rising [s].
+        time: [s]; one before the first sample or after the last is taken to that.
+
+    Returns:
+        The sample, from 0, and a fraction, 0 to 1.
+    """
+    sample = max(min(int(np.searchsorted(times, time, side="right")) - 1, len(times) - 2), 0)
+    step = times[min(sample + 1, len(times) - 1)] - times[sample]
+    return sample, float(np.clip((time - times[sample]) / step, 0.0, 1.0)) if step > 0.0 else 0.0
 
 
 def mix(a: Array, b: Array, fraction: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import StrEnum
 
@@ -9,7 +10,17 @@ from pydantic import Field, JsonValue
 
 from planners.contract.arrays import Finite
 from planners.contract.strict_model import StrictModel
+from planners.contract.task_change import PatchOperation
 from planners.plan.considered import Considered
+
+
+def is_shortage(needed: float, available: float, unit: str) -> bool:
+    """Tell whether figures say what is short: in a unit that can be measured, more is needed than there is.
+
+    What is needed is never less than nothing; of what is available only a length can be: a finger below the table.
+    """
+    measurable = bool(unit) and unit != "1" and math.isfinite(needed) and math.isfinite(available)
+    return measurable and needed >= 0.0 and available < needed and (available >= 0.0 or unit == "m")
 
 
 class PlanningOutcome(StrEnum):
@@ -33,7 +44,7 @@ class Software(StrictModel):
 class Cause(StrictModel):
     """One reason why there is no plan, in numbers: what is needed is more than what is available.
 
-    Any of the numbers may be missing, and the first documents have some of which nothing is short.
+    The numbers are all there or none is; but the first documents have some of which nothing is short.
     """
 
     reason: str
@@ -42,12 +53,41 @@ class Cause(StrictModel):
     unit: str | None
     where: JsonValue = None
 
+    @property
+    def says_what_is_short(self) -> bool:
+        """Whether its numbers do; without any it is in order too."""
+        needed, available, unit = self.needed, self.available, self.unit
+        if needed is None or available is None or unit is None:
+            return needed is available is unit
+        return is_shortage(needed, available, unit)
+
+
+class Remedy(StrictModel):
+    """A change of the task with which there is a plan. It was planned and certified before it is told."""
+
+    kind: str
+    """What is changed: "cup_place", "cup_force", "yaw", ... ; several remedies may be of one kind."""
+    sentence: str
+    """What to do, for a person, as in "Move the cup 50 mm away from the robot"."""
+    patch: list[PatchOperation]
+    """The change, for a machine; it fits the task as posted and as the plan states it."""
+    outcome: PlanningOutcome
+    """What came of planning the changed task: what is not solved is not told."""
+    certified: bool
+    """Whether that plan passed its certificate: likewise."""
+    reserve: Finite | None
+    """Share of every limit that that plan keeps back [1]; None: nothing is held."""
+    largest_force: Finite | None
+    """The most that a hand bears in that plan [N], see `planners.plan.loads`; None: no hand bears anything."""
+
 
 class Explanation(StrictModel):
     """What came out, for a person."""
 
     summary: str
     causes: list[Cause] = Field(default_factory=list)
+    remedies: list[Remedy] | None = None
+    """Where there is no plan: what to change, the smallest change of each kind first. None: it was not looked for."""
 
 
 class Check(StrictModel):

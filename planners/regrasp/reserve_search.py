@@ -39,7 +39,12 @@ class ReservedPlan:
 
 
 def plan_with_reserve(
-    scene: SuctionToolScene, settings: ToolPlannerSettings, handovers: HandoverDatabase, progress: Progress
+    scene: SuctionToolScene,
+    settings: ToolPlannerSettings,
+    handovers: HandoverDatabase,
+    progress: Progress,
+    *,
+    persistent: bool = True,
 ) -> ToolPlan:
     """Plan a task with the reserve that it asks for; where that finds nothing, with the largest that is found.
 
@@ -51,6 +56,7 @@ def plan_with_reserve(
         settings: budgets and distances.
         handovers: of the scene's cell and tool.
         progress: told of what is being done; may raise to stop.
+        persistent: whether anything is looked for with less than the reserve asked for.
 
     Returns:
         The plan, complete with contact forces and reserves.
@@ -66,7 +72,7 @@ def plan_with_reserve(
 
     wanted = scene.options.reserve
     found = found_with(wanted)
-    if found.solved or wanted == 0.0:
+    if found.solved or wanted == 0.0 or not persistent:
         return found.plan
     found = found_with(0.0)
     if not found.solved:

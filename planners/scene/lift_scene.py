@@ -12,6 +12,7 @@ from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.contract.task_spec import (
     HandForceLimit,
+    LifterModel,
     PlateLiftFriction,
     PlateLiftTask,
 )
@@ -42,7 +43,6 @@ from planners.scene.placements import (
 )
 from planners.scene.shape_source import ShapeSource, Uploads
 
-PLANNED_LIFTERS: tuple[Literal["paper", "cable"], ...] = ("paper", "cable")
 FINGER_GAP = 0.008
 """Between each pad and the plate while the gripper is open around it [m]: fully open fingers would need more room
 under a tilted plate."""
@@ -62,7 +62,7 @@ class PlateLiftScene:
     support_top: float
     """Height of the surface that the plate rests on [m]."""
     cup: SuctionCup
-    lifter_model: Literal["paper", "cable"]
+    lifter_model: LifterModel
     friction: PlateLiftFriction
     hand_force_limit: HandForceLimit
     squeeze: float | None
@@ -104,8 +104,6 @@ def build_lift_scene(
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
-    if task.lifter_model == "dexnet":
-        raise SceneError("/lifter_model", "this lifter model does not exist yet", list(PLANNED_LIFTERS))
     needed = "a plate lift needs a cell with one gripper and one stick"
     cell = find_cell(task.cell, cells, _lifts_plates, needed)
     check_names(((obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)), cell)

@@ -12,8 +12,8 @@ import pytest
 
 from planners.balance.balanced import Unbalanced
 from planners.balance.contacts import Cup, Friction, HandLimits, PushContact
-from planners.balance.lifter import LifterModel
 from planners.balance.solver import Balance
+from planners.contract.task_spec import LifterModel
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z
 from tests.support.balance_statement import Plate, state_balance
 

@@ -12,8 +12,8 @@ import pytest
 
 from planners.balance.balanced import Unbalanced
 from planners.balance.contacts import HandLimits
-from planners.balance.lifter import LifterModel
 from planners.balance.proofs import TwistTable
+from planners.contract.task_spec import LifterModel
 from tests.support.balance_statement import state_balance
 
 MODELS = get_args(LifterModel)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
-from planners.balance.lifter import LifterModel
+from planners.contract.task_spec import LifterModel
 from tests.support.balance_statement import solve_stated
 
 STRUCTURES = list(product(get_args(LifterModel), (0, 1, 2, 4), (False, True), (False, True)))

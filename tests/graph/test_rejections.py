@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from planners.graph.rejections import NoShortage, Rejection, Rejections
+from planners.plan.verdicts import Cause
 
 WRONG = [
     (0.0, -0.113, None),
@@ -27,9 +29,16 @@ WRONG = [
 
 
 @pytest.mark.parametrize("figures", WRONG)
-def test_figures_that_say_nothing_of_what_is_short_are_refused(figures: Any) -> None:
+def test_figures_that_say_nothing_of_what_is_short_are_refused_where_they_are_made_and_written(figures: Any) -> None:
     with pytest.raises(NoShortage, match="more needed than available"):
         Rejection("hold", "It falls.", "", *figures)
+    needed, available, unit = figures
+    try:
+        written = Cause(reason="It falls.", needed=needed, available=available, unit=unit)
+    except ValidationError:
+        return
+    # Documents of the first days are read, with what they say; the certificate asks this, and refuses them.
+    assert not written.says_what_is_short
 
 
 @pytest.mark.parametrize(
@@ -37,7 +46,10 @@ def test_figures_that_say_nothing_of_what_is_short_are_refused(figures: Any) -> 
 )
 def test_what_is_short_may_be_told_or_left_out(figures: Any) -> None:
     made = Rejection("hold", "It falls.", "", *figures)
-    assert (made.needed, made.available, made.unit) == figures
+    needed, available, unit = figures
+    written = Cause(reason="It falls.", needed=needed, available=available, unit=unit)
+    assert written.says_what_is_short
+    assert (made.needed, made.available, made.unit) == (written.needed, written.available, written.unit)
 
 
 def test_computed_figures_are_left_out_where_only_rounding_is_short() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -93,3 +94,24 @@ def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPla
         searched = planner_of(task_body("ab1", reserve=reserve), cells)
         found = searched.planned(searched.begin(), low=False, explained=False).outcome is PlanningOutcome.SOLVED
         assert planner.may_keep(reserve, low=False) == found
+
+
+def test_a_graph_that_does_not_fit_into_memory_is_thinned_and_that_is_told(cells: dict[str, Cell]) -> None:
+    task = read_task(task_body("pb1", reserve=0.0))
+    assert isinstance(task, PlateLiftTask)
+    scene, settings = build_scene(task, cells), lift_settings(task.options)
+    edges = planner_of(task_body("pb1", reserve=0.0), cells).reach.edge_count
+    small = replace(settings, largest_graph=edges // 2)
+    plan = plan_lift(scene, small, silent)
+    assert f"{edges} edges" in plan.summary
+    assert plan.graph["edges"] <= small.largest_graph
+    assert "edges, and" not in plan_lift(scene, replace(settings, largest_graph=edges), silent).summary
+
+
+def test_a_graph_of_which_too_little_fits_is_not_thinned(cells: dict[str, Cell]) -> None:
+    task = read_task(task_body("pb1", reserve=0.0))
+    assert isinstance(task, PlateLiftTask)
+    tiny = replace(lift_settings(task.options), largest_graph=1)
+    plan = plan_lift(build_scene(task, cells), tiny, silent)
+    assert plan.outcome is PlanningOutcome.NOT_FOUND
+    assert "simplify the plate's outline" in plan.summary

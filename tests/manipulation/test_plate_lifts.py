@@ -13,7 +13,7 @@ import yaml
 from support.documents import certified
 from support.samples import told
 
-from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
+from planners.cell.cell import Cell, load_cell_file, load_cells
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.plan.verdicts import PlanningOutcome
@@ -33,7 +33,7 @@ def surfaces() -> RobotSurfaces:
 
 @pytest.fixture(scope="module")
 def cells() -> dict[str, Cell]:
-    return {name: load_cell(name) for name in known_cells()}
+    return load_cells()
 
 
 def document_of(body: dict[str, Any], cells: dict[str, Cell]) -> dict[str, Any]:

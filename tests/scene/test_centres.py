@@ -9,7 +9,7 @@ import trimesh
 from geometry.mesh_shapes import angle, file_of
 
 from app.task_intake import accept_task
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import load_cells
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import from_pose7, rotation_x, to_pose7, transform
@@ -27,7 +27,7 @@ FLAT = [0.35, 0.1, TOP, 1, 0, 0, 0]
 
 @pytest.fixture(scope="module")
 def cells():
-    return {name: load_cell(name) for name in known_cells()}
+    return load_cells()
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from geometry.mesh_shapes import angle, file_of
 
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import load_cells
 from planners.contract.shapes import Mesh
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
@@ -26,7 +26,7 @@ ANGLE = {"type": "mesh", "upload": "angle"}
 
 @pytest.fixture(scope="module")
 def build():
-    cells = {name: load_cell(name) for name in known_cells()}
+    cells = load_cells()
     ring = trimesh.creation.annulus(0.03, 0.04, 0.05, sections=32)
     made = {"angle": angle(), "ring": ring, "bracket": bracket()}
     meshes = {name: take_mesh(file_of(mesh, "stl"), "stl") for name, mesh in made.items()}

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial import ConvexHull
 
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import load_cells
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape
@@ -34,7 +34,7 @@ TABLE_TOP = 1.094
 
 @pytest.fixture(scope="module")
 def cells():
-    return {name: load_cell(name) for name in known_cells()}
+    return load_cells()
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import load_cells
 from planners.contract.problems import problems_of
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
@@ -19,7 +19,7 @@ CASES = yaml.safe_load((ROOT / "tests/problems/scene_refusals.yaml").read_text()
 
 @pytest.fixture(scope="module")
 def cells():
-    return {name: load_cell(name) for name in known_cells()}
+    return load_cells()
 
 
 def member(container, step):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import load_cells
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
@@ -25,7 +25,7 @@ QUARTER = [0.5**0.5, 0, 0, 0.5**0.5]
 
 @pytest.fixture(scope="module")
 def build():
-    cells = {name: load_cell(name) for name in known_cells()}
+    cells = load_cells()
     return lambda body: build_scene(read_task(body), cells)
 
 
@@ -191,7 +191,7 @@ def test_the_document_lists_tool_and_objects_with_all_their_data(build):
 
 
 def test_a_tool_that_was_loaded_before_stands_as_one_that_is_read_from_its_file():
-    cells = {name: load_cell(name) for name in known_cells()}
+    cells = load_cells()
     body = read_task(task("domino_pile"))
     loaded = load_tool(body.tool)
     read, given = build_scene(body, cells), build_scene(body, cells, tools={body.tool: loaded})

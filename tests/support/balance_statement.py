@@ -14,7 +14,8 @@ import numpy as np
 
 from planners.balance.cone_program import K_HAND, K_SUCTION
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
-from planners.balance.lifter import LifterModel, lifter_of
+from planners.balance.lifter import lifter_of
+from planners.contract.task_spec import LifterModel
 from planners.geometry.pose import Array, Transform, inverse, transform
 from planners.geometry.wrench import grasp_map
 

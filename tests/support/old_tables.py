@@ -18,6 +18,8 @@ NEWER = (
     "ALTER TABLE liftwright_plans DROP COLUMN scene_id",
     "DROP TABLE liftwright_totals",
     "DROP TABLE liftwright_scenes",
+    "DROP TABLE liftwright_studies",
+    "DROP TABLE liftwright_study_points",
     "DROP TABLE liftwright_api_keys",
     "DROP TABLE liftwright_sessions",
     "DROP TABLE liftwright_audit",

@@ -9,8 +9,8 @@ import numpy as np
 
 from planners.balance.balanced import Balanced, Unbalanced
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
-from planners.balance.lifter import LifterModel
 from planners.balance.solver import Balance
+from planners.contract.task_spec import LifterModel
 from planners.geometry.pose import Array, rotation_x, rotation_y, rotation_z
 from tests.support.balance_statement import Plate, Statement, state_balance
 

@@ -11,18 +11,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import httpx
 import psutil
 
+from planners.regrasp.grasps.handovers import handover_key
 from workers.settings import HANDOVERS_FOLDER
+from workers.solver.warm_up import MARK
+from workers.stores.handover_store import HandoverStore
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS = ROOT / "assets" / "tasks"
 FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
+FAKE_EXAMINER = (sys.executable, "-m", "tests.support.fake_examiner")
 STARTUP_SECONDS = 900.0
 T = TypeVar("T")
 
@@ -110,11 +114,19 @@ def running_service(data_dir: Path, solver: tuple[str, ...] | None, **settings: 
 def warmed(data_dir: Path) -> Path:
     """Give a data directory what was computed when this tree was set up, so that a service with real solvers need not.
 
-    Where that is missing, or of other sources, the service finds out and computes it.
+    Where that is missing, or of other sources, the service finds out and computes it. Handovers of tools that have
+    changed since, which may lie beside those of today, are left there.
     """
-    kept = ROOT / "data" / HANDOVERS_FOLDER
-    if kept.is_dir():
-        shutil.copytree(kept, data_dir / HANDOVERS_FOLDER)
+    # Most services that tests start have no planners.
+    from workers.solver.pipeline import Pipeline
+
+    kept, given = (HandoverStore(folder / HANDOVERS_FOLDER) for folder in (ROOT / "data", data_dir))
+    for cell, tool, settings in Pipeline.load().shipped_handovers():
+        database = kept.load(handover_key(cell, tool, settings))
+        if database is not None:
+            given.save(database)
+    with suppress(FileNotFoundError):
+        shutil.copy2(ROOT / "data" / HANDOVERS_FOLDER / MARK, data_dir / HANDOVERS_FOLDER / MARK)
     return data_dir
 
 

@@ -27,7 +27,17 @@ _OPTIONAL = frozenset(
     {
         *("contact_model", "mass_tolerance", "com_tolerance", "squeeze", "carry_force_limit"),
         *("cell", "scene_id", "external_id", "seed"),
-        *("reserve", "minimise", "search", "simulate", "contact_density", "hold_density", "grips", "pushes"),
+        *(
+            "reserve",
+            "remedies",
+            "minimise",
+            "search",
+            "simulate",
+            "contact_density",
+            "hold_density",
+            "grips",
+            "pushes",
+        ),
     }
 )
 """Members that tasks of 0.1.0 do not have, or that say nothing about the plan."""

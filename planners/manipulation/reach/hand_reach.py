@@ -30,6 +30,8 @@ from planners.kinematics.windings import wrap
 
 CONTINUITY = 0.25
 """Largest joint step between neighbouring samples of a motion that still counts as continuous [rad]."""
+ALL_POSTURES = (1 << 64) - 1
+"""The set of all postures of a hold."""
 _BLOCK = 8
 """Poses that a thread looks at in one go."""
 Hand = Literal["grip", "push"]
@@ -107,15 +109,22 @@ class HandReach:
         """Number of holds."""
         return len(self.T_plate_flange)
 
-    def postures(self, T_world_plates: Array, holds: slice = slice(None)) -> NDArray[np.uint64]:
+    def postures(
+        self,
+        T_world_plates: Array,
+        holds: slice | NDArray[np.intp] = slice(None),
+        among: NDArray[np.uint64] | None = None,
+    ) -> NDArray[np.uint64]:
         """Return the (poses, holds) sets of postures that reach each pose and are free of collision there.
 
         Args:
             T_world_plates: (poses, 4, 4).
             holds: which of the holds; all if left out.
+            among: (poses, holds) sets of those that are asked for; all if left out.
         """
         T_plate_flange = self.T_plate_flange[holds]
-        result = np.zeros((len(T_world_plates), len(T_plate_flange)), np.uint64)
+        shape = len(T_world_plates), len(T_plate_flange)
+        result = np.full(shape, ALL_POSTURES, np.uint64) if among is None else among.copy()
         q = self.start_positions.copy()
         _reach(self.kernel, self.alone.kernel(), self.hand_only.kernel(), T_world_plates, T_plate_flange, q, result)
         return result
@@ -322,7 +331,7 @@ def _collisions_at(placed, T_world_plates, q):
 
 
 @njit(cache=True, nogil=True)
-def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, out):
+def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, sets):
     dh, T_base_world, lo, hi, first_joint = arm
     (kernel, frame), (hand, hand_frame) = alone, hand_only
     scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
@@ -332,10 +341,13 @@ def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, out):
         set_frame(hand, hand_frame, T_world_plates[p])
         multiply(T_base_world, T_world_plates[p], T_base_plate)
         for h in range(T_plate_flange.shape[0]):
-            found = np.uint64(0)
+            asked, found = sets[p, h], np.uint64(0)
             for v in range(T_plate_flange.shape[1]):
+                branches = np.int64((asked >> np.uint64(8 * v)) & np.uint64(255))
+                if branches == 0:
+                    continue
                 multiply(T_base_plate, T_plate_flange[h, v], T_base_flange)
-                valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+                valid = inverse_kinematics(dh, T_base_flange, 0.0, solutions) & branches
                 hand_checked = False
                 for branch in range(8):
                     if not (valid >> branch) & 1 or not within_limits(solutions[branch], lo, hi):
@@ -347,7 +359,7 @@ def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, out):
                         hand_checked = True
                     if first_collision(kernel, q, scratch) < 0:
                         found |= np.uint64(1) << np.uint64(8 * v + branch)
-            out[p, h] = found
+            sets[p, h] = found
 
 
 @njit(cache=True, nogil=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from planners.scene.lift_scene import PlateLiftScene
 
 PLATE_FRAME = "plate"
 _SCENERY = frozenset({"plate", "cup", "cable"})
+_LIFTER = frozenset({"cup", "cable"})
 _LIFTED = frozenset({"plate", "cup"})
 """What must keep clear of everything that stands in the cell; the cable gives way to all but arms."""
 
@@ -62,6 +64,11 @@ class LiftWorkcell(Workcell):
         object.__setattr__(self, "holding", self._model(self.grip_width))
         object.__setattr__(self, "open", self._model(self.open_width))
         object.__setattr__(self, "start_margins", self._margins_at_start())
+
+    @cached_property
+    def unlifted(self) -> CollisionModel:
+        """The gripper holding the plate, with no lifter there."""
+        return self._model(self.grip_width, lifter=False)
 
     @property
     def cable_frame(self) -> str:
@@ -117,11 +124,12 @@ class LiftWorkcell(Workcell):
         """
         touching, fingers = self._contacts(hands)
         margins = self.start_margins | {(finger, "plate"): self.settings.finger_margin for finger in fingers}
+        places = {PLATE_FRAME: plate, self.cable_frame: Upright(PLATE_FRAME, self.scene.cup.cable_anchor)}
         return model.scene(
-            {PLATE_FRAME: plate, self.cable_frame: Upright(PLATE_FRAME, self.scene.cup.cable_anchor)},
+            {frame: places[frame] for frame in model.movable_frames},
             allowed=touching,
             margin=share * self.settings.margin,
-            margins={names: share * margin for names, margin in margins.items()},
+            margins={names: share * margin for names, margin in margins.items() if model.names.issuperset(names)},
             only=only,
         )
 
@@ -155,6 +163,10 @@ class LiftWorkcell(Workcell):
         flange = f"{arm}/6"
         arms = (self.gripper, self.pusher)
         return lambda a, b: (a.frame == flange and b.group not in arms) or (b.frame == flange and a.group not in arms)
+
+    def with_lifter(self, chosen: PairChoice) -> PairChoice:
+        """Choose of chosen pairs those with the lifter's cup or cable."""
+        return lambda a, b: (a.name in _LIFTER or b.name in _LIFTER) and chosen(a, b)
 
     def with_idle(self, arm: str) -> PairChoice:
         """Choose the pairs of an arm with everything, and those of the idle other arm with the plate, which moves."""
@@ -200,9 +212,10 @@ class LiftWorkcell(Workcell):
         gaps = gaps_below(placed_bodies, settings.margin, self.open.pair_index)
         return {names: max(0.0, gap - settings.rounding) for names, gap in gaps.items()}
 
-    def _model(self, width: float) -> CollisionModel:
+    def _model(self, width: float, *, lifter: bool = True) -> CollisionModel:
         scene = self.scene
-        bodies = [*scene.cell.collision_bodies({self.gripper: width}), *self._scene_bodies()]
+        brought = [body for body in self._scene_bodies() if lifter or body.name not in _LIFTER]
+        bodies = [*scene.cell.collision_bodies({self.gripper: width}), *brought]
         arms = {name: (arm.dh, arm.T_world_base) for name, arm in scene.cell.arms.items()}
         return CollisionModel.build(arms, bodies, scene.cell.excluded_pairs)
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceProof
+from planners.balance.cone_program import ConeProgram
 from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.proofs import TwistTable
 from planners.balance.solver import Balance
@@ -175,6 +176,10 @@ class HoldBalance:
         """Say why not every plate within the tolerances is held at any pose, or None if all are."""
         self.solved += 1
         return self.tolerant.refusal(T_world_plate[:3, :3], contact_points, *self._contacts(hands))
+
+    def program(self, T_world_plate: Transform, contact_points: Array, hands: HandPair) -> ConeProgram:
+        """Return (5) at any pose in numbers, for whoever relaxes its limits."""
+        return self.balance.program(T_world_plate[:3, :3], contact_points, *self._contacts(hands))
 
     def _rule_out(self, proof: UnbalanceProof) -> None:
         """Test a proof against all nodes, by what either program allows: one says no where the other does not."""

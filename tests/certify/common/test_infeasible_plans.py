@@ -156,7 +156,7 @@ def test_a_plate_that_neither_hand_reaches_is_infeasible(
         ({"needed": 1.001}, "needed"),
         ({"needed": 0.999}, "needed"),
         ({"available": 0.999}, "available"),
-        ({"available": 1.2}, "would suffice"),
+        ({"available": 1.2}, "more needed than available"),
     ],
 )
 def test_a_cause_states_the_numbers_of_its_proof(

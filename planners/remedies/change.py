@@ -1,0 +1,145 @@
+"""A change of a task, and how much work looking for changes may take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import numpy as np
+from pydantic import JsonValue, ValidationError
+
+from planners.contract.task_change import PatchOperation, changed
+from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask, read_task, write_task
+from planners.errors import SceneError
+from planners.geometry.pose import Array, from_pose7, pose_row
+
+AnyTask = PlateLiftTask | SuctionToolTask
+TaskOfKind = TypeVar("TaskOfKind", bound=AnyTask)
+SceneOfKind = TypeVar("SceneOfKind")
+
+_DIGITS = 9
+"""After the decimal point of what a patch writes."""
+
+
+@dataclass(frozen=True)
+class TaskChange:
+    """A change of a task."""
+
+    kind: str
+    """What is changed; see `planners.plan.verdicts.Remedy`."""
+    sentence: str
+    """What to do, for a person."""
+    patch: tuple[PatchOperation, ...]
+
+    def applied(self, task: TaskOfKind) -> TaskOfKind | None:
+        """Return the changed task; None where the contract refuses it."""
+        try:
+            read = read_task(changed(write_task(task), self.patch))
+        except ValidationError:
+            return None
+        assert isinstance(read, type(task))
+        return read
+
+    def built(self, task: TaskOfKind, build: Callable[[TaskOfKind], SceneOfKind]) -> SceneOfKind | None:
+        """Return the scene of the changed task; None where the task or its scene is refused."""
+        other = self.applied(task)
+        try:
+            return None if other is None else build(other)
+        except SceneError:
+            return None
+
+
+def put(path: str, value: JsonValue) -> PatchOperation:
+    """Return the operation that sets a member of an object, whether it is there or not."""
+    return PatchOperation(op="add", path=path, value=value)
+
+
+def replaced(path: str, value: JsonValue) -> PatchOperation:
+    """Return the operation that puts another element in the place of one of a list."""
+    return PatchOperation(op="replace", path=path, value=value)
+
+
+def removed(path: str) -> PatchOperation:
+    """Return the operation that takes a member or an element away."""
+    return PatchOperation(op="remove", path=path)
+
+
+def numbers(values: Array) -> list[JsonValue]:
+    """Return numbers (n,) as a patch writes them."""
+    return [round(float(value), _DIGITS) + 0.0 for value in values]
+
+
+def moved_pose(pose: tuple[float, ...], by: Array, turn: float = 0.0) -> list[JsonValue]:
+    """Return a pose `[x, y, z, w, x, y, z]` moved and turned in the world, as a patch writes it.
+
+    Args:
+        pose: as a task states it.
+        by: (2,) along the world's x and y [m].
+        turn: about the vertical axis through the body's origin [rad].
+    """
+    T_world_body = from_pose7(pose)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    T_world_body[:3, :3] = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ T_world_body[:3, :3]
+    T_world_body[:2, 3] += by
+    return numbers(pose_row(T_world_body))
+
+
+class Directions:
+    """Words for directions on the table, as somebody sees them who stands behind the robot."""
+
+    def __init__(self, away: Array) -> None:
+        """Take the direction (2,) that leads away from the robot, in the world."""
+        self.away = away / np.linalg.norm(away)
+        self.left = np.array([-self.away[1], self.away[0]])
+
+    def nearest(self, off: Array) -> Array:
+        """Return the one of the four (2,), straight on or to a side, that leads most the way `off` (2,) does."""
+        ways = (self.away, self.left, -self.left, -self.away)
+        return max(ways, key=lambda way: float(way @ off))
+
+    def say(self, way: Array) -> str:
+        """Say how far and where a way (2,) [m] leads, as in "50 mm to the left"."""
+        parts = [(float(way @ self.away), "away from the robot", "towards the robot")]
+        parts.append((float(way @ self.left), "to the left", "to the right"))
+        told = [
+            f"{1e3 * abs(length):.0f} mm {forward if length > 0.0 else back}"
+            for length, forward, back in parts
+            if abs(length) >= 0.5e-3
+        ]
+        return " and ".join(told)
+
+
+def obstacle_moved(index: int, obstacle: Obstacle, way: Array, along: Directions) -> TaskChange:
+    """Return the change that moves the obstacle of a number by a way (2,) [m]."""
+    moved = obstacle.model_dump(mode="json") | {"pose": moved_pose(obstacle.pose, way)}
+    sentence = f"Move {obstacle.name} {along.say(way)}."
+    return TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", moved),))
+
+
+def turning(angle: float) -> str:
+    """Say how far and which way an angle turns about the vertical [rad]."""
+    return f"{np.degrees(abs(angle)):.0f}° {'counterclockwise' if angle > 0.0 else 'clockwise'}, seen from above"
+
+
+class Effort:
+    """How much may still be tried, counted in steps and never in seconds: the same on every machine."""
+
+    def __init__(self, steps: int, *, forces: int = 1, reach: int = 3, plan: int = 6) -> None:
+        """Take how many steps there are, and how many it takes to ask something.
+
+        Args:
+            steps: in all.
+            forces: to ask whether other forces leave a way in a graph that is known.
+            reach: to ask whether another place leaves one.
+            plan: to plan.
+        """
+        self.steps, self.spent = steps, 0
+        self._needed = {"forces": forces, "reach": reach, "plan": plan}
+
+    def take(self, what: Literal["forces", "reach", "plan"]) -> bool:
+        """Take the steps that something needs; False where they are not left."""
+        enough = self.spent + self._needed[what] <= self.steps
+        if enough:
+            self.spent += self._needed[what]
+        return enough

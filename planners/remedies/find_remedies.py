@@ -1,0 +1,86 @@
+"""Look for changes of a task with which there is a plan; each is planned and certified before it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+from planners.plan.loads import largest_load
+from planners.plan.plan import Plan
+from planners.plan.verdicts import PlanningOutcome, Remedy
+from planners.progress import Progress, Report
+from planners.remedies.change import AnyTask, Effort, TaskChange
+
+MOST_STEPS = 100
+"""Of all that is tried for one task: some 20 s on a common core."""
+MOST_REMEDIES = 5
+"""In all ..."""
+MOST_OF_A_KIND = 3
+"""... and of one kind."""
+MOST_TRIES = 4
+"""Changes of one kind that are planned."""
+
+
+def find_remedies(
+    changes: Iterable[Iterator[TaskChange]],
+    attempt: Callable[[AnyTask], Plan | None],
+    task: AnyTask,
+    effort: Effort,
+    progress: Progress,
+) -> list[Remedy]:
+    """Plan changed tasks, one of each kind in turn, until enough was found or so much was tried.
+
+    Args:
+        changes: of each kind, the smallest first.
+        attempt: plans a task and certifies the plan; None where there is none that passes.
+        task: that has no plan.
+        effort: what may be tried.
+        progress: told of it; may raise `PlanningCancelled`.
+
+    Returns:
+        What helps, the kinds in their order, and of each kind the smallest change first.
+    """
+    searches = [_OfKind(each) for each in changes]
+    while sum(len(each.found) for each in searches) < MOST_REMEDIES:
+        open_kinds = [each for each in searches if not each.ended]
+        if not open_kinds:
+            break
+        for each in open_kinds:
+            progress(Report("remedies", effort.spent, effort.steps))
+            each.try_next(attempt, task, effort)
+    return [remedy for each in searches for remedy in each.found][:MOST_REMEDIES]
+
+
+class _OfKind:
+    """The search for remedies of one kind."""
+
+    def __init__(self, changes: Iterator[TaskChange]) -> None:
+        self._changes, self._tries = changes, 0
+        self.found: list[Remedy] = []
+        self.ended = False
+
+    def try_next(self, attempt: Callable[[AnyTask], Plan | None], task: AnyTask, effort: Effort) -> None:
+        """Plan the next change of the kind, if there is one and steps are left."""
+        change = next(self._changes, None)
+        changed = None if change is None else change.applied(task)
+        if change is None or changed is None or not effort.take("plan"):
+            self.ended = True
+            return
+        self._tries += 1
+        plan = attempt(changed)
+        if plan is not None:
+            self.found.append(_remedy(change, plan))
+        self.ended = len(self.found) >= MOST_OF_A_KIND or self._tries >= MOST_TRIES
+
+
+def _remedy(change: TaskChange, plan: Plan) -> Remedy:
+    assert plan.certificate is not None
+    reserve = plan.statistics.reserve
+    return Remedy(
+        kind=change.kind,
+        sentence=change.sentence,
+        patch=list(change.patch),
+        outcome=PlanningOutcome(plan.outcome),
+        certified=plan.certificate.passed,
+        reserve=None if reserve is None else reserve.value,
+        largest_force=largest_load(plan)[0] or None,
+    )

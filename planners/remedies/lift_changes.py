@@ -1,0 +1,344 @@
+"""Changes of a plate lift that leave a way where there was none, the smallest of each kind first.
+
+Whether a change leaves a way is asked of the same graph as the lift itself: `PlateLiftPlanner.may_keep` finds a way of
+held poses, or proves that none is left among the poses and holds of its sampling. Other forces leave poses, holds and
+reach as they are, so that this takes a tenth of a plan. Which forces to ask for is told by program (5), relaxed at the
+cut of the graph: at the states to which the search came and that it could not enter (`relaxed_balance`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from planners.balance.cone_program import ConeProgram
+from planners.contract.shapes import Box
+from planners.contract.task_change import PatchOperation
+from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
+from planners.geometry.pose import Array
+from planners.graph.search import DEAD
+from planners.manipulation.graph.node_examiner import hands_of
+from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.statics.lift_programs import hand_force_limit
+from planners.progress import Progress
+from planners.remedies.change import (
+    Directions,
+    Effort,
+    TaskChange,
+    moved_pose,
+    numbers,
+    obstacle_moved,
+    put,
+    removed,
+    turning,
+)
+from planners.remedies.relaxed_balance import relaxed
+from planners.scene.lift_scene import PlateLiftScene
+
+_CUT_STATES = 6
+"""States at the cut of the graph whose programs are relaxed."""
+_SHARE_OF_RESERVE = 0.5
+"""Part of the reserve asked for that a way has to keep back before a changed task is planned [1]: where nothing at all
+is kept back, there seldom is a motion too."""
+_MORE_FORCE = 4.0
+"""No cup of more than so many times the stated one's force is asked for [1]."""
+_FORCE_STEP = 0.5
+"""How finely it is asked for [N]."""
+_SHIFTS = (0.010, 0.020, 0.030, 0.050, 0.080)
+"""How far the cup is moved straight on [m]."""
+_SCALES = (0.5, 0.75, 1.25, 1.5)
+"""How much farther from the plate's centre of mass, or nearer, it is moved [1]."""
+_TURNS = tuple(math.radians(sign * angle) for angle in (10, 20, 30, 45, 60, 90) for sign in (1, -1))
+_WAYS = (0.05, 0.10)
+"""How far the plate is moved [m] ..."""
+_OBSTACLE_WAYS = (0.05, 0.10, 0.20)
+"""... and obstacles."""
+_SQUEEZES = (1.5, 2.0, 4.0)
+"""How much harder the gripper squeezes [1]."""
+_BOARDS = (0.03, 0.05)
+"""Thickness of a board under the plate [m]."""
+_BOARD_RIM = 0.015
+"""How far it reaches beyond the plate [m]."""
+_OTHER_LIFTERS = ("paper", "cable")
+
+
+class LiftChanges:
+    """The changes of one plate lift that has no plan."""
+
+    def __init__(
+        self,
+        task: PlateLiftTask,
+        build: Callable[[PlateLiftTask], PlateLiftScene],
+        settings: LiftSettings,
+        effort: Effort,
+        progress: Progress,
+    ) -> None:
+        """Sample the lift as it is; where it ends is searched for when that is first asked.
+
+        Args:
+            task: as it was planned.
+            build: makes scenes of tasks.
+            settings: with which it was planned.
+            effort: what asking may take.
+            progress: may raise `PlanningCancelled`.
+        """
+        self.task, self._build, self._effort, self._progress = task, build, effort, progress
+        self._settings = replace(settings, reserve=0.0, most_reserve=False, full=False)
+        self._kept = _SHARE_OF_RESERVE * settings.reserve
+        self.scene = build(task)
+        self._planner = self._planner_of(self.scene)
+        bases = [arm.T_world_base[:2, 3] for arm in self.scene.cell.arms.values()]
+        plate = self.scene.T_world_plate
+        self._directions = Directions(plate[:2, 3] - np.mean(bases, axis=0))
+        self._rotation = plate[:2, :2]
+        """Takes directions on the plate to the world."""
+
+    def by_kind(self) -> list[Iterator[TaskChange]]:
+        """Return the changes of every kind, each in order of size; kinds that concern what is short come first."""
+        planner = self._planner
+        forces = [self._cup_force(), self._hands(), self._lifter()]
+        if not planner.capacity().suffices:
+            return forces
+        if planner.out_of_reach() is not None:
+            return [self._plate_place()]
+        if planner.proof() is not None:
+            return []
+        cup, places = self._cup_place(), [self._plate_turned(), self._plate_place()]
+        if self._without_obstacles:
+            return [self._obstacles(), cup, *places]
+        if self._is_held:
+            # It is the arms that find no way: other forces change nothing for them.
+            return [*places, self._board(), cup, self._given_holds()]
+        return [cup, *forces, *places, self._tolerances(), self._board(), self._given_holds()]
+
+    # Asking.
+
+    def _planner_of(self, scene: PlateLiftScene) -> PlateLiftPlanner:
+        return PlateLiftPlanner(scene, self._settings, self._progress)
+
+    def _leaves_a_way(self, change: TaskChange, *, forces: bool, kept: float | None = None) -> bool:
+        """Ask whether a change leaves a way of held poses.
+
+        Args:
+            change: of the task.
+            forces: whether nothing but forces and the cup's place is changed: what the cup meets at its new place is
+                left to whoever plans the changed task.
+            kept: what the way has to keep back [1]; None: a share of the reserve that the task asks for.
+        """
+        scene = change.built(self.task, self._build)
+        if scene is None or not self._effort.take("forces" if forces else "reach"):
+            return False
+        planner = self._planner.with_limits(scene) if forces else self._planner_of(scene)
+        reserve = self._kept if kept is None else kept
+        return planner.proof() is None and planner.fits and planner.may_keep(reserve, low=True)
+
+    def _of(self, changes: Iterable[TaskChange], *, forces: bool) -> Iterator[TaskChange]:
+        return (change for change in changes if self._leaves_a_way(change, forces=forces))
+
+    @cached_property
+    def _is_held(self) -> bool:
+        """Whether the task as it is has a way of held poses already."""
+        return self._planner.fits and self._effort.take("forces") and self._planner.may_keep(self._kept, low=True)
+
+    @cached_property
+    def _cut(self) -> list[ConeProgram]:
+        """Programs (5) of the states that the search could not enter for want of balance, nearest to the goal first.
+
+        The plate is at a pose next to one that was come to, held as it was there; the hands reach it.
+        """
+        if self._is_held or self._planner.search is None:
+            return []
+        search = self._planner.search
+        graph, balance, poses = search.graph, search.balance, search.sampling.poses.poses
+        come_to = np.zeros(graph.graph.node_count, bool)
+        come_to[graph.reachable()] = True
+        ends = graph.edge_nodes[come_to[graph.edge_nodes].sum(axis=1) == 1]
+        beyond = np.unique(ends[~come_to[ends]])
+        fallen = beyond[graph.knowledge.status[beyond] == DEAD]
+        tilts = np.array([np.linalg.norm(poses[graph.node_pose[node]].tilt) for node in fallen])
+        programs = []
+        for node in fallen[np.argsort(-tilts, kind="stable")][:_CUT_STATES]:
+            pose = poses[graph.node_pose[node]]
+            hands = hands_of(*graph.hold_of(int(node)))
+            programs.append(balance.program(pose.T_world_plate, pose.contact_points, hands))
+        return programs
+
+    # Forces.
+
+    def _cup_force(self) -> Iterator[TaskChange]:
+        """A stronger cup: as a larger force never does harm, the least that leaves a way is found by halving."""
+        stated = self.task.cup.max_force
+
+        def stronger(steps: int) -> TaskChange:
+            force = round((math.floor(stated / _FORCE_STEP) + steps) * _FORCE_STEP, 3)
+            sentence = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
+            return TaskChange("cup_force", sentence, (put("/cup/max_force", force),))
+
+        known = 0
+        least = max(2, math.ceil((_MORE_FORCE - 1.0) * stated / _FORCE_STEP))
+        if not self._leaves_a_way(stronger(least), forces=True):
+            return
+        while least - known > 1:
+            middle = (known + least) // 2
+            if self._leaves_a_way(stronger(middle), forces=True):
+                least = middle
+            else:
+                known = middle
+        # A way of held poses may still be none for the arms.
+        yield from (stronger(steps) for steps in dict.fromkeys((least, math.ceil(1.5 * least), 2 * least)))
+
+    def _cup_place(self) -> Iterator[TaskChange]:
+        yield from self._of(self._cup_places(), forces=True)
+
+    def _cup_places(self) -> Iterator[TaskChange]:
+        """Places where the relaxed programs want the cup, and around the stated one and the centre of mass."""
+        stated, com = np.array(self.task.cup.position), self.scene.plate.com[:2]
+        offset = stated - com
+        wanted = [relaxed(program).cup_shift for program in self._cut]
+        shifts = [scale * np.array(shift) for shift in wanted if shift is not None for scale in (1.0, 1.3)]
+        shifts += [(scale - 1.0) * offset for scale in _SCALES]
+        quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+        shifts += [turned - offset for turned in (-offset, quarter @ offset, -quarter @ offset)]
+        axes = (self._directions.away, self._directions.left)
+        shifts += [length * sign * axis @ self._rotation for length in _SHIFTS for axis in axes for sign in (1.0, -1.0)]
+        rounded = {tuple(np.round(stated + shift, 3).tolist()) for shift in shifts} - {tuple(stated.tolist())}
+        for place in sorted(rounded, key=lambda place: (float(np.linalg.norm(place - stated)), place)):
+            way = self._directions.say(self._rotation @ (place - stated))
+            if way:
+                x, y = place
+                sentence = f"Move the cup {way}, to ({1e3 * x:.0f}, {1e3 * y:.0f}) mm on the plate."
+                yield TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))
+
+    def _hands(self) -> Iterator[TaskChange]:
+        """All that the arms' payloads and the gripper allow, where the task asks for less."""
+        stated, scene = self.task.hand_force_limit, self.scene
+        hand = scene.cell.gripper(scene.cell.gripper_arms[0])
+        payloads = [scene.cell.payload_force(arm) for arm in scene.cell.arms]
+        most = math.ceil(10.0 * max(payloads)) / 10.0
+        limits = {"normal": max(stated.normal, most), "net": max(stated.net, most)}
+        asked = hand_force_limit(scene)
+        if asked.normal < most or min(asked.grip, asked.push) < min(payloads):
+            yield from self._of([self._limits(limits, stated.squeeze)], forces=True)
+        if scene.squeeze is not None:
+            harder = {min(round(more * scene.squeeze), hand.force_max) for more in _SQUEEZES} - {scene.squeeze}
+            yield from self._of((self._limits(limits, squeeze) for squeeze in sorted(harder)), forces=True)
+
+    def _limits(self, limits: dict[str, float], squeeze: float | None) -> TaskChange:
+        told = "" if squeeze is None else f", and let the gripper squeeze with {squeeze:g} N"
+        sentence = f"Let the hands bear all that the arms' payloads leave: {limits['net']:g} N each at most{told}."
+        return TaskChange("hand_limits", sentence, (put("/hand_force_limit", {**limits, "squeeze": squeeze}),))
+
+    def _lifter(self) -> Iterator[TaskChange]:
+        others = [name for name in _OTHER_LIFTERS if name != self.task.lifter_model]
+        yield from self._of((_other_lifter(name) for name in others), forces=True)
+
+    def _tolerances(self) -> Iterator[TaskChange]:
+        mass, com = self.task.plate.mass_tolerance, self.task.plate.com_tolerance
+        yield from self._of(
+            (_known_better(mass * share, com * share) for share in (0.5, 0.0) if mass or com), forces=True
+        )
+
+    # Places.
+
+    def _plate_turned(self) -> Iterator[TaskChange]:
+        turns = (
+            TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
+            for angle in _TURNS
+        )
+        yield from self._of(turns, forces=False)
+
+    def _plate_place(self) -> Iterator[TaskChange]:
+        away, left = self._directions.away, self._directions.left
+        towards = _WAYS if self._planner.out_of_reach() is None else np.arange(0.1, 1.0, 0.1).tolist()
+        ways = [length * way for length in towards for way in (-away, left, -left, away)]
+        places = (
+            TaskChange("plate_place", f"Move the plate {self._directions.say(way)}.", self._plate_moved(way))
+            for way in ways
+        )
+        yield from self._of(places, forces=False)
+
+    def _plate_moved(self, way: Array, turn: float = 0.0) -> tuple[PatchOperation, ...]:
+        """Move and turn the plate with the board that it lies on."""
+        steps = [put("/plate_pose", moved_pose(self.task.plate_pose, way, turn))]
+        support = self.task.support
+        if support is not None:
+            steps.append(put("/support/pose", moved_pose(support.pose, way, turn)))
+        return tuple(steps)
+
+    def _board(self) -> Iterator[TaskChange]:
+        """A board under a plate that hands cannot get beside on the bare table."""
+        if self.task.support is None:
+            yield from self._of((self._on_board(thickness) for thickness in _BOARDS), forces=False)
+
+    def _on_board(self, thickness: float) -> TaskChange:
+        plate, top = self.scene.plate, self.scene.support_top
+        low, high = plate.outline.min(axis=0), plate.outline.max(axis=0)
+        sides = high - low + 2.0 * _BOARD_RIM
+        middle = plate.T_world_body[:2, 3] + self._rotation @ (0.5 * (low + high))
+        pose = list(self.task.plate_pose)
+        board = [*numbers(middle), round(top + 0.5 * thickness, 9), *pose[3:]]
+        shape = Box(type="box", size=(round(float(sides[0]), 3), round(float(sides[1]), 3), thickness))
+        support = Support.model_validate({"shape": shape.model_dump(), "pose": board})
+        pose[2] = round(pose[2] + thickness, 9)
+        sentence = f"Put a board of {1e3 * thickness:.0f} mm under the plate, so that hands come beside its edges."
+        steps = (put("/support", support.model_dump(mode="json")), put("/plate_pose", [*pose]))
+        return TaskChange("support", sentence, steps)
+
+    def _given_holds(self) -> Iterator[TaskChange]:
+        options = self.task.options
+        given = [name for name in ("grips", "pushes") if getattr(options, name) is not None]
+        if given:
+            sentence = f"Leave out the given {' and '.join(given)}: let the planner choose them."
+            steps = tuple(put(f"/options/{name}", None) for name in given)
+            yield from self._of([TaskChange("holds", sentence, steps)], forces=False)
+
+    # Obstacles.
+
+    @cached_property
+    def _without_obstacles(self) -> bool:
+        """Whether there is a way with all obstacles taken away."""
+        if not self.task.obstacles:
+            return False
+        return self._leaves_a_way(TaskChange("obstacle", "", (put("/obstacles", []),)), forces=False, kept=0.0)
+
+    def _obstacles(self) -> Iterator[TaskChange]:
+        """An obstacle moved or taken away, or two taken away; nothing where that leaves no way."""
+        for index, obstacle in enumerate(self.task.obstacles):
+            gone = TaskChange("obstacle", f"Take {obstacle.name} away.", (removed(f"/obstacles/{index}"),))
+            if self._leaves_a_way(gone, forces=False, kept=0.0):
+                yield from self._of(self._obstacle_moved(index, obstacle), forces=False)
+                yield gone
+                return
+        pairs = itertools.combinations(range(len(self.task.obstacles)), 2)
+        for one, other in pairs:
+            names = f"{self.task.obstacles[one].name} and {self.task.obstacles[other].name}"
+            steps = (removed(f"/obstacles/{other}"), removed(f"/obstacles/{one}"))
+            both = TaskChange("obstacle", f"Take {names} away.", steps)
+            if self._leaves_a_way(both, forces=False, kept=0.0):
+                yield both
+                return
+
+    def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
+        """Move an obstacle straight away from the plate."""
+        way = self._directions.nearest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
+        for length in _OBSTACLE_WAYS:
+            yield obstacle_moved(index, obstacle, length * way, self._directions)
+
+
+def _other_lifter(name: str) -> TaskChange:
+    says = {"cable": "that hangs on a cable and cannot bend", "paper": "whose pad bears friction"}[name]
+    sentence = f'Use a lifter {says}: the lifter model "{name}".'
+    return TaskChange("lifter_model", sentence, (put("/lifter_model", name),))
+
+
+def _known_better(mass: float, com: float) -> TaskChange:
+    known = f"its mass to {100 * mass:.2g} % and its centre of mass to {1e3 * com:.2g} mm"
+    sentence = f"Weigh and measure the plate: know {known}."
+    steps = (put("/plate/mass_tolerance", mass), put("/plate/com_tolerance", com))
+    return TaskChange("tolerances", sentence, steps)

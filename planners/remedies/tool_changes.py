@@ -1,0 +1,176 @@
+"""Changes of a suction-tool task that may leave a way where there was none, the smallest of each kind first.
+
+They concern the objects and obstacles that the failed plan names. No screen says beforehand which of them leave a way:
+a plan of one object is as fast as one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from planners.contract.task_spec import CustomTool, ObjectToMove, Obstacle, SuctionToolTask
+from planners.plan.plan import Plan
+from planners.remedies.change import Directions, TaskChange, moved_pose, obstacle_moved, put, removed, turning
+from planners.scene.suction_tool import tool_descriptions
+from planners.scene.tool_scene import SuctionToolScene
+
+_WAYS = (0.05, 0.10, 0.20)
+"""How far things are moved [m]."""
+_TURNS = tuple(math.radians(sign * angle) for angle in (45, 90) for sign in (1, -1))
+_STRONGER = (1.5, 2.0, 3.0)
+"""How many times the cup's force [1]."""
+_OTHER_CUPS = (0.8, 0.6, 1.25)
+"""How many times the cup's radius [1]."""
+_CUP_REASONS = ("heavier than the cup", "large as the pad", "can sit", "peel", "bends")
+"""Words of causes for which another cup may help."""
+
+
+class ToolChanges:
+    """The changes of one suction-tool task that has no plan."""
+
+    def __init__(
+        self, task: SuctionToolTask, build: Callable[[SuctionToolTask], SuctionToolScene], failed: Plan
+    ) -> None:
+        """Find out what the failed plan is about.
+
+        Args:
+            task: as it was planned.
+            build: makes scenes of tasks.
+            failed: its plan, with what it names.
+        """
+        self.task, self._build = task, build
+        scene = build(task)
+        bases = np.array([arm.T_world_base[:2, 3] for arm in scene.cell.arms.values()])
+        table = scene.cell.boxes[0].center[:2]
+        self._directions = Directions(table - bases.mean(axis=0))
+        self._middle = bases.mean(axis=0)
+        explanation = failed.explanation
+        self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
+        named = [each for each in task.objects if self._names(each.name)]
+        self._objects = [(task.objects.index(each), each) for each in named or task.objects]
+
+    def by_kind(self) -> list[Iterator[TaskChange]]:
+        """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
+        cup = [self._cup_force(), self._cup_radius()]
+        places = [self._goals_turned(), self._starts(), self._goals(), self._starts_turned()]
+        rest = [self._tool(), self._limits(), self._aside()]
+        first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
+        about_cup = any(word in self._told for word in _CUP_REASONS)
+        return [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
+
+    def _names(self, name: str) -> bool:
+        return name in self._told
+
+    def _of(self, changes: Iterable[TaskChange]) -> Iterator[TaskChange]:
+        """Yield those of which there is a scene."""
+        return (change for change in changes if change.built(self.task, self._build) is not None)
+
+    # Objects and goals.
+
+    def _starts(self) -> Iterator[TaskChange]:
+        yield from self._of(self._moved("pose", "object_place", "Move {} {}."))
+
+    def _goals(self) -> Iterator[TaskChange]:
+        yield from self._of(self._moved("goal_pose", "goal_place", "Move the goal of {} {}."))
+
+    def _moved(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
+        """Move start or goal, towards the robot's middle before elsewhere."""
+        along = self._directions
+        for length in _WAYS:
+            for index, each in self._objects:
+                pose = getattr(each, member)
+                off = np.array(pose[:2]) - self._middle
+                inwards = -along.left * math.copysign(1.0, float(off @ along.left))
+                for way in (inwards, -along.away, along.away, -inwards):
+                    told = sentence.format(each.name, along.say(length * way))
+                    steps = (put(f"/objects/{index}/{member}", moved_pose(pose, length * way)),)
+                    yield TaskChange(kind, told, steps)
+
+    def _starts_turned(self) -> Iterator[TaskChange]:
+        yield from self._of(self._turned("pose", "object_yaw", "Turn {} by {}."))
+
+    def _goals_turned(self) -> Iterator[TaskChange]:
+        free = (self._any_turn(index, each) for index, each in self._objects if each.goal_symmetry == "none")
+        yield from self._of(free)
+        yield from self._of(self._turned("goal_pose", "goal_yaw", "Turn the goal of {} by {}."))
+
+    def _any_turn(self, index: int, each: ObjectToMove) -> TaskChange:
+        sentence = f"Let {each.name} come to its goal turned in any way that looks the same."
+        return TaskChange("goal_yaw", sentence, (put(f"/objects/{index}/goal_symmetry", "shape"),))
+
+    def _turned(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
+        for angle in _TURNS:
+            for index, each in self._objects:
+                pose = moved_pose(getattr(each, member), np.zeros(2), angle)
+                told = sentence.format(each.name, turning(angle))
+                yield TaskChange(kind, told, (put(f"/objects/{index}/{member}", pose),))
+
+    def _aside(self) -> Iterator[TaskChange]:
+        """Leave an object out of the task: somebody else puts it aside."""
+        if len(self.task.objects) > 1:
+            yield from self._of(
+                TaskChange("object_aside", f"Take {each.name} off the table first.", (removed(f"/objects/{index}"),))
+                for index, each in enumerate(self.task.objects)
+            )
+
+    # Obstacles.
+
+    def _obstacles(self) -> Iterator[TaskChange]:
+        named = [(index, each) for index, each in enumerate(self.task.obstacles) if self._names(each.name)]
+        for index, each in named:
+            yield from self._of(self._obstacle_moved(index, each))
+            yield from self._of([TaskChange("obstacle", f"Take {each.name} away.", (removed(f"/obstacles/{index}"),))])
+
+    def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
+        """Move an obstacle away from the nearest start or goal."""
+        place = np.array(obstacle.pose[:2])
+        spots = np.array([pose[:2] for _, each in self._objects for pose in (each.pose, each.goal_pose)])
+        off = place - spots[np.argmin(np.linalg.norm(spots - place, axis=1))]
+        way = self._directions.nearest(off)
+        for length in _WAYS[1:]:
+            yield obstacle_moved(index, obstacle, length * way, self._directions)
+
+    # The tool and what bears it.
+
+    def _tool(self) -> Iterator[TaskChange]:
+        others = [name for name in tool_descriptions() if name != self.task.tool]
+        yield from self._of(TaskChange("tool", f'Use the tool "{name}".', (put("/tool", name),)) for name in others)
+
+    def _description(self) -> CustomTool:
+        tool = self.task.tool
+        return tool if isinstance(tool, CustomTool) else tool_descriptions()[tool]
+
+    def _cup_force(self) -> Iterator[TaskChange]:
+        stated = self._description().cup.max_force
+        for more in _STRONGER:
+            force = round(more * stated, 1)
+            told = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
+            yield from self._of([self._other_cup("cup_force", told, {"max_force": force})])
+
+    def _cup_radius(self) -> Iterator[TaskChange]:
+        stated = self._description().cup.radius
+        for share in _OTHER_CUPS:
+            radius = round(share * stated, 4)
+            told = f"Use a cup of {1e3 * radius:.3g} mm radius instead of {1e3 * stated:.3g} mm."
+            yield from self._of([self._other_cup("cup_radius", told, {"radius": radius})])
+
+    def _other_cup(self, kind: str, sentence: str, members: dict[str, float]) -> TaskChange:
+        """Describe the tool in full, with another cup; what follows from the cup's force follows from the new one."""
+        tool = self._description()
+        cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu} | members
+        described = {**tool.model_dump(mode="json"), "cup": {**cup}}
+        return TaskChange(kind, sentence, (put("/tool", described),))
+
+    def _limits(self) -> Iterator[TaskChange]:
+        """All that the arms' payloads and the gripper allow, where the task asks for less."""
+        if self.task.carry_force_limit is not None:
+            sentence = "Let a hand carry all that its arm's payload leaves."
+            yield from self._of([TaskChange("hand_limits", sentence, (put("/carry_force_limit", None),))])
+        scene = self._build(self.task)
+        most = min(scene.cell.gripper(arm).force_max for arm in scene.cell.gripper_arms)
+        if self.task.grip_force_limit < most:
+            sentence = f"Let a finger press with up to {most:g} N instead of {self.task.grip_force_limit:g} N."
+            yield from self._of([TaskChange("hand_limits", sentence, (put("/grip_force_limit", most),))])

@@ -1,0 +1,146 @@
+"""Remedies of plate lifts: what is told to help does help whoever posts it, and nothing else is told."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from planners import read_task, solve
+from planners.contract.task_change import PatchOperation, changed
+from planners.contract.task_spec import PlateLiftTask, write_task
+from planners.plan.loads import largest_load
+from planners.plan.plan import Plan
+from planners.plan.verdicts import Remedy
+from planners.progress import Report, silent
+from planners.remedies.change import Effort, TaskChange
+from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, find_remedies
+from planners.scene.scene import build_scene
+from tests.support.samples import among
+
+TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
+UNSOLVED = {
+    "too weak a cup": ("pb1_weak_cup", {}),
+    "beams over the plate": ("ab1_under_beams", {}),
+    "far corner of the table": ("ab1", {"plate_pose": [0.62, 0.1, 1.114, 1, 0, 0, 0]}),
+}
+
+
+def posted(name: str, more: dict[str, Any]) -> dict[str, Any]:
+    return json.loads((TASKS / f"{name}.json").read_bytes()) | more
+
+
+@pytest.fixture(scope="module", params=among(UNSOLVED, ["too weak a cup"]))
+def unsolved(request: pytest.FixtureRequest) -> tuple[dict[str, Any], Plan]:
+    body = posted(*UNSOLVED[request.param])
+    return body, solve(read_task(body))
+
+
+def test_every_remedy_stands_a_plan_of_the_changed_task(unsolved: tuple[dict[str, Any], Plan]) -> None:
+    """Applied to the task as it was posted, and planned like any task."""
+    body, plan = unsolved
+    assert plan.explanation.remedies
+    for remedy in plan.explanation.remedies:
+        again = solve(read_task(changed(body, remedy.patch)))
+        assert (again.outcome, again.certificate and again.certificate.passed) == ("solved", True), remedy.sentence
+        assert again.statistics.reserve is not None
+        assert (again.statistics.reserve.value, largest_load(again)[0]) == (remedy.reserve, remedy.largest_force)
+
+
+def test_a_remedy_fits_the_task_as_posted_and_as_the_plan_states_it(unsolved: tuple[dict[str, Any], Plan]) -> None:
+    body, plan = unsolved
+    for remedy in plan.explanation.remedies or ():
+        short, full = (read_task(changed(task, remedy.patch)) for task in (body, write_task(plan.task)))
+        assert isinstance(short, PlateLiftTask)
+        filled = short.model_copy(update={"plate": full.plate}) if isinstance(full, PlateLiftTask) else short
+        assert filled == full
+
+
+def test_the_summary_names_the_first_remedy(unsolved: tuple[dict[str, Any], Plan]) -> None:
+    _, plan = unsolved
+    assert plan.explanation.remedies
+    assert plan.explanation.summary.endswith(plan.explanation.remedies[0].sentence)
+
+
+def test_remedies_are_left_out_where_nobody_wants_them() -> None:
+    plan = solve(read_task(posted("pb1_weak_cup", {"options": {"remedies": False}})))
+    assert plan.explanation.remedies is None
+
+
+# The search for them, with planners that are told what to answer.
+
+AB1 = read_task(posted("ab1", {}))
+
+
+def force(newtons: float) -> TaskChange:
+    patch = (PatchOperation(op="add", path="/cup/max_force", value=newtons),)
+    return TaskChange("cup_force", f"{newtons:g} N.", patch)
+
+
+@pytest.fixture(scope="module")
+def a_plan() -> Plan:
+    return solve(AB1)
+
+
+def found(kinds: list[list[TaskChange]], helps: Any, plan: Plan, steps: int = 1000) -> list[Remedy]:
+    def attempt(task: Any) -> Plan | None:
+        return plan if helps(task.cup.max_force) else None
+
+    return find_remedies([iter(kind) for kind in kinds], attempt, AB1, Effort(steps), silent)
+
+
+def test_only_what_was_planned_and_certified_is_told(a_plan: Plan) -> None:
+    told = found([[force(21.0), force(22.0), force(23.0)]], lambda newtons: newtons == 22.0, a_plan)
+    assert [remedy.sentence for remedy in told] == ["22 N."]
+    assert (told[0].outcome, told[0].certified) == ("solved", True)
+
+
+def test_kinds_take_turns_and_the_smallest_change_of_each_comes_first(a_plan: Plan) -> None:
+    kinds = [[force(float(10 * kind + number)) for number in range(1, 10)] for kind in range(2, 5)]
+    told = [remedy.sentence for remedy in found(kinds, lambda newtons: True, a_plan)]
+    assert len(told) == MOST_REMEDIES
+    assert told == ["21 N.", "22 N.", "31 N.", "32 N.", "41 N."]
+    alone = found(kinds[:1], lambda newtons: True, a_plan)
+    assert len(alone) == MOST_OF_A_KIND
+
+
+def test_the_search_ends_with_its_steps(a_plan: Plan) -> None:
+    def endless() -> Iterator[TaskChange]:
+        while True:
+            yield force(30.0)
+
+    effort, asked = Effort(29, plan=7), []
+    told = find_remedies([endless(), endless()], lambda task: asked.append(task), AB1, effort, silent)
+    assert told == []
+    assert len(asked) == 4
+
+
+def test_progress_is_told_in_steps_and_may_stop_the_search(a_plan: Plan) -> None:
+    class Enough(Exception):
+        pass
+
+    reports: list[Report] = []
+
+    def progress(report: Report, /) -> None:
+        reports.append(report)
+        if len(reports) == 2:
+            raise Enough
+
+    with pytest.raises(Enough):
+        find_remedies([iter([force(30.0), force(31.0)])], lambda _: a_plan, AB1, Effort(100, plan=7), progress)
+    assert [(report.stage, report.done, report.total) for report in reports] == [
+        ("remedies", 0, 100),
+        ("remedies", 7, 100),
+    ]
+
+
+def test_a_scene_that_is_refused_is_no_change() -> None:
+    outside = TaskChange("cup_place", "", (PatchOperation(op="add", path="/cup/position", value=[0.3, 0.0]),))
+    assert isinstance(AB1, PlateLiftTask)
+    assert outside.applied(AB1) is not None
+    assert outside.built(AB1, build_scene) is None
+    negative = TaskChange("cup_force", "", (PatchOperation(op="add", path="/cup/max_force", value=-1.0),))
+    assert negative.applied(AB1) is None

@@ -1,0 +1,89 @@
+"""Remedies of suction-tool tasks: what is told to help does help whoever posts it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planners import read_task, solve
+from planners.contract.task_change import changed
+from planners.contract.task_spec import SuctionToolTask, write_task
+from planners.geometry.pose import from_pose7
+from planners.plan.plan import Plan
+from planners.remedies.change import Directions, moved_pose
+from planners.remedies.tool_changes import ToolChanges
+from planners.scene.scene import build_scene
+from tests.support.samples import among
+
+TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
+DIE = {
+    "name": "die", "shape": {"type": "box", "size": [0.03, 0.03, 0.03]}, "mass": 0.05,
+    "pose": [0.35, 0.28, 1.109, 1, 0, 0, 0], "goal_pose": [0.38, -0.05, 1.109, 1, 0, 0, 0],
+}  # fmt: skip
+UNSOLVED: dict[str, dict[str, Any]] = {
+    "smaller than the pad": {"objects": [DIE], "options": {"simulate": False}},
+    "under a roof": {},
+}
+
+
+def posted(more: dict[str, Any]) -> dict[str, Any]:
+    return json.loads((TASKS / "lid_under_roof.json").read_bytes()) | ({"obstacles": []} if more else {}) | more
+
+
+@pytest.fixture(scope="module", params=among(UNSOLVED, ["smaller than the pad"]))
+def unsolved(request: pytest.FixtureRequest) -> tuple[dict[str, Any], Plan]:
+    body = posted(UNSOLVED[request.param])
+    return body, solve(read_task(body))
+
+
+def test_every_remedy_stands_a_plan_of_the_changed_task(unsolved: tuple[dict[str, Any], Plan]) -> None:
+    """Applied to the task as it was posted, and to the one that the plan states."""
+    body, plan = unsolved
+    assert plan.explanation.remedies
+    for remedy in plan.explanation.remedies:
+        for task in (body, write_task(plan.task)):
+            again = solve(read_task(changed(task, remedy.patch)))
+            assert (again.outcome, again.certificate and again.certificate.passed) == ("solved", True), remedy.sentence
+
+
+def test_an_obstacle_that_is_named_is_changed_first(unsolved: tuple[dict[str, Any], Plan]) -> None:
+    body, plan = unsolved
+    assert plan.explanation.remedies
+    assert (plan.explanation.remedies[0].kind == "obstacle") == bool(body["obstacles"])
+
+
+def test_all_changes_are_tasks_that_the_contract_takes(unsolved: tuple[dict[str, Any], Plan]) -> None:
+    body, plan = unsolved
+    task = read_task(body)
+    assert isinstance(task, SuctionToolTask)
+    for kind in ToolChanges(task, build_scene, plan).by_kind():
+        for change in kind:
+            assert read_task(changed(body, change.patch)) == change.applied(task), change.sentence
+
+
+def test_a_pose_moved_and_turned_keeps_its_height_and_its_axis() -> None:
+    pose = (0.3, 0.2, 1.1, 0.96, 0.1, -0.2, 0.15)
+    moved = from_pose7(tuple(moved_pose(pose, np.array([0.1, -0.2]), 0.7)))  # pyright: ignore[reportArgumentType]
+    T = from_pose7(pose)
+    assert moved[:3, 3] == pytest.approx([0.4, 0.0, 1.1])
+    assert moved[2, :3] == pytest.approx(T[2, :3])
+    turned = moved[:3, :3] @ T[:3, :3].T
+    assert np.degrees(np.arctan2(turned[1, 0], turned[0, 0])) == pytest.approx(np.degrees(0.7))
+
+
+@pytest.mark.parametrize(
+    ("way", "told"),
+    [
+        ([0.05, 0.0], "50 mm away from the robot"),
+        ([-0.05, 0.0], "50 mm towards the robot"),
+        ([0.0, 0.02], "20 mm to the left"),
+        ([0.03, -0.04], "30 mm away from the robot and 40 mm to the right"),
+        ([0.0, 0.0001], ""),
+    ],
+)
+def test_ways_are_told_as_seen_from_behind_the_robot(way: list[float], told: str) -> None:
+    assert Directions(np.array([2.0, 0.0])).say(np.array(way)) == told
