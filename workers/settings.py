@@ -16,6 +16,7 @@ EMBEDDED_NAME = "embedded"
 HANDOVERS_FOLDER = "handovers"
 """In the data directory."""
 SOLVER_COMMAND = (sys.executable, "-m", "workers.solver.process")
+STUDY_COMMAND = (sys.executable, "-m", "workers.solver.study_process")
 
 
 def _default_slots() -> int:
@@ -39,6 +40,10 @@ class WorkerSettings(BaseSettings):
     """Jobs at the same time [1]."""
     solver_command: tuple[str, ...] = SOLVER_COMMAND
     """Starts one solver process; see `workers.solver.process` for what it must speak."""
+    study_slots: int = Field(default_factory=lambda: os.cpu_count() or 1, ge=1, le=64)
+    """Parts of studies at the same time, beside the jobs; their processes stand back behind those of jobs [1]."""
+    study_command: tuple[str, ...] = STUDY_COMMAND
+    """Starts one process that examines points of studies; see `workers.solver.study_process`."""
     poll_seconds: float = Field(default=0.1, gt=0.0, le=10.0)
     """How often the queue is looked at [s]. Each look costs about 2 ms."""
     cancel_poll_seconds: float = Field(default=0.2, gt=0.0, le=1.0)

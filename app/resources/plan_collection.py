@@ -103,9 +103,21 @@ class PlanCollection:
         owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
         shown, position = page_of(self.store.newest(size + 1, query.position, query.filter(owner)), size)
         jobs = self.queue.jobs([record.id for record in shown])
-        plans = [self._resource(record, jobs[record.id]) for record in shown if record.id in jobs]
+        places = self._places(jobs)
+        plans = [self._resource(record, jobs[record.id], places) for record in shown if record.id in jobs]
         # A job may have gone on since it was found.
         return [plan for plan in plans if query.state in (None, plan.state)], position
+
+    def task(self, plan_id: str) -> dict[str, Any]:
+        """Return the task of a plan as it was accepted.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+        """
+        task = self.store.task(self.plan(plan_id).id)
+        if task is None:
+            raise PlanNotFound(plan_id)
+        return dict(task)
 
     def document(self, plan_id: str) -> StoredDocument:
         """Return the document of a plan whose job has succeeded.
@@ -150,12 +162,18 @@ class PlanCollection:
         self.queue.forget(plan_id)
 
     def _with_job(self, record: PlanRecord) -> PlanResource:
-        job = self.queue.jobs([record.id]).get(record.id)
-        if job is None:
+        jobs = self.queue.jobs([record.id])
+        if record.id not in jobs:
             raise PlanNotFound(record.id)
-        return self._resource(record, job)
+        return self._resource(record, jobs[record.id], self._places(jobs))
 
-    def _resource(self, record: PlanRecord, job: Job) -> PlanResource:
+    def _places(self, jobs: Mapping[str, Job]) -> dict[str, int]:
+        """Return the places in the queue of all that wait, if any of these do."""
+        waits = any(job.state is JobState.QUEUED for job in jobs.values())
+        return self.queue.positions(self._max_queued) if waits else {}
+
+    def _resource(self, record: PlanRecord, job: Job, places: Mapping[str, int]) -> PlanResource:
         # What was stored between the two reads belongs to the state that was read last.
         fresh = self.store.get(record.id) if job.state.done and record.finished_us is None else record
-        return plan_resource(fresh or record, job)
+        place = places.get(record.id) if job.state is JobState.QUEUED else None
+        return plan_resource(fresh or record, job, place)

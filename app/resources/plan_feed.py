@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
+from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
 
-from app.errors import PlanNotFound
-from app.resources.plan_collection import PlanCollection
+from app.errors import PlanNotFound, StudyNotFound
 from workers.stores.database_loss import DATABASE_GONE
-from workers.stores.job_queue import JobQueue
-from workers.stores.plan_store import PlanStore
+from workers.stores.jobs import Job
 
 POLL_SECONDS = 0.1
 """How often the database is looked at while somebody waits [s]."""
@@ -50,11 +49,32 @@ class FollowedPlan:
         self.changed = asyncio.Event()
 
 
-class PlanFeed:
-    """Looks for news of the plans that somebody follows. Belongs to one event loop."""
+class KeptEvents(Protocol):
+    """Where events are kept: of plans their progress, of studies their points."""
 
-    def __init__(self, store: PlanStore, queue: JobQueue) -> None:
-        self._store, self._queue = store, queue
+    def last_events(self, plan_ids: Sequence[str], /) -> dict[str, int]:
+        """Return the number of the newest event of each; one without events is left out."""
+        ...
+
+    def events_after(self, plan_id: str, sequence: int, /) -> list[Event]:
+        """Return the events behind `sequence`, oldest first."""
+        ...
+
+
+class KnownJobs(Protocol):
+    """Who knows how jobs stand."""
+
+    def jobs(self, plan_ids: Sequence[str], /) -> dict[str, Job]:
+        """Return the jobs of some ids; one that does not exist is left out."""
+        ...
+
+
+class PlanFeed:
+    """Looks for news of the plans, or studies, that somebody follows. Belongs to one event loop."""
+
+    def __init__(self, store: KeptEvents, queue: KnownJobs, event: str = "progress") -> None:
+        """`event` is the name of what is sent."""
+        self._store, self._queue, self._event = store, queue, event
         self._plans: dict[str, FollowedPlan] = {}
         self._wanted = asyncio.Event()
 
@@ -86,7 +106,7 @@ class PlanFeed:
             last = plan.events[-1][0] if plan.events else 0
             if last != known[plan_id]:
                 continue
-            plan.events += [_as_sent(*event) for event in news.get(plan_id, [])]
+            plan.events += [self._as_sent(*event) for event in news.get(plan_id, [])]
             plan.done = plan_id in ended
             plan.tell()
 
@@ -99,16 +119,17 @@ class PlanFeed:
         behind = [plan_id for plan_id, sequence in newest.items() if sequence > known[plan_id]]
         return ended, {plan_id: self._store.events_after(plan_id, known[plan_id]) for plan_id in behind}
 
+    def _as_sent(self, number: int, event: dict[str, Any]) -> SentEvent:
+        return number, format_sse_event(data_str=json.dumps(event), event=self._event, id=str(number))
 
-def _as_sent(number: int, event: dict[str, Any]) -> SentEvent:
-    return number, format_sse_event(data_str=json.dumps(event), event="progress", id=str(number))
 
+async def stream_events(
+    feed: PlanFeed, plan_id: str, received: int, resource: Callable[[str], BaseModel]
+) -> AsyncIterator[bytes]:
+    """Yield events from behind number `received`, then one `finished` event with the plan or study, and end.
 
-async def stream_events(plans: PlanCollection, feed: PlanFeed, plan_id: str, received: int) -> AsyncIterator[bytes]:
-    """Yield `progress` events from behind number `received`, then one `finished` event with the plan, and end.
-
-    The number of the `finished` event follows that of the last `progress` event, so a client that resumes with it
-    has everything. A plan that is deleted meanwhile ends the stream, and so does a database that is gone at the end:
+    The number of the `finished` event follows that of the last event before, so a client that resumes with it has
+    everything. A plan that is deleted meanwhile ends the stream, and so does a database that is gone at the end:
     the client comes again, and resumes.
     """
     async with feed.follow(plan_id) as followed:
@@ -127,8 +148,8 @@ async def stream_events(plans: PlanCollection, feed: PlanFeed, plan_id: str, rec
             except TimeoutError:
                 yield KEEPALIVE_COMMENT
     try:
-        plan = await run_in_threadpool(plans.plan, plan_id)
-    except (PlanNotFound, *DATABASE_GONE):
+        plan = await run_in_threadpool(resource, plan_id)
+    except (PlanNotFound, StudyNotFound, *DATABASE_GONE):
         return
     yield format_sse_event(data_str=plan.model_dump_json(), event="finished", id=str(received + 1))
 

@@ -80,6 +80,22 @@ def read_page_token(token: str | None) -> Position | None:
     return int(match[1]), match[2].decode()
 
 
+def _written_out(given: Any) -> Any:
+    """Refuse what else might be taken for a time: numbers, for example."""
+    if not isinstance(given, str) or not _RFC_3339.fullmatch(given):
+        raise ValueError("must be a time as RFC 3339 writes it, like 2026-11-30T06:00:00Z; in a query + is %2B")
+    return given
+
+
+def _within_the_years(time: datetime) -> datetime:
+    if time.year not in YEARS:
+        raise ValueError(f"must lie in the years {YEARS.start} to {YEARS.stop - 1}")
+    return time
+
+
+Timestamp = Annotated[AwareDatetime, BeforeValidator(_written_out), AfterValidator(_within_the_years)]
+
+
 class PlanQuery(BaseModel):
     """The query of `GET /v1/plans`. What is given must hold for every plan that is listed."""
 
@@ -92,6 +108,12 @@ class PlanQuery(BaseModel):
     """Exactly the task's own."""
     work_master: ExternalId | None = None
     """Exactly the order's own."""
+    name: ExternalId | None = None
+    """Part of `external_id` or `work_master`, or the beginning of the plan's id; in capitals or not."""
+    created_from: Timestamp | None = None
+    """Not before (RFC 3339, with an offset)."""
+    created_until: Timestamp | None = None
+    """Before (RFC 3339, with an offset)."""
     kind: Literal["plate_lift", "suction_tool"] | None = None
     state: PlanState | None = None
     outcome: Outcome | None = None
@@ -109,23 +131,17 @@ class PlanQuery(BaseModel):
     def filter(self, owner: str | None) -> PlanFilter:
         """Return which plans are asked for, of one owner or of all."""
         state = None if self.state is None else JobState(self.state)
-        return PlanFilter(owner, self.kind, self.external_id, self.work_master, state, self.outcome)
-
-
-def _written_out(given: Any) -> Any:
-    """Refuse what else might be taken for a time: numbers, for example."""
-    if not isinstance(given, str) or not _RFC_3339.fullmatch(given):
-        raise ValueError("must be a time as RFC 3339 writes it, like 2026-11-30T06:00:00Z; in a query + is %2B")
-    return given
-
-
-def _within_the_years(time: datetime) -> datetime:
-    if time.year not in YEARS:
-        raise ValueError(f"must lie in the years {YEARS.start} to {YEARS.stop - 1}")
-    return time
-
-
-Timestamp = Annotated[AwareDatetime, BeforeValidator(_written_out), AfterValidator(_within_the_years)]
+        return PlanFilter(
+            owner,
+            self.kind,
+            self.external_id,
+            self.work_master,
+            state,
+            self.outcome,
+            self.name,
+            _microseconds(self.created_from),
+            _microseconds(self.created_until),
+        )
 
 
 class JobOrderQuery(BaseModel):

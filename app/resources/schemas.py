@@ -12,6 +12,7 @@ from planners.plan.plan import Outcome
 from workers.stores.jobs import Job, JobState
 from workers.stores.plan_store import PlanRecord
 from workers.stores.scene_store import StoredScene
+from workers.stores.study_store import StudyRecord
 
 JOB_ORDER_STATES = {
     JobState.QUEUED: "AllowedToStart",
@@ -139,6 +140,8 @@ class PlanResource(Resource):
     end_time: datetime | None
     """A job that has not ended by then is cancelled."""
     state: PlanState
+    queue_position: int | None = None
+    """Of a job that waits for a worker: 1 if it is the next to begin. None: it does not wait, or for its start."""
     done: bool
     """Whether it will never change again."""
     job_order_state: Literal["AllowedToStart", "Running", "Ended", "Aborted"]
@@ -161,6 +164,50 @@ class PlanList(Resource):
     """One page of plans, newest first."""
 
     plans: list[PlanResource]
+    next_page_token: str | None
+    """Give it as `page_token` for the next page; None on the last one."""
+
+
+class StudyLinks(Resource):
+    """Where to go from here."""
+
+    self: str
+    map: str
+    picture: str
+    events: str
+    cancel: str
+    points: str
+    """`POST` to `…/{index}/plan` has a point planned and certified."""
+    view: str
+
+
+class StudyResource(Resource):
+    """A study: a task with up to two members that are varied, and how far it is."""
+
+    id: str
+    kind: str
+    external_id: str | None
+    """The caller's own name for it."""
+    state: PlanState
+    done: bool
+    """Whether it will never change again."""
+    count: int
+    """How many points it has."""
+    known: int
+    """How many of them are known."""
+    created_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    best_plan: str | None
+    """Address of the plan of the best point, once all points are known and one is solved: that plan is certified."""
+    error: PlanError | None
+    links: StudyLinks
+
+
+class StudyList(Resource):
+    """One page of studies, newest first."""
+
+    studies: list[StudyResource]
     next_page_token: str | None
     """Give it as `page_token` for the next page; None on the last one."""
 
@@ -216,7 +263,7 @@ def _scene_links(scene_id: str) -> SceneLinks:
     return SceneLinks(self=address, preview=f"{address}/preview.png", view=f"{address}/view")
 
 
-def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
+def plan_resource(record: PlanRecord, job: Job, queue_position: int | None = None) -> PlanResource:
     """Return the resource of a plan and its job."""
     address = f"/v1/plans/{record.id}"
     succeeded = job.state is JobState.SUCCEEDED
@@ -230,6 +277,7 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
             "start_time": _time(record.start_us),
             "end_time": _time(record.end_us),
             "state": job.state.value,
+            "queue_position": queue_position,
             "job_order_state": JOB_ORDER_STATES[job.state],
             "done": job.state.done,
             "outcome": record.outcome if succeeded else None,
@@ -249,6 +297,35 @@ def plan_resource(record: PlanRecord, job: Job) -> PlanResource:
                 "recording": f"{address}/recording.html",
             },
         }
+    )
+
+
+def study_resource(record: StudyRecord, job: Job, known: int) -> StudyResource:
+    """Return the resource of a study, of which so many points are known."""
+    address = f"/v1/studies/{record.id}"
+    ended = record.finished_us or job.ended_us
+    return StudyResource(
+        id=record.id,
+        kind=record.kind,
+        external_id=record.external_id,
+        state=job.state.value,
+        done=job.state.done,
+        count=record.count,
+        known=known,
+        created_at=moment(record.created_us),
+        started_at=_time(record.started_us),
+        finished_at=_time(ended if job.state.done else None),
+        best_plan=None if record.best_plan_id is None else f"/v1/plans/{record.best_plan_id}",
+        error=None if job.error is None else PlanError(detail=job.error),
+        links=StudyLinks(
+            self=address,
+            map=f"{address}/map",
+            picture=f"{address}/map.png",
+            events=f"{address}/events",
+            cancel=f"{address}/cancel",
+            points=f"{address}/points",
+            view=f"{address}/view",
+        ),
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import httpx
 import pytest
-from support.service import FAKE_SOLVER
+from support.service import FAKE_EXAMINER, FAKE_SOLVER
 from support.serving import served
 
 from app.access.caller import Scope
@@ -31,7 +31,11 @@ class GuardedService:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[GuardedService]:
     settings = ServiceSettings(
-        data_dir=tmp_path_factory.mktemp("data"), solver_command=FAKE_SOLVER, worker_slots=1, body_stall_seconds=0.3
+        data_dir=tmp_path_factory.mktemp("data"),
+        solver_command=FAKE_SOLVER,
+        study_command=FAKE_EXAMINER,
+        worker_slots=1,
+        body_stall_seconds=0.3,
     )
     keys = {
         "reader": issue_key(settings, "mes", Scope.READ, None),

@@ -53,7 +53,7 @@ def test_without_a_key_nothing_is_answered_but_whether_the_service_lives(service
 def test_every_websocket_is_refused_without_a_key(service: GuardedService) -> None:
     routes = [route for part in PARTS for route in part.router.routes if isinstance(route, APIWebSocketRoute)]
     paths = [route.path.replace("{key}", "x") for route in routes]
-    assert len(paths) == 2
+    assert len(paths) == 3
     for path in paths:
         with pytest.raises(InvalidStatus) as refused, connect(service.address.replace("http", "ws") + path):
             pass

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from planners.contract.problems import MAX_PROBLEMS, problems_of
+from planners.contract.problems import MAX_PROBLEMS, doubts_of, problems_of
 from planners.contract.task_spec import UNION_TAGS, read_task, task_schema
 
 ROOT = Path(__file__).parents[2]
@@ -196,3 +196,26 @@ def test_a_deeply_nested_member_is_refused_without_a_recursion_error():
         deep = [deep]
     for pointer in ("/plate", "/cell", "/kind", "/obstacles", "/options", "/deep"):
         assert problems(changed({pointer: deep}))
+
+
+PLACE = [0.3, 0.2, 1.094]
+NO_TURN, HALF_TURN, QUARTER_TURN = [1, 0, 0, 0], [0, 0, 0, 1], [0.5**0.5, 0, 0, 0.5**0.5]
+
+
+@pytest.mark.parametrize(
+    ("pose", "goal", "pointers"),
+    [
+        (HALF_TURN, HALF_TURN, ["/objects/0/pose", "/objects/0/goal_pose"]),
+        (QUARTER_TURN, [0.0, 0.0, 0.0, 1.0], ["/objects/0/goal_pose"]),
+        (NO_TURN, HALF_TURN, []),
+        (QUARTER_TURN, QUARTER_TURN, []),
+    ],
+)
+def test_half_a_turn_is_doubted_unless_its_writer_knows_how_no_turn_is_written(pose, goal, pointers):
+    body = {"kind": "suction_tool", "objects": [{"name": "lid", "pose": PLACE + pose, "goal_pose": PLACE + goal}]}
+    assert [doubt["pointer"] for doubt in doubts_of(body)] == pointers
+
+
+@pytest.mark.parametrize("body", [None, [], "pose", {"pose": HALF_TURN}, {"pose": {"pose": "x"}}])
+def test_what_is_no_task_is_not_doubted(body):
+    assert doubts_of(body) == []

@@ -15,7 +15,7 @@ from workers.stores.tables import now_us
 from workers.stores.totals import DOCUMENT, STAGE, TAKEOVER
 
 JOBS = workflow_table("sqlite")
-DOCUMENT_MADE = PackedDocument("solved", "0" * 64, b"first", {"search": 0.5, "certify": 0.25})
+DOCUMENT_MADE = PackedDocument("solved", "0" * 64, b"first", (("search", 0.5), ("certify", 0.25)))
 
 
 def begin(database: Database, plan_id: str, worker: str) -> None:

@@ -6,8 +6,9 @@ import os
 from pathlib import Path
 
 import pytest
+from numba.core.caching import UserProvidedCacheLocator
 
-from workers.solver.warm_up import forget_stale_kernels
+from workers.solver.warm_up import forget_stale_kernels, keep_kernels
 
 
 def written(path: Path, seconds: int, text: str = "") -> Path:
@@ -41,3 +42,33 @@ def test_a_kernel_older_than_any_source_of_kernels_is_forgotten_even_if_its_own_
 
 def test_a_folder_without_sources_or_kernels_is_left_alone(tmp_path: Path) -> None:
     assert forget_stale_kernels((tmp_path / "nowhere",), "") == 0
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_of_two_processes_kernels_that_of_most_signatures_is_kept_whole(tmp_path: Path, apart: bool) -> None:
+    package, kept = tmp_path / "package", tmp_path / "kept"
+    written(package / "deep" / "math.py", 100)
+    place = UserProvidedCacheLocator.get_suitable_cache_subpath(str(package / "deep" / "math.py"))
+    compiled = {
+        "one": ["math.f.nbi", "math.f.1.nbc", "math.g.nbi", "math.g.1.nbc", "math.g.2.nbc"],
+        "two": [
+            "math.f.nbi",
+            "math.f.1.nbc",
+            "math.f.2.nbc",
+            "math.g.nbi",
+            "math.g.1.nbc",
+            "math.h.nbi",
+            "math.h.1.nbc",
+        ],
+    }
+    for cache, names in compiled.items():
+        for name in names:
+            written(tmp_path / cache / place / name, 200, cache)
+    keep_kernels([tmp_path / cache for cache in compiled], (package,), str(kept) if apart else "")
+    found = {
+        path.name: path.read_text() for path in (kept / place if apart else package / "deep/__pycache__").iterdir()
+    }
+    most = {"math.f": "two", "math.g": "one", "math.h": "two"}
+    assert found == {
+        name: most[name[:6]] for cache, names in compiled.items() for name in names if most[name[:6]] == cache
+    }

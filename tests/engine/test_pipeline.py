@@ -21,6 +21,7 @@ from planners.plan.simulation import LiftSimulation
 from planners.plan.verdicts import StageTime, Statistics
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Report, silent
+from planners.scene.suction_tool import load_tools
 from workers.solver.pipeline import Pipeline
 from workers.solver.protocol import REJECTED_VARIABLE, SolverRequest
 
@@ -34,6 +35,9 @@ def a_plan(*_: Any) -> Plan:
     )
     cell = CELLS["dual_ur3e_lift"].document()
     return Plan.model_construct(outcome="solved", cell=cell, segments=[], statistics=statistics)
+
+
+NO_REMEDIES: SolverRequest = {"id": "p1", "task": task(options={"remedies": False})}
 
 
 def nothing(*_: Any) -> Plan:
@@ -56,8 +60,8 @@ def a_slip(_plan: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
 
 def pipeline(*, passed: bool, **given: Any) -> Pipeline:
     ticks = itertools.count()
-    steps: dict[str, Any] = {"plan": a_plan, "certify": verdict(passed=passed), **given}
-    return Pipeline(TaskSolver(CELLS, {}, clock=lambda: float(next(ticks)), **steps), a_slip)
+    steps: dict[str, Any] = {"plan": a_plan, "certify": verdict(passed=passed), "simulate": a_slip, **given}
+    return Pipeline(TaskSolver(CELLS, {}, clock=lambda: float(next(ticks)), **steps))
 
 
 def test_a_document_says_whose_it_is_and_how_long_each_stage_took() -> None:
@@ -65,8 +69,26 @@ def test_a_document_says_whose_it_is_and_how_long_each_stage_took() -> None:
     assert plan.id == "p1"
     assert plan.certificate is not None
     assert plan.certificate.passed
+    assert plan.software.name == "liftwright"
     assert [name for name, _ in plan.statistics.times] == ["scene", "search", "certify", "simulate"]
     assert plan.statistics.total_seconds == 4.0
+
+
+def test_each_stage_of_each_object_is_told_apart_and_without_the_name_that_its_caller_gave_it() -> None:
+    body = task("domino_pile.json", options={"simulate": False})
+    names = [each["name"] for each in body["objects"]]
+    seconds = {f"first regrasp {name}": float(place) for place, name in enumerate(names)}
+
+    def plan(accepted: Any, scene: Any, *_: Any) -> Plan:
+        times = [StageTime(name=name, seconds=each) for name, each in seconds.items()]
+        statistics = a_plan().statistics.model_copy(update={"stages": times})
+        stated = {"task": accepted, "cell": scene.cell.document(), "statistics": statistics}
+        return a_plan().model_copy(update=stated)
+
+    solver = TaskSolver({body["cell"]: load_cell(body["cell"])}, load_tools(), plan=plan, certify=lambda *_: None)
+    stages = Pipeline(solver).answer({"id": "p1", "task": body}, silent).stages
+    assert [name for name, _ in stages] == ["scene", *["first regrasp"] * len(names), "certify"]
+    assert [each for name, each in stages if name == "first regrasp"] == list(seconds.values())
 
 
 def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_looked_at(
@@ -80,16 +102,17 @@ def test_a_plan_that_fails_its_certificate_is_not_delivered_and_is_kept_to_be_lo
 
 
 def test_what_was_not_found_has_no_certificate_and_is_delivered() -> None:
-    told = pipeline(passed=True, plan=nothing, certify=lambda *_: None).solve(REQUEST, silent)
+    told = pipeline(passed=True, plan=nothing, certify=lambda *_: None).solve(NO_REMEDIES, silent)
     assert told.certificate is None
     assert [name for name, _ in told.statistics.times] == ["scene", "search", "certify"]
+    assert told.statistics.total_seconds == 3.0
 
 
 def test_what_was_not_found_and_is_malformed_is_a_fault_of_ours() -> None:
     malformed = certificate_with(name="structure", passed=False, margin=-1.0, unit="1", where="/task: is missing")
     told = pipeline(passed=True, plan=nothing, certify=lambda *_: malformed)
     with pytest.raises(CertificateFailed, match="/task: is missing"):
-        told.solve(REQUEST, silent)
+        told.solve(NO_REMEDIES, silent)
 
 
 def test_stages_are_reported_in_order() -> None:
@@ -129,6 +152,7 @@ def test_a_task_may_leave_the_simulation_out() -> None:
     plan = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
     assert not hasattr(plan, "simulation")
     assert [name for name, _ in plan.statistics.times] == ["scene", "search", "certify"]
+    assert plan.statistics.total_seconds == 3.0
 
 
 def test_the_planner_is_given_where_handovers_are_kept() -> None:

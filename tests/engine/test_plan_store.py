@@ -17,7 +17,7 @@ from workers.stores.plan_store import PackedDocument, PlanStore
 
 
 def packed(content: bytes) -> PackedDocument:
-    return PackedDocument("solved", "0" * 64, content, {"search": 0.5})
+    return PackedDocument("solved", "0" * 64, content, (("search", 0.5),))
 
 
 @pytest.fixture

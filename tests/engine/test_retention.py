@@ -15,6 +15,7 @@ from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
 from workers.stores.plan_store import PackedDocument, PlanStore, now_us
 from workers.stores.scene_store import SceneStore
+from workers.stores.study_store import StudyStore
 from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, SCENES
 
 
@@ -23,7 +24,7 @@ def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: fl
     store, jobs = PlanStore(database), workflow_table("sqlite")
     plan_id = store.accept(task(), None, queue).id
     store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": 0.5})
-    store.save_document(plan_id, 0, PackedDocument("solved", "0" * 64, b"x", {}))
+    store.save_document(plan_id, 0, PackedDocument("solved", "0" * 64, b"x"))
     with database.engine.begin() as transaction:
         accepted = now_us() - round(age_days * US_PER_DAY)
         transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(created_us=accepted))
@@ -34,6 +35,10 @@ def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: fl
     return plan_id
 
 
+def studies_of(database: Database, queue: JobQueue) -> StudyStore:
+    return StudyStore(database, PlanStore(database), queue)
+
+
 def test_only_what_ended_before_is_deleted_with_all_that_belongs_to_it(database: Database, queue: JobQueue) -> None:
     old = make(database, queue, age_days=12, ended_days=11)
     kept = [
@@ -42,8 +47,8 @@ def test_only_what_ended_before_is_deleted_with_all_that_belongs_to_it(database:
         make(database, queue, age_days=1, ended_days=1),
     ]
     store = PlanStore(database)
-    assert delete_old(store, SceneStore(database), queue, days=10) == 1
-    assert delete_old(store, SceneStore(database), queue, days=10) == 0
+    assert delete_old(store, SceneStore(database), studies_of(database, queue), queue, days=10) == 1
+    assert delete_old(store, SceneStore(database), studies_of(database, queue), queue, days=10) == 0
     assert store.get(old) is None
     assert old not in queue.jobs([old])
     with database.engine.connect() as connection:
@@ -74,11 +79,11 @@ def test_scenes_go_that_were_last_posted_before_and_that_no_plan_names(database:
         for plan_id, scene_id in ((ended, of_finished), (waits, of_unfinished)):
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(scene_id=scene_id))
     scenes = SceneStore(database)
-    assert delete_old(PlanStore(database), scenes, queue, days=10) == 1
+    assert delete_old(PlanStore(database), scenes, studies_of(database, queue), queue, days=10) == 1
     assert {scene.id for scene in scenes.newest(10, None)} == {posted_again, of_unfinished}
     assert scenes.get(gone) is None
     scenes.touch(posted_again)
-    assert delete_old(PlanStore(database), scenes, queue, days=1) == 0
+    assert delete_old(PlanStore(database), scenes, studies_of(database, queue), queue, days=1) == 0
     assert scenes.get(posted_again) is not None
 
 
@@ -95,4 +100,6 @@ def test_more_than_a_batch_is_deleted(database: Database, queue: JobQueue) -> No
         row = dict(transaction.execute(sa.select(PLANS).where(PLANS.c.id == first)).mappings().one())
         transaction.execute(sa.insert(PLANS), [{**row, "id": f"{n:032x}"} for n in range(BATCH + 5)])
         assert transaction.scalar(sa.select(sa.func.count()).select_from(jobs)) == 1
-    assert delete_old(PlanStore(database), SceneStore(database), queue, days=1) == BATCH + 6
+    assert (
+        delete_old(PlanStore(database), SceneStore(database), studies_of(database, queue), queue, days=1) == BATCH + 6
+    )

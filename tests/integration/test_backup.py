@@ -21,7 +21,7 @@ def fill(database: Database) -> tuple[PlanRecord, PlanRecord]:
     """Store a plan with a document and one that waits."""
     queue, store = JobQueue(database), PlanStore(database)
     done, waiting = (store.accept(task(), key, queue).id for key in ("a", "b"))
-    assert store.save_document(done, 0, PackedDocument("solved", "0" * 64, b"the document", {"search": 1.0}))
+    assert store.save_document(done, 0, PackedDocument("solved", "0" * 64, b"the document", (("search", 1.0),)))
     queue.close()
     records = store.get(done), store.get(waiting)
     assert records[0] is not None

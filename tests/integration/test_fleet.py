@@ -150,8 +150,8 @@ def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it
 def test_a_database_that_takes_no_writes_is_waited_for_and_what_can_be_read_is_answered(fleet: Fleet) -> None:
     """As after a failover, while connections lead to the server that was the primary."""
     fleet.with_both_workers()
-    plan, waiting = fleet.post("steps-60"), fleet.post("now")
     ended = finished(fleet.client, fleet.post("now"))
+    plan, waiting = fleet.post("steps-60"), fleet.post("now")
     wait_for(lambda: fleet.begun(plan), 20)
     fleet.server.take_writes(takes=False)
     try:

@@ -10,6 +10,7 @@ import structlog
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
+from workers.stores.study_store import StudyStore
 from workers.stores.tables import now_us
 
 BATCH = 100
@@ -41,11 +42,11 @@ def count_failures(store: PlanStore) -> None:
         log.error("jobs failed without a solver's word", job_ids=failed)
 
 
-def delete_old(store: PlanStore, scenes: SceneStore, queue: JobQueue, days: float) -> int:
+def delete_old(store: PlanStore, scenes: SceneStore, studies: StudyStore, queue: JobQueue, days: float) -> int:
     """Delete every plan that ended more than so many days ago, and return how many there were.
 
-    Scenes that were last posted before then go too, unless a plan that is left names them. Meshes stay, since tasks may
-    name them for ever.
+    Studies go likewise. Scenes that were last posted before then go too, unless a plan that is left names them. Meshes
+    stay, since tasks may name them for ever.
     """
     before = now_us() - round(days * US_PER_DAY)
     position, gone = (0, ""), 0
@@ -59,7 +60,21 @@ def delete_old(store: PlanStore, scenes: SceneStore, queue: JobQueue, days: floa
                 queue.forget(plan_id)
                 store.delete(plan_id)
                 gone += 1
+    studies_gone = _delete_old_studies(studies, before)
     scenes_gone = scenes.delete_before(before)
-    if gone or scenes_gone:
-        log.info("old plans deleted", plans=gone, scenes=scenes_gone, days=days)
+    if gone or scenes_gone or studies_gone:
+        log.info("old plans deleted", plans=gone, studies=studies_gone, scenes=scenes_gone, days=days)
+    return gone
+
+
+def _delete_old_studies(studies: StudyStore, before: int) -> int:
+    position, gone = (0, ""), 0
+    while batch := studies.created_before(before, position, BATCH):
+        position = batch[-1]
+        jobs = studies.jobs([study_id for _, study_id in batch])
+        for _, study_id in batch:
+            job = jobs.get(study_id)
+            if job is None or (job.state.done and (job.ended_us or 0) < before):
+                studies.delete(study_id)
+                gone += 1
     return gone

@@ -14,9 +14,11 @@ from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 from workers.engine.executor_lock import AdvisoryLock
 from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, count_failures, delete_old
 from workers.engine.job_runner import JobFailed, JobRunner
+from workers.engine.study_runner import StudyRunner
 from workers.engine.supervisor import Supervisor
 from workers.engine.takeover import Takeover
 from workers.settings import WorkerSettings
+from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import SolverCommand, SolverPool
 from workers.solver.protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
 from workers.stores.database import Database
@@ -25,13 +27,16 @@ from workers.stores.job_queue import (
     APPLICATION,
     APPLICATION_VERSION,
     DELIVERY_WORKFLOW,
+    STUDY_WORKFLOW,
     WORKFLOW,
     JobQueue,
     delivery_workflow_id,
+    part_workflow_id,
 )
 from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
+from workers.stores.study_store import StudyStore
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
 
@@ -56,6 +61,10 @@ class Worker:
         command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
         self._pool = SolverPool(command, settings.worker_slots)
         self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
+        self._studies = StudyStore(database, store, queue)
+        studies = SolverCommand(settings.study_command, folders, memory, min(19, settings.solver_niceness + 5))
+        self._examiners = ExaminerPool(studies)
+        self._study_runner = StudyRunner(settings, queue, self._studies, MeshStore(database), self._examiners)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
@@ -83,7 +92,8 @@ class Worker:
         DBOS(config=config)
         self._register()
         # Before the launch: the engine looks for new queues only once a second.
-        await asyncio.to_thread(self._queue.open, self._settings.worker_slots, self._settings.poll_seconds)
+        slots = self._settings.worker_slots, self._settings.study_slots
+        await asyncio.to_thread(self._queue.open, *slots, self._settings.poll_seconds)
         DBOS.launch()
 
     async def stop(self) -> None:
@@ -92,8 +102,10 @@ class Worker:
         The supervisor must have stopped before.
         """
         self._runner.stop()
+        self._study_runner.stop()
         try:
             await self._pool.close()
+            await self._examiners.close()
         finally:
             # Whatever is wrong with solvers: the name must be free for the next worker.
             await self._leave_engine()
@@ -108,7 +120,8 @@ class Worker:
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
         repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
         if settings.retention_days is not None:
-            delete = partial(delete_old, store, SceneStore(self._database), queue, settings.retention_days)
+            stores = store, SceneStore(self._database), self._studies
+            delete = partial(delete_old, *stores, queue, settings.retention_days)
             repeat("retention", partial(asyncio.to_thread, delete), DELETION_PAUSE_SECONDS, at_once=True)
 
     async def _leave_engine(self) -> None:
@@ -134,6 +147,19 @@ class Worker:
             with self._working_on(plan_id):
                 return await solve(plan_id)
 
+        @DBOS.step(name="examine points")
+        async def examine_points(study_id: str, part: int) -> str:
+            return await self._study_runner.run(study_id, part)
+
+        @DBOS.workflow(
+            name=STUDY_WORKFLOW,
+            serialization_type=WorkflowSerializationFormat.PORTABLE,
+            max_recovery_attempts=self._settings.interruption_limit,
+        )
+        async def examine(study_id: str, part: int) -> str:
+            with self._working_on(part_workflow_id(study_id, part)):
+                return await examine_points(study_id, part)
+
         @DBOS.step(name="post")
         async def post(delivery_id: str, number: int) -> str:
             return await self._webhooks.attempt(delivery_id, number)
@@ -143,7 +169,7 @@ class Worker:
             with self._working_on(delivery_workflow_id(plan_id, delivery_id, number)):
                 return await post(delivery_id, number)
 
-        self._workflows: tuple[Callable[..., Awaitable[str]], ...] = (plan, deliver)
+        self._workflows: tuple[Callable[..., Awaitable[str]], ...] = (plan, examine, deliver)
 
     @contextmanager
     def _working_on(self, workflow_id: str) -> Iterator[None]:
@@ -155,15 +181,16 @@ class Worker:
 
     async def _leave_lost_jobs(self) -> None:
         """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""
-        solving = self._runner.solving
+        solving = [*self._runner.solving, *self._study_runner.examining]
         if not solving:
             return
         try:
             lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
         except DATABASE_GONE:
             lost = set(solving) if self._takeover.alone else set()
-        for plan_id in lost:
-            self._runner.leave(plan_id)
+        for job_id in lost:
+            self._runner.leave(job_id)
+            self._study_runner.leave(job_id)
 
 
 def _is_news(record: logging.LogRecord) -> bool:

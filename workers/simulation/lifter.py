@@ -8,7 +8,9 @@ from typing import Self
 
 import numpy as np
 
+from planners.balance.lifter import SuctionPad
 from planners.geometry.pose import Array, skew
+from planners.manipulation.statics.lift_programs import balance_program
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.settings import ContactSettings, CupSettings, WinchSettings
 from workers.simulation.world import Motion
@@ -32,7 +34,10 @@ class SuctionLifter:
         self._arm = cup.T_plate_cup[:3, 3] - scene.plate.com
         self._axes = cup.T_plate_cup[:3, :3]
         self._outward = -cup.T_plate_cup[:3, 2]
-        self._mu, self._radius = contact.friction_factor * cup.mu, cup.radius
+        self._radius = cup.radius
+        pad = balance_program(scene).lifter
+        at_rest, per_pull = (pad.grip_at_rest, pad.grip_per_pull) if isinstance(pad, SuctionPad) else (0.0, 0.0)
+        self._grip = contact.friction_factor * at_rest, contact.friction_factor * per_pull
         self._bending = math.pi * cup.radius * cup.kappa / math.sqrt(2.0)
         self.limit = cup.max_force
         """[N]"""
@@ -119,7 +124,8 @@ class SuctionLifter:
         outward = R @ self._outward
         self.pull = min(max(0.0, float(force @ outward)), most)
         across = force - (force @ outward) * outward
-        size, grip = math.sqrt(across @ across), self._mu * self.pull
+        at_rest, per_pull = self._grip
+        size, grip = math.sqrt(across @ across), max(0.0, at_rest + per_pull * self.pull)
         excess = across * max(0.0, 1.0 - grip / size) if size > 0.0 else np.zeros(3)
         self.force = self.pull * outward + across - excess
         arm = R @ self._arm

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from planners.cell.hand import Gripper
 from planners.contract.arrays import rounded
 from planners.geometry.pose import Array, Transform, rotation_angle
 from planners.plan.plan import Plan
-from planners.plan.segment import Attachment, Grip, Segment, SegmentKind
+from planners.plan.segment import Attachment, Grip, SegmentKind, riding_on
 from planners.plan.simulation import GoalError, SimulatedToolMotion, ToolEnding
 from planners.progress import Progress, Report
 from planners.scene.moved_object import MovedObject
@@ -51,7 +51,7 @@ class ToolExecution:
         self._cup: CupHold | None = None
         self._positions = {name: self.timeline.poses(name, plan.bodies[name].pose)[:, :3] for name in world.bodies}
         """By body: (n, 3) where its origin should be, by sample [m]."""
-        self._suction = [_suction(plan.segments, index) for index in range(len(plan.segments))]
+        self._suction = [riding_on(TOOL_NAME, plan.segments, index) for index in range(len(plan.segments))]
         self._moved: list[tuple[float, Array]] = []
         """Time and joint positions, at some of the recorder's times."""
         self._tracks = {name: Track() for name in world.bodies}
@@ -302,12 +302,3 @@ def _any_turn(moved: MovedObject) -> bool:
     solid = moved.body.solid
     round_ = isinstance(solid, ExtrudedSolid) and solid.is_round
     return moved.symmetry == "axis" or (moved.symmetry == "shape" and round_)
-
-
-def _suction(segments: Sequence[Segment], index: int) -> tuple[str, Attachment] | None:
-    """Return what is on the cup in a segment; attach and detach, which attach nothing, have their neighbour's."""
-    beside = index + {SegmentKind.ATTACH: 1, SegmentKind.DETACH: -1}.get(segments[index].kind, 0)
-    if not 0 <= beside < len(segments):
-        return None
-    rides = ((name, each) for name, attached in segments[beside].attached.items() for each in attached)
-    return next(((name, each) for name, each in rides if each.to == TOOL_NAME), None)

@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import Cell, load_cells
 from planners.contract.task_spec import read_task
-from planners.geometry.solid_mesh import SolidMesh
 from planners.plan.plan import Plan
-from planners.plan.simulation import Simulation
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Progress, silent
-from planners.regrasp.grasps.handovers import find_handovers
+from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.scene.shape_source import Uploads
-from planners.scene.suction_tool import load_tools
+from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
-from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest
+from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest, uploads_of
 from workers.stores.handover_store import HandoverStore
 
 REFERENCE_TASK = "ab1.json"
@@ -39,7 +36,6 @@ class Pipeline:
     """What one process needs for solving any task."""
 
     solver: TaskSolver
-    simulate: Callable[..., Simulation] = simulate_plan
 
     @classmethod
     def load(cls, handovers_dir: Path | None = None) -> Self:
@@ -49,44 +45,46 @@ class Pipeline:
             handovers_dir: where handover databases are kept; None: each is computed for its one task.
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
-        cells = {name: load_cell(name) for name in known_cells()}
-        return cls(TaskSolver(cells, load_tools(), handovers, software=describe_software()))
+        return cls(
+            TaskSolver(load_cells(), load_tools(), handovers, simulate=simulate_plan, software=describe_software())
+        )
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
         self.solve({"id": "warm-up", "task": {**reference_task(), "options": FEW_HOLDS}}, silent)
         return self
 
-    def compile(self, kind: str | None = None) -> None:
-        """Compile every kernel that is not compiled yet, and compute the handovers of every shipped tool.
+    def compile(self, *kinds: str) -> None:
+        """Compile every kernel for tasks of these kinds that is not compiled yet.
 
-        Takes a minute the first time, seconds after that.
-
-        Args:
-            kind: of task; None: both.
+        For suction-tool tasks, compute the handovers of every shipped tool too. Takes a minute the first time, seconds
+        after that.
         """
-        if kind != "suction_tool":
+        if "plate_lift" in kinds:
             self.solve({"id": "compile", "task": reference_task()}, silent)
-        if kind == "plate_lift":
-            return
-        tasks = reference_tool_tasks()
-        for task in tasks:
-            self.solve({"id": "compile", "task": task}, silent)
-        standing = ToolPlannerSettings()
+        if "suction_tool" in kinds:
+            for task in reference_tool_tasks():
+                self.solve({"id": "compile", "task": task}, silent)
+            for cell, tool, settings in self.shipped_handovers():
+                self.solver.handovers(cell, tool, settings, silent)
+
+    def shipped_handovers(self) -> Iterator[tuple[Cell, SuctionTool, HandoverSettings]]:
+        """Yield what handovers are asked for in tasks with shipped tools: of each tool standing, and lying."""
+        cell, standing = self.solver.cells[reference_tool_tasks()[0]["cell"]], ToolPlannerSettings()
         for tool in self.solver.tools.values():
             for settings in (standing, standing.with_fingertips()):
-                self.solver.handovers(self.solver.cells[tasks[0]["cell"]], tool, settings.handovers, silent)
+                yield cell, tool, settings.handovers
 
     def answer(self, request: SolverRequest, progress: Progress) -> Answer:
         """Return what `solve` finds as it is sent."""
         plan = self.solve(request, progress)
         objects = () if plan.task.kind == "plate_lift" else tuple(f" {each.name}" for each in plan.task.objects)
-        seconds: dict[str, float] = {}
-        for name, each in plan.statistics.times:
-            # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
-            stage = next((name.removesuffix(suffix) for suffix in objects if name.endswith(suffix)), name)
-            seconds[stage] = seconds.get(stage, 0.0) + each
-        return Answer(plan.outcome, plan.write(), seconds)
+        # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
+        stages = tuple(
+            (next((name.removesuffix(suffix) for suffix in objects if name.endswith(suffix)), name), seconds)
+            for name, seconds in plan.statistics.times
+        )
+        return Answer(plan.outcome, plan.write(), stages)
 
     def solve(self, request: SolverRequest, progress: Progress) -> Plan:
         """Return the certified and simulated plan of a task, or the one that says why there is none.
@@ -97,20 +95,12 @@ class Pipeline:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
             CertificateFailed: The plan must not be delivered.
         """
-        task, uploads = read_task(request["task"]), _uploads(request)
+        task, uploads = read_task(request["task"]), uploads_of(request)
         try:
-            found = self.solver.solve(task, request["id"], uploads, progress)
+            return self.solver.solve(task, request["id"], uploads, progress)
         except CertificateFailed as failure:
             _keep_rejected(failure.plan)
             raise
-        if found.outcome != "solved" or not task.options.simulate:
-            return found
-        clock, spent = self.solver.clock, found.statistics
-        begun = clock()
-        simulation = self.simulate(found, self.solver.scene(task, uploads), progress, task.seed)
-        seconds = clock() - begun
-        statistics = spent.taking([*spent.times, ("simulate", seconds)], (spent.total_seconds or 0.0) + seconds)
-        return found.model_copy(update={"simulation": simulation, "statistics": statistics})
 
 
 def reference_task() -> dict[str, Any]:
@@ -129,12 +119,6 @@ def reference_tool_tasks() -> list[dict[str, Any]]:
 
 def _shipped_task(name: str) -> dict[str, Any]:
     return json.loads(resources.files("assets").joinpath("tasks", name).read_text())
-
-
-def _uploads(request: SolverRequest) -> Uploads:
-    """Return how the scene finds the meshes that came with a request."""
-    documents = request.get("meshes", {})
-    return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 
 
 def _keep_rejected(plan: Plan) -> None:

@@ -21,7 +21,7 @@ import structlog
 
 from planners.errors import LiftwrightError
 from planners.progress import Report
-from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, SolverRequest
+from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, SolverRequest, StudyRequest
 from workers.stores.plan_store import PackedDocument
 
 READY_SECONDS = 300.0
@@ -31,6 +31,7 @@ START_PAUSES_SECONDS = (0.5, 2.0)
 """A machine that is short of memory or processes is given so long before a start is tried again [s]."""
 
 OnReport = Callable[[Report], Awaitable[None]]
+OnPoint = Callable[[dict[str, object]], Awaitable[None]]
 log = structlog.get_logger(__name__)
 
 
@@ -127,17 +128,36 @@ class SolverProcess:
         """
         await self.ready()
         self.again = False
-        try:
-            self._stdin.write(json.dumps(request).encode() + b"\n")
-            await self._stdin.drain()
-        except ConnectionError:
-            raise SolverDied.with_code(await self._process.wait()) from None
+        await self._send(request)
         while True:
             message = await self._receive()
             if "progress" in message:
                 await on_report(Report(*message["progress"]))
             elif "document" in message:
                 return await self._receive_document(message["document"])
+
+    async def examine(self, request: StudyRequest, on_point: OnPoint) -> None:
+        """Hand over a request and wait until all of its points were passed on; the process can be asked again.
+
+        Raises:
+            SolverDied: It ended before.
+            SolverFault: It says why it cannot go on.
+        """
+        await self.ready()
+        await self._send(request)
+        while True:
+            message = await self._receive()
+            if "point" in message:
+                await on_point(message["point"])
+            elif "examined" in message:
+                return
+
+    async def _send(self, request: SolverRequest | StudyRequest) -> None:
+        try:
+            self._stdin.write(json.dumps(request).encode() + b"\n")
+            await self._stdin.drain()
+        except ConnectionError:
+            raise SolverDied.with_code(await self._process.wait()) from None
 
     async def kill(self) -> None:
         """End the whole process group now, and wait for it."""

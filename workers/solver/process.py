@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 REPORT_SECONDS = 0.05
 """Least time between two reports of stages that have begun [s]: reports must not slow the work down."""
 COMPILE = "--compile"
-"""Argument with which the process only compiles what is not compiled yet: all of it, or the part that follows."""
+"""Argument with which the process only compiles what is not compiled yet of the parts that follow."""
 PARTS = ("plate_lift", "suction_tool")
 """Kinds of tasks whose kernels can be compiled apart."""
 GZIP_LEVEL = 3
@@ -114,16 +114,20 @@ def _memory_limit() -> str:
 def main(prepare: Callable[[], Solve]) -> None:
     """Get ready and solve what is requested, until something was searched for."""
     channel = Channel()
-    requests: SimpleQueue[bytes] = SimpleQueue()
-    threading.Thread(target=_listen_to_the_worker, args=(requests,), daemon=True).start()
+    requests = listen_to_the_worker()
     with ReportedFaults(channel):
         solve = prepare()
-        # What is loaded stays: to look through all of it for garbage would cost the job a tenth of a second at a time.
-        gc.collect()
-        gc.freeze()
-        channel.send({"ready": True})
+        tell_ready(channel)
         while _answer(solve, json.loads(requests.get()), channel):
             gc.collect()
+
+
+def tell_ready(channel: Channel) -> None:
+    """Say that everything is loaded."""
+    # What is loaded stays: to look through all of it for garbage would cost the job a tenth of a second at a time.
+    gc.collect()
+    gc.freeze()
+    channel.send({"ready": True})
 
 
 def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> bool:
@@ -134,15 +138,21 @@ def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> bool:
         "outcome": answer.outcome,
         "sha256": hashlib.sha256(answer.document).hexdigest(),
         "size": len(packed),
-        "stages": dict(answer.seconds),
+        "stages": list(answer.stages),
         "again": (again := answer.outcome == "infeasible"),
     }
     channel.send({"document": header}, packed)
     return again
 
 
-def _listen_to_the_worker(requests: SimpleQueue[bytes]) -> None:
-    """Pass requests on, each of which follows the answer to the last, and notice when the worker is gone."""
+def listen_to_the_worker() -> SimpleQueue[bytes]:
+    """Return where requests will be, each of which follows the answer to the last; end when the worker is gone."""
+    requests: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_listen, args=(requests,), daemon=True).start()
+    return requests
+
+
+def _listen(requests: SimpleQueue[bytes]) -> None:
     line = bytearray()
     while chunk := os.read(sys.stdin.fileno(), 65536):
         line += chunk
@@ -157,7 +167,8 @@ def _die_with_the_worker() -> None:
     os.kill(-os.getpid() if leads_its_group else os.getpid(), signal.SIGKILL)
 
 
-def _load_pipeline() -> Pipeline:
+def load_pipeline() -> Pipeline:
+    """Return what this process solves with, for a worker that says where it keeps handovers."""
     # Here, because it takes a second in which the worker may die; and a solver of another make, as tests use it,
     # needs the rest of this file without the planners.
     from workers.solver.pipeline import Pipeline
@@ -168,8 +179,7 @@ def _load_pipeline() -> Pipeline:
 
 if __name__ == "__main__":
     if COMPILE in sys.argv:
-        threading.Thread(target=_listen_to_the_worker, args=(SimpleQueue(),), daemon=True).start()
-        part = sys.argv[sys.argv.index(COMPILE) + 1 :]
-        _load_pipeline().compile(part[0] if part and part[0] else None)
+        listen_to_the_worker()
+        load_pipeline().compile(*sys.argv[sys.argv.index(COMPILE) + 1 :])
     else:
-        main(lambda: _load_pipeline().warm_up().answer)
+        main(lambda: load_pipeline().warm_up().answer)

@@ -5,15 +5,19 @@ parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
 `{"document": {outcome, sha256, size, stages, again}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
 Then the child ends, unless it has said that it can be asked `again`.
+
+A process that examines points of studies is asked `{"study", "points", "meshes"}`, answers with `{"point": …}` for
+each, then with `{"examined": true}`, and waits for the next request.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, NotRequired, TypedDict
 
+from planners.geometry.solid_mesh import SolidMesh
 from planners.progress import Report
+from planners.scene.shape_source import Uploads
 
 MAX_LINE = 2**24
 """Longest line that is read [bytes]. A request is the longest: a body of at most some megabytes."""
@@ -42,8 +46,8 @@ class Answer:
     """As in the document."""
     document: bytes
     """The plan, as it is stored and sent."""
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    """By stage [s]."""
+    stages: tuple[tuple[str, float], ...] = ()
+    """Name and seconds of each, without names of objects: one that several objects go through is there for each."""
 
 
 class DocumentHeader(TypedDict):
@@ -52,10 +56,26 @@ class DocumentHeader(TypedDict):
     outcome: Literal["solved", "infeasible", "not_found"]
     sha256: str
     size: int
-    stages: dict[str, float]
-    """How long each stage took, by name [s]."""
+    stages: list[tuple[str, float]]
+    """As in the answer."""
     again: NotRequired[bool]
     """Whether the process waits for another request."""
+
+
+class StudyRequest(TypedDict):
+    """Which points are to be examined."""
+
+    study: dict[str, object]
+    """As accepted."""
+    points: list[int]
+    """Numbers of its points, in the order in which they are wanted."""
+    meshes: NotRequired[dict[str, dict[str, object]]]
+
+
+def uploads_of(request: SolverRequest | StudyRequest) -> Uploads:
+    """Return how the scene finds the meshes that came with a request."""
+    documents = request.get("meshes", {})
+    return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 
 
 class Message(TypedDict):
@@ -64,4 +84,6 @@ class Message(TypedDict):
     ready: NotRequired[bool]
     progress: NotRequired[Report]
     document: NotRequired[DocumentHeader]
+    point: NotRequired[dict[str, object]]
+    examined: NotRequired[bool]
     fault: NotRequired[str]

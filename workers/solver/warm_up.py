@@ -12,10 +12,10 @@ import platform
 import re
 import shutil
 import subprocess
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -40,7 +40,8 @@ VARIABLES = (CACHE_VARIABLE, "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 MARK = "warm"
 """File beside the handovers, with a hash of all that they and compiled kernels depend on. Whoever removes the handovers
 has them computed again."""
-_SUFFIXES = (".nbi", ".nbc")
+_SUFFIXES = (".nbc", ".nbi")
+"""Of code, and of an index that names it."""
 
 log = structlog.get_logger(__name__)
 
@@ -65,19 +66,18 @@ def warm_up(settings: WorkerSettings) -> None:
         handovers=str(settings.handovers_dir),
     )
     if any(path for folder in _cache_folders() for path in _compiled(folder)):
-        _compile(settings, {"": os.environ.get(CACHE_VARIABLE, "")})
+        _compile(settings, {PARTS: os.environ.get(CACHE_VARIABLE, "")})
     else:
         # Two processes never compile into one cache: its index has no lock, and could name a kernel's code by another.
         with TemporaryDirectory() as scratch:
-            apart = {part: f"{scratch}/{part}" for part in PARTS}
+            apart = {(part,): f"{scratch}/{part}" for part in PARTS}
             _compile(settings, apart)
-            for path in apart.values():
-                _keep_kernels(Path(path))
+            keep_kernels([Path(cache) for cache in apart.values()])
     mark_warm(settings)
 
 
-def _compile(settings: WorkerSettings, caches: Mapping[str, str]) -> None:
-    """Have one process compile each part at the same time; `caches` are where its kernels go, by part.
+def _compile(settings: WorkerSettings, caches: Mapping[tuple[str, ...], str]) -> None:
+    """Have a process for each of these parts compile at the same time; `caches` are where its kernels go.
 
     Raises:
         WarmUpFailed: one of them does not work.
@@ -86,14 +86,14 @@ def _compile(settings: WorkerSettings, caches: Mapping[str, str]) -> None:
         compilers = [
             stack.enter_context(
                 subprocess.Popen(
-                    (*settings.solver_command, COMPILE, part),
+                    (*settings.solver_command, COMPILE, *parts),
                     env={**os.environ, HANDOVERS_VARIABLE: str(settings.handovers_dir), CACHE_VARIABLE: cache},
                     # It ends when its stdin does: with this process, however that ends.
                     stdin=subprocess.PIPE,
                     stdout=subprocess.DEVNULL,
                 )
             )
-            for part, cache in caches.items()
+            for parts, cache in caches.items()
         ]
         codes = [compiler.wait() for compiler in compilers]
     failed = next((code for code in codes if code != 0), 0)
@@ -101,25 +101,34 @@ def _compile(settings: WorkerSettings, caches: Mapping[str, str]) -> None:
         raise WarmUpFailed(failed)
 
 
-def _keep_kernels(cache: Path) -> None:
-    """Move the kernels that a process compiled to where the compiler looks for them.
+def keep_kernels(
+    caches: Sequence[Path], packages: tuple[Path, ...] = KERNEL_FOLDERS, cache_dir: str | None = None
+) -> None:
+    """Copy kernels that several processes compiled to where the compiler looks for them.
 
-    Of a kernel that is there already, the one of more signatures is kept: the other's are compiled when they are asked
-    for.
+    Of a kernel that more than one of them compiled, that of most signatures is kept: the others' are compiled when they
+    are asked for.
+
+    Args:
+        caches: where each process kept its own.
+        packages: folders of sources.
+        cache_dir: as in `forget_stale_kernels`.
     """
-    kept_apart = os.environ.get(CACHE_VARIABLE)
-    for source in {path.parent for path in _sources_of_kernels(KERNEL_FOLDERS)}:
+    kept_apart = os.environ.get(CACHE_VARIABLE) if cache_dir is None else cache_dir
+    for source in {path.parent for package in packages for path in package.rglob("*.py")}:
         name = UserProvidedCacheLocator.get_suitable_cache_subpath(str(source / "any.py"))
-        target = Path(kept_apart) / name if kept_apart else source / "__pycache__"
-        kernels: dict[str, list[Path]] = {}
-        for path in _compiled(cache / name) if (cache / name).is_dir() else ():
-            kernels.setdefault(_kernel_of(path), []).append(path)
-        target.mkdir(parents=True, exist_ok=True)
-        there = Counter(_kernel_of(path) for path in _compiled(target))
-        for kernel, paths in kernels.items():
-            if len(paths) > there[kernel]:
-                for path in paths:
-                    shutil.copy2(path, target / path.name)
+        kept: dict[str, list[Path]] = {}
+        for cache in caches:
+            kernels: dict[str, list[Path]] = {}
+            for path in _compiled(cache / name):
+                kernels.setdefault(_kernel_of(path), []).append(path)
+            kept |= {kernel: files for kernel, files in kernels.items() if len(files) > len(kept.get(kernel, ()))}
+        if kept:
+            target = Path(kept_apart) / name if kept_apart else source / "__pycache__"
+            target.mkdir(parents=True, exist_ok=True)
+            # An index comes after all code that it names.
+            for path in sorted(chain.from_iterable(kept.values()), key=lambda file: _SUFFIXES.index(file.suffix)):
+                shutil.copy2(path, target / path.name)
 
 
 def _kernel_of(path: Path) -> str:

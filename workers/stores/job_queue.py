@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import sqlalchemy as sa
@@ -14,16 +14,20 @@ from workers.stores.jobs import (
     DELAYED,
     ENQUEUED,
     HIGHEST_PRIORITY,
+    QUEUED,
     RUNNING,
     STATE_OF_STATUS,
     Job,
     JobState,
+    together,
     workflow_table,
 )
 from workers.stores.totals import TAKEOVER, add_to_total
 
 QUEUE = "plans"
 WORKFLOW = "plan"
+STUDY_QUEUE = "studies"
+STUDY_WORKFLOW = "examine"
 DELIVERY_QUEUE = "webhooks"
 DELIVERY_WORKFLOW = "deliver"
 DELIVERIES_AT_ONCE = 16
@@ -31,6 +35,7 @@ DELIVERY_POLL_SECONDS = 0.5
 APPLICATION = "liftwright"
 APPLICATION_VERSION = "1"
 """Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
+STUDY_ID_LENGTH = 32
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
 
@@ -64,14 +69,15 @@ class JobQueue:
         """Give all connections back."""
         self._client.destroy()
 
-    def open(self, worker_slots: int, poll_seconds: float) -> None:
-        """Have every worker take at most `worker_slots` jobs at a time, and look for new ones so often [s]."""
-        self._client.register_queue(
-            QUEUE,
-            worker_concurrency=worker_slots,
-            polling_interval_sec=poll_seconds,
-            on_conflict="always_update",
-        )
+    def open(self, worker_slots: int, study_slots: int, poll_seconds: float) -> None:
+        """Have every worker take at most `worker_slots` jobs at a time, and look for new ones so often [s].
+
+        Beside them it takes `study_slots` parts of studies: nobody's plan waits until a study is done.
+        """
+        for name, slots in ((QUEUE, worker_slots), (STUDY_QUEUE, study_slots)):
+            self._client.register_queue(
+                name, worker_concurrency=slots, polling_interval_sec=poll_seconds, on_conflict="always_update"
+            )
         self._client.register_queue(
             DELIVERY_QUEUE,
             worker_concurrency=DELIVERIES_AT_ONCE,
@@ -93,6 +99,17 @@ class JobQueue:
         if pause > 0.0:
             options["delay_seconds"] = pause
         self._client.enqueue_in_transaction(transaction, options, plan_id)
+
+    def enqueue_part(self, transaction: sa.Connection, study_id: str, part: int) -> None:
+        """Enqueue one part of a study; it exists when `transaction` commits."""
+        options: EnqueueOptions = {
+            "workflow_name": STUDY_WORKFLOW,
+            "queue_name": STUDY_QUEUE,
+            "workflow_id": part_workflow_id(study_id, part),
+            "app_version": APPLICATION_VERSION,
+            "serialization_type": WorkflowSerializationFormat.PORTABLE,
+        }
+        self._client.enqueue_in_transaction(transaction, options, study_id, part)
 
     def enqueue_delivery(
         self, transaction: sa.Connection, plan_id: str, delivery_id: str, number: int, pause: float
@@ -122,6 +139,26 @@ class JobQueue:
             for row in rows
         }
 
+    def study_jobs(self, parts: Mapping[str, int]) -> dict[str, Job]:
+        """Return how studies stand, all their parts together; one of which nothing is known is left out.
+
+        Args:
+            parts: how many each study has, by its id.
+        """
+        ids = {study: [part_workflow_id(study, part) for part in range(count)] for study, count in parts.items()}
+        jobs = self.jobs([each for known in ids.values() for each in known])
+        found = {study: [jobs[each] for each in known if each in jobs] for study, known in ids.items()}
+        return {study: together(known) for study, known in found.items() if known}
+
+    def unfinished_studies(self, most: int) -> int:
+        """Return how many studies have parts that have not ended, counted up to `most`."""
+        study = sa.func.substr(self._jobs.c.workflow_uuid, 1, STUDY_ID_LENGTH)
+        unfinished = sa.select(study).where(
+            self._jobs.c.queue_name == STUDY_QUEUE, self._jobs.c.status.in_((*QUEUED, RUNNING))
+        )
+        found = unfinished.distinct().limit(most).subquery()
+        return self._database.scalar(sa.select(sa.func.count()).select_from(found)) or 0
+
     def not_with(self, worker: str, plan_ids: Collection[str]) -> set[str]:
         """Return those of `plan_ids` that `worker` is not running: cancelled, deleted, or with somebody else."""
         query = sa.select(self._jobs.c.workflow_uuid).where(
@@ -135,8 +172,13 @@ class JobQueue:
         """Cancel a job; one that has ended stays as it is."""
         self._client.cancel_workflow(plan_id)
 
+    def cancel_study(self, study_id: str, parts: int) -> None:
+        """Cancel all parts of a study; those that have ended stay as they are."""
+        for part in range(parts):
+            self._client.cancel_workflow(part_workflow_id(study_id, part))
+
     def forget(self, plan_id: str) -> None:
-        """Remove all the engine knows of a job, and of messages about it."""
+        """Remove all the engine knows of a job, and of messages about it; or of a study, and its parts."""
         found = self._client.list_workflows(workflow_id_prefix=plan_id, load_input=False, load_output=False)
         for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
             self._client.delete_workflow(workflow_id)
@@ -146,10 +188,20 @@ class JobQueue:
         counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
         return Depth(*self._database.rows(sa.select(*counts))[0])
 
+    def positions(self, most: int) -> dict[str, int]:
+        """Return the places of the first `most` jobs that wait for a worker, by plan: 1 is the next to begin."""
+        waiting = (
+            sa.select(self._jobs.c.workflow_uuid)
+            .where(self._jobs.c.queue_name == QUEUE, self._jobs.c.status == ENQUEUED)
+            .order_by(self._jobs.c.priority, self._jobs.c.created_at, self._jobs.c.workflow_uuid)
+            .limit(most)
+        )
+        return {plan_id: place for place, plan_id in enumerate(self._database.column(waiting), start=1)}
+
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
         query = sa.select(self._jobs.c.executor_id, self._jobs.c.workflow_uuid).where(
-            self._jobs.c.queue_name.in_((QUEUE, DELIVERY_QUEUE)), self._jobs.c.status == RUNNING
+            self._jobs.c.queue_name.in_((QUEUE, STUDY_QUEUE, DELIVERY_QUEUE)), self._jobs.c.status == RUNNING
         )
         found: dict[str, set[str]] = {}
         for row in self._database.rows(query):
@@ -188,6 +240,11 @@ class JobQueue:
     def _count(self, state: sa.ColumnElement[bool], most: int) -> sa.ScalarSelect[int]:
         found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
         return sa.select(sa.func.count()).select_from(found.limit(most).subquery()).scalar_subquery()
+
+
+def part_workflow_id(study_id: str, part: int) -> str:
+    """Return the name of a part's job: it begins with the study's, so that all are forgotten together."""
+    return f"{study_id}-part-{part}"
 
 
 def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:

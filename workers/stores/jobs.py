@@ -6,6 +6,7 @@ service that is sold separately; so we read, and repair, its table of workflows 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -86,6 +87,22 @@ class Job:
     """When it ended, as coarsely as the engine knows [microseconds since 1970, UTC]."""
 
 
+def together(parts: Sequence[Job]) -> Job:
+    """Return how a whole stands of which each part is a job, at least one.
+
+    It ends when all of them have, and as badly as any of them; until then it runs once one was begun.
+    """
+    states = {part.state for part in parts}
+    ended = max((part.ended_us or 0 for part in parts), default=0) or None
+    # A part that was cancelled ends the whole: others are only not told yet.
+    if JobState.CANCELLED in states:
+        return Job(JobState.CANCELLED, None, ended)
+    if all(state.done for state in states):
+        error = next((part.error for part in parts if part.error is not None), None)
+        return Job(JobState.FAILED if JobState.FAILED in states else JobState.SUCCEEDED, error, ended)
+    return Job(JobState.QUEUED if states == {JobState.QUEUED} else JobState.RUNNING, None, None)
+
+
 def workflow_table(dialect: str) -> sa.TableClause:
     """Return the engine's table of workflows as it is named on `sqlite` or `postgresql`."""
     return sa.table(
@@ -95,6 +112,8 @@ def workflow_table(dialect: str) -> sa.TableClause:
         sa.column("queue_name", sa.Text),
         sa.column("executor_id", sa.Text),
         sa.column("owner_xid", sa.Text),
+        sa.column("priority", sa.Integer),
+        sa.column("created_at", sa.BigInteger),
         sa.column("started_at_epoch_ms", sa.BigInteger),
         sa.column("updated_at", sa.BigInteger),
         sa.column("completed_at", sa.BigInteger),

@@ -39,8 +39,8 @@ class PackedDocument:
     sha256: str
     """Of the uncompressed JSON."""
     gzip: bytes
-    stages: Mapping[str, float]
-    """How long each stage took, by name [s]."""
+    stages: Sequence[tuple[str, float]] = ()
+    """Name and seconds of each; one that several objects went through is there for each."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,12 @@ class PlanFilter:
     state: JobState | None = None
     outcome: str | None = None
     """Of a job that has succeeded."""
+    name: str | None = None
+    """Part of `external_id` or `work_master`, or the beginning of the id; in capitals or not."""
+    from_us: int | None = None
+    """Not created before [microseconds since 1970, UTC]."""
+    until_us: int | None = None
+    """Created before."""
 
     def conditions(self, dialect: str) -> Iterator[sa.ColumnElement[bool]]:
         """Yield what must hold in a query of plans joined with their documents, on `sqlite` or `postgresql`."""
@@ -93,6 +99,15 @@ class PlanFilter:
             DOCUMENTS.c.outcome: self.outcome,
         }
         yield from (column == wanted for column, wanted in wishes.items() if wanted is not None)
+        if self.name is not None:
+            named = [
+                column.icontains(self.name, autoescape=True) for column in (PLANS.c.external_id, PLANS.c.work_master)
+            ]
+            yield sa.or_(*named, PLANS.c.id.istartswith(self.name, autoescape=True))
+        if self.from_us is not None:
+            yield PLANS.c.created_us >= self.from_us
+        if self.until_us is not None:
+            yield PLANS.c.created_us < self.until_us
         state = JobState.SUCCEEDED if self.outcome is not None and self.state is None else self.state
         if state is not None:
             jobs = workflow_table(dialect)
@@ -153,7 +168,7 @@ class PlanStore:
             "kind": task["kind"],
             "external_id": task.get("external_id"),
             "owner": owner,
-            "idempotency_key": _stored_key(idempotency_key, owner),
+            "idempotency_key": stored_key(idempotency_key, owner),
             # For the version before, which compares this one.
             "fingerprint": fingerprint(task),
             "sent_fingerprint": sent_fingerprint,
@@ -186,7 +201,7 @@ class PlanStore:
         """Return the plan that a key of an owner made; None without a key."""
         if idempotency_key is None:
             return None
-        return self._one(_RECORDS.where(PLANS.c.idempotency_key == _stored_key(idempotency_key, owner)))
+        return self._one(_RECORDS.where(PLANS.c.idempotency_key == stored_key(idempotency_key, owner)))
 
     def newest(self, most: int, before: Position | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
         """Return at most `most` of the wanted plans, newest first, from behind the one at `before`."""
@@ -389,7 +404,7 @@ class PlanStore:
         return PlanRecord(**found[0]) if found else None
 
 
-def _stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
+def stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     """Return what stands for a key in the database: two owners may choose the same one."""
     if idempotency_key is None or owner is None:
         return idempotency_key

@@ -113,6 +113,37 @@ SCENES = sa.Table(
     sa.Index("liftwright_scenes_newest_of_owner", "owner", "created_us", "id"),
 )
 
+STUDIES = sa.Table(
+    "liftwright_studies",
+    METADATA,
+    sa.Column("id", StoredText(64), primary_key=True),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("kind", StoredText(32), nullable=False),
+    sa.Column("external_id", StoredText(128)),
+    sa.Column("owner", StoredText(64)),
+    sa.Column("idempotency_key", StoredText(255), unique=True),
+    sa.Column("sent_fingerprint", StoredText(64), nullable=False),
+    sa.Column("study", sa.Text, nullable=False),
+    sa.Column("count", sa.Integer, nullable=False),
+    sa.Column("parts", sa.Integer, nullable=False),
+    sa.Column("started_us", sa.BigInteger),
+    sa.Column("finished_us", sa.BigInteger),
+    sa.Column("best_plan_id", StoredText(64)),
+    sa.Index("liftwright_studies_newest", "created_us", "id"),
+    sa.Index("liftwright_studies_newest_of_owner", "owner", "created_us", "id"),
+)
+
+STUDY_POINTS = sa.Table(
+    "liftwright_study_points",
+    METADATA,
+    sa.Column("study_id", StoredText(64), primary_key=True),
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("sequence", sa.Integer, nullable=False),
+    sa.Column("outcome", StoredText(32), nullable=False),
+    sa.Column("point", sa.Text, nullable=False),
+    sa.UniqueConstraint("study_id", "sequence"),
+)
+
 API_KEYS = sa.Table(
     "liftwright_api_keys",
     METADATA,

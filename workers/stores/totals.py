@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
@@ -13,11 +15,13 @@ from workers.stores.tables import TOTALS
 DOCUMENT = "document"
 """One for each document, by outcome."""
 STAGE = "stage"
-"""One for each stage of a job that led to a document, those of its objects together, with its seconds."""
+"""One for each stage that led to a document, of each object for itself, with its seconds."""
 SOLVER_DEATH = "solver_death"
 """One for each solver process that ended without an answer."""
 FAILURE = "failure"
 """One for each job that failed, by why."""
+STUDY_POINT = "study_point"
+"""One for each point of a study that was examined, by outcome, with its seconds."""
 TAKEOVER = "takeover"
 """One for each job that was put back into the queue because its worker had died or lost it."""
 
@@ -42,9 +46,10 @@ def add_to_total(
     transaction.execute(row.on_conflict_do_update(index_elements=[TOTALS.c.name, TOTALS.c.label], set_=grown))
 
 
-def count_document(transaction: sa.Connection, outcome: str, stages: Mapping[str, float]) -> None:
-    """Count a document and the stages that led to it."""
+def count_document(transaction: sa.Connection, outcome: str, stages: Iterable[tuple[str, float]]) -> None:
+    """Count a document and the stages that led to it, each with its seconds."""
     add_to_total(transaction, DOCUMENT, outcome)
     # In one order everywhere, so that two workers never wait for each other.
-    for stage, seconds in sorted(stages.items()):
-        add_to_total(transaction, STAGE, stage, seconds=seconds)
+    for stage, those in groupby(sorted(stages), key=itemgetter(0)):
+        seconds = [each for _, each in those]
+        add_to_total(transaction, STAGE, stage, count=len(seconds), seconds=sum(seconds))

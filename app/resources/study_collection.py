@@ -1,0 +1,174 @@
+"""Studies with their points: what the routes ask for, put together from the store and the queue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from app.access.caller import ANYBODY, Caller, Scope
+from app.errors import (
+    AlreadyFinished,
+    KeyUsedForAnotherTask,
+    NotFinished,
+    PointNotFound,
+    QueueFull,
+    StudyNotFound,
+    TooManyStudies,
+)
+from app.resources.plan_collection import PlanCollection
+from app.resources.queries import page_of
+from app.resources.schemas import PlanResource, StudyResource, study_resource
+from app.settings import ServiceSettings
+from planners.study.study import Study
+from planners.study.study_map import StudyMap
+from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import Job
+from workers.stores.plan_store import fingerprint
+from workers.stores.study_store import StudyRecord, StudyStore
+from workers.stores.tables import Position
+
+
+class StudyCollection:
+    """What one caller sees of all studies: what belongs to somebody else does not exist.
+
+    All methods block on the database: call them from a thread.
+    """
+
+    def __init__(
+        self,
+        store: StudyStore,
+        queue: JobQueue,
+        plans: PlanCollection,
+        settings: ServiceSettings,
+        caller: Caller = ANYBODY,
+    ) -> None:
+        self.store, self._queue, self._plans, self._settings, self._caller = store, queue, plans, settings, caller
+
+    def seen_by(self, caller: Caller) -> StudyCollection:
+        """Return what another caller sees."""
+        return StudyCollection(self.store, self._queue, self._plans.seen_by(caller), self._settings, caller)
+
+    def submit(self, sent: Any, fill: Callable[[Any], Any], idempotency_key: str | None) -> StudyResource:
+        """Accept a study, or find the one that the same key made.
+
+        Args:
+            sent: the study as JSON data, as it came.
+            fill: puts into its task what that takes from a perceived scene.
+            idempotency_key: of the caller, if it has one.
+
+        Raises:
+            NotAStudy: What is wrong with it.
+            TooManyStudies: There are too many unfinished studies.
+            KeyUsedForAnotherTask: The key was used for another study.
+        """
+        sent_fingerprint = fingerprint(sent)
+        record = self.store.by_key(idempotency_key, self._caller.owner)
+        if record is None:
+            study = Study.read(sent, fill, self._settings.max_study_points)
+            most = self._settings.max_studies
+            if self._queue.unfinished_studies(most) >= most:
+                raise TooManyStudies(most)
+            record = self.store.accept(study, idempotency_key, self._caller.owner, sent_fingerprint)
+        if record.sent_fingerprint != sent_fingerprint:
+            raise KeyUsedForAnotherTask
+        return self._resources([record])[0]
+
+    def study(self, study_id: str) -> StudyResource:
+        """Return one study.
+
+        Raises:
+            StudyNotFound: There is none of that id.
+        """
+        found = self._resources([self._record(study_id)])
+        if not found:
+            raise StudyNotFound(study_id)
+        return found[0]
+
+    def page(self, size: int, before: Position | None) -> tuple[list[StudyResource], Position | None]:
+        """Return at most `size` studies, newest first, from behind a position, and where the next page begins."""
+        owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
+        shown, position = page_of(self.store.newest(size + 1, before, owner), size)
+        return self._resources(shown), position
+
+    def map(self, study_id: str) -> StudyMap:
+        """Return what is known of a study so far.
+
+        Raises:
+            StudyNotFound: There is none of that id.
+        """
+        _, study = self._accepted(study_id)
+        return StudyMap.of(study, self.store.points(study_id))
+
+    def plan_point(self, study_id: str, index: int) -> PlanResource:
+        """Have a point planned and certified, or find the plan that was made of it.
+
+        Raises:
+            StudyNotFound: There is no study of that id.
+            PointNotFound: It has no such point, or there can be no such task.
+            QueueFull: There are too many unfinished jobs.
+        """
+        record, study = self._accepted(study_id)
+        if not 0 <= index < study.count:
+            raise PointNotFound(f"the study has the points 0 to {study.count - 1}, not {index}")
+        made = self.store.plan_of_point(record, index)
+        if made is None:
+            point = next((point for point in self.store.points(study_id) if point.index == index), None)
+            if point is not None and point.outcome == "refused":
+                raise PointNotFound(f"there can be no plan of point {index}: {point.summary}")
+            most = self._settings.max_queued
+            if self._queue.depth(most).due >= most:
+                raise QueueFull(most)
+            made = self.store.plan_point(record, study, index)
+        return self._plans.plan(made.id)
+
+    def cancel(self, study_id: str) -> StudyResource:
+        """Cancel what is left of a study; its points that are known stay.
+
+        Raises:
+            StudyNotFound: There is none of that id.
+            AlreadyFinished: It has ended, be it just now.
+        """
+        study = self.study(study_id)
+        if study.done:
+            raise AlreadyFinished(study.state)
+        self.store.cancel(self._record(study_id))
+        return self.study(study_id)
+
+    def delete(self, study_id: str) -> None:
+        """Remove a study with its points; plans that were made of points stay.
+
+        Raises:
+            StudyNotFound: There is none of that id.
+            NotFinished: It has not ended.
+        """
+        study = self.study(study_id)
+        if not study.done:
+            raise NotFinished(study.state)
+        self.store.delete(study_id)
+
+    def _record(self, study_id: str) -> StudyRecord:
+        record = self.store.get(study_id)
+        if record is None or not self._caller.may_see(record.owner):
+            raise StudyNotFound(study_id)
+        return record
+
+    def _accepted(self, study_id: str) -> tuple[StudyRecord, Study]:
+        record, study = self._record(study_id), self.store.study(study_id)
+        if study is None:
+            raise StudyNotFound(study_id)
+        return record, study
+
+    def _resources(self, records: list[StudyRecord]) -> list[StudyResource]:
+        # The states before the points: those of a study that has ended are complete.
+        jobs = self._queue.study_jobs({record.id: record.parts for record in records})
+        known = self.store.counts([record.id for record in records])
+        return [
+            study_resource(self._as_of(record, job), job, known.get(record.id, 0))
+            for record in records
+            if (job := jobs.get(record.id)) is not None
+        ]
+
+    def _as_of(self, record: StudyRecord, job: Job) -> StudyRecord:
+        """Return a record that is no older than what is known of its job."""
+        ended_since = job.state.done and (record.finished_us is None or record.best_plan_id is None)
+        return (self.store.get(record.id) if ended_since else None) or record

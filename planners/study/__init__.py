@@ -1,0 +1,1 @@
+"""Studies: how a task fares at many values of up to two of its members."""

@@ -1,0 +1,55 @@
+"""Find out how the task fares at the points of a study, with what one of them teaches about the next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+from pydantic import ValidationError
+
+from planners.contract.problems import problems_of
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
+from planners.errors import SceneError
+from planners.manipulation.lift_attempts import plan_lift
+from planners.manipulation.reach.reach_memory import ReachMemory
+from planners.planning import CertificateFailed, TaskSolver, plan
+from planners.progress import Progress, silent
+from planners.scene.shape_source import Uploads, no_uploads
+from planners.study.study import Study
+from planners.study.study_map import StudyPoint
+
+
+class PointExaminer:
+    """Examines points of studies one after the other; what they have in common is found once."""
+
+    def __init__(self, solver: TaskSolver) -> None:
+        remembering = partial(plan, lift=partial(plan_lift, memory=ReachMemory()))
+        # Where nothing is found, denser samplings seldom help, and take longest.
+        self._searching = replace(solver, plan=partial(remembering, persistent=False), certify=lambda *_: None)
+        self._planning = replace(solver, plan=remembering)
+
+    def examine(
+        self, study: Study, index: int, uploads: Uploads = no_uploads, progress: Progress = silent
+    ) -> StudyPoint:
+        """Return what comes of the task of a point; that there can be no such task is an answer, too.
+
+        Raises:
+            PlanningCancelled: `progress` asked for it.
+        """
+        solver = self._planning if study.spec.certify else self._searching
+        clock = solver.clock
+        begun = clock()
+        try:
+            found = solver.solve(_without_remedies(study.task_at(index)), uploads=uploads, on_progress=progress)
+        except (ValidationError, SceneError) as error:
+            why = "; ".join(f"{each['pointer']}: {each['detail']}" for each in problems_of(error))
+            return StudyPoint.without_plan(study, index, "refused", why, clock() - begun)
+        except CertificateFailed as failure:
+            return StudyPoint.without_plan(study, index, "failed", str(failure), clock() - begun)
+        examined = "planned" if study.spec.certify else "searched"
+        return StudyPoint.of_plan(study, index, found, examined, clock() - begun)
+
+
+def _without_remedies(task: PlateLiftTask | SuctionToolTask) -> PlateLiftTask | SuctionToolTask:
+    """Leave it to the plan of a point to tell what would help there: the map shows what does."""
+    return task.model_copy(update={"options": task.options.model_copy(update={"remedies": False})})
