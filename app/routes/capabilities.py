@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Self, get_args
+
 from fastapi import APIRouter, Request
 
 from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
 from app.routes.dependencies import Settings
+from planners.cell.arm import Arm
+from planners.cell.arm_span import ArmSpan
 from planners.cell.asset_files import known_meshes
+from planners.cell.cell import Cell
+from planners.cell.hand import Gripper
+from planners.contract.task_spec import LifterModel
 from planners.plan.verdicts import Software
-from planners.scene.lift_scene import PLANNED_LIFTERS
 from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
 from planners.scene.suction_tool import known_tools
@@ -26,6 +32,10 @@ class Limits(Resource):
     max_queued: int
     max_delayed: int
     """Of one owner's jobs, that wait for their start."""
+    max_studies: int
+    """Unfinished ones, of all owners."""
+    max_study_points: int
+    """Of one study."""
     max_webhooks: int
     """Of one owner."""
     max_wait_seconds: float
@@ -34,11 +44,71 @@ class Limits(Resource):
     worker_slots: int
 
 
+class TableLimits(Resource):
+    """What tasks may put things on, in world axes [m]."""
+
+    x: tuple[float, float]
+    """Its near and its far edge."""
+    y: tuple[float, float]
+    """Its edges at the right and at the left arm."""
+    top: float
+    """Height of its top above the floor."""
+
+
+class ArmLimits(Resource):
+    """What one arm of a cell can do."""
+
+    robot: str
+    hand: str
+    payload: float
+    """Largest mass at the flange, hand included [kg]."""
+    spare_payload: float
+    """What of it is left beside the hand: the hand never bears more than its weight [kg]."""
+    shoulder: tuple[float, float, float]
+    """Where the reach is counted from, in the world [m]."""
+    reach: float
+    """Nothing farther from the shoulder is touched by the hand, in whatever posture; much that is nearer is not
+    reached either [m]."""
+    stroke: tuple[float, float] | None
+    """Least and largest opening of a gripper [m]; null: the hand is a stick."""
+
+
+class CellLimits(Resource):
+    """Where a cell's tasks are, and with what they are done."""
+
+    table: TableLimits
+    arms: dict[str, ArmLimits]
+
+    @classmethod
+    def of(cls, cell: Cell) -> Self:
+        """Return what a cell's files say."""
+        # By definition of a cell its first box is the table.
+        low, high = cell.boxes[0].center - 0.5 * cell.boxes[0].size, cell.boxes[0].center + 0.5 * cell.boxes[0].size
+        table = TableLimits(x=(low[0], high[0]), y=(low[1], high[1]), top=cell.table_top)
+        return cls(table=table, arms={name: _arm_limits(arm) for name, arm in cell.arms.items()})
+
+
+def _arm_limits(arm: Arm) -> ArmLimits:
+    span, hand = ArmSpan.of(arm), arm.hand
+    x, y, z = (round(float(value), 4) for value in span.center)
+    return ArmLimits(
+        robot=arm.robot.name,
+        hand=hand.name,
+        payload=arm.robot.payload,
+        spare_payload=round(arm.spare_payload, 4),
+        shoulder=(x, y, z),
+        reach=round(span.radius, 4),
+        stroke=(0.0, hand.width_max) if isinstance(hand, Gripper) else None,
+    )
+
+
 class Capabilities(Resource):
     """What this service can plan."""
 
     kinds: list[str]
     cells: list[str]
+    cell_limits: dict[str, CellLimits]
+    """By name of the cell: its table, and reach, payload and gripper of its arms."""
     lifter_models: list[str]
     """Of plate lifts."""
     tools: list[str]
@@ -60,11 +130,12 @@ router = APIRouter(prefix="/v1", tags=["capabilities"])
 
 @router.get("/capabilities", summary="What this service can plan")
 def get_capabilities(request: Request, settings: Settings) -> Capabilities:
-    """Return kinds of tasks, cells, tools, lifter models, shapes, examples, limits and versions."""
+    """Return kinds of tasks, cells with what they reach and bear, tools, lifter models, shapes, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
         cells=sorted(request.app.state.cells),
-        lifter_models=list(PLANNED_LIFTERS),
+        cell_limits={name: CellLimits.of(cell) for name, cell in sorted(request.app.state.cells.items())},
+        lifter_models=list(get_args(LifterModel)),
         tools=known_tools(),
         shapes=list(PLANNED_SHAPES),
         meshes=known_meshes(),
@@ -74,6 +145,8 @@ def get_capabilities(request: Request, settings: Settings) -> Capabilities:
             max_mesh_bytes=settings.max_mesh_bytes,
             max_queued=settings.max_queued,
             max_delayed=settings.max_delayed,
+            max_studies=settings.max_studies,
+            max_study_points=settings.max_study_points,
             max_webhooks=settings.max_webhooks,
             max_wait_seconds=settings.max_wait_seconds,
             requests_per_second=settings.requests_per_second,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
@@ -12,8 +14,10 @@ from app.access.caller import Caller
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import PlanFeed
 from app.resources.scene_collection import SceneCollection
+from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.settings import ServiceSettings
+from app.task_intake import accept_task
 
 
 def caller_of(connection: HTTPConnection) -> Caller:
@@ -31,9 +35,20 @@ def scenes_of(connection: HTTPConnection) -> SceneCollection:
     return connection.app.state.scenes.seen_by(caller_of(connection))
 
 
+def studies_of(connection: HTTPConnection) -> StudyCollection:
+    """Return the studies that the caller may see."""
+    return connection.app.state.studies.seen_by(caller_of(connection))
+
+
 def webhooks_of(connection: HTTPConnection) -> WebhookCollection:
     """Return the webhooks that the caller may see."""
     return connection.app.state.webhooks.seen_by(caller_of(connection))
+
+
+def intake_of(connection: HTTPConnection) -> Callable[[Any], dict[str, Any]]:
+    """Return what turns a caller's JSON data into a task that can be begun, or raises what is wrong with it."""
+    state, scenes = connection.app.state, scenes_of(connection).document
+    return partial(accept_task, cells=state.cells, uploads=state.meshes.get, scenes=scenes, tools=state.tools)
 
 
 def _authenticator(connection: HTTPConnection) -> Authenticator:
@@ -44,6 +59,10 @@ def _feed(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.feed
 
 
+def _study_feed(connection: HTTPConnection) -> PlanFeed:
+    return connection.app.state.study_feed
+
+
 def _settings(connection: HTTPConnection) -> ServiceSettings:
     return connection.app.state.settings
 
@@ -51,7 +70,10 @@ def _settings(connection: HTTPConnection) -> ServiceSettings:
 CurrentCaller = Annotated[Caller, Depends(caller_of)]
 Plans = Annotated[PlanCollection, Depends(plans_of)]
 Scenes = Annotated[SceneCollection, Depends(scenes_of)]
+Studies = Annotated[StudyCollection, Depends(studies_of)]
 Webhooks = Annotated[WebhookCollection, Depends(webhooks_of)]
+Intake = Annotated[Callable[[Any], dict[str, Any]], Depends(intake_of)]
 Authentication = Annotated[Authenticator, Depends(_authenticator)]
 Feed = Annotated[PlanFeed, Depends(_feed)]
+StudyFeed = Annotated[PlanFeed, Depends(_study_feed)]
 Settings = Annotated[ServiceSettings, Depends(_settings)]

@@ -7,13 +7,14 @@ from urllib.parse import parse_qs, urlsplit
 
 from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse, Response
 
 from app.access.access_control import LOGIN, address_of, write_audit
 from app.access.authenticator import COOKIE, Credentials
 from app.access.session_store import SESSION_SECONDS
 from app.errors import KeyNeeded, TooManyRequests
 from app.routes.dependencies import Authentication, CurrentCaller, Settings
+from app.routes.pages import PageResponse
 from app.uploads.body import read_limited
 from app.viewer.page import login_page
 
@@ -26,7 +27,7 @@ router = APIRouter(include_in_schema=False)
 @router.get(LOGIN)
 def get_login(authenticator: Authentication, wanted: Annotated[str, Query(alias="next")] = VIEWER) -> Response:
     """Return the page that asks for a key."""
-    return RedirectResponse(VIEWER, 303) if authenticator.open else HTMLResponse(login_page(_here(wanted)))
+    return RedirectResponse(VIEWER, 303) if authenticator.open else PageResponse(login_page(_here(wanted)))
 
 
 @router.post(LOGIN)
@@ -37,9 +38,9 @@ async def log_in(request: Request, authenticator: Authentication, settings: Sett
     try:
         caller = await authenticator.admit(Credentials(key, None), address_of(request) or "")
     except KeyNeeded:
-        return HTMLResponse(login_page(wanted, "This key opens nothing."), 401)
+        return PageResponse(login_page(wanted, "This key opens nothing."), 401)
     except TooManyRequests as error:
-        return HTMLResponse(login_page(wanted, "Too many tries; wait a little."), 429, dict(error.headers))
+        return PageResponse(login_page(wanted, "Too many tries; wait a little."), 429, dict(error.headers))
     response = RedirectResponse(wanted, 303)
     if caller.key_id is not None:
         token = await run_in_threadpool(authenticator.sessions.begin, caller.key_id)

@@ -11,17 +11,15 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
-from app.errors import BadHeader
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
-from app.resources.schemas import PROBLEM, PlanList, PlanResource
-from app.routes.dependencies import Feed, Plans, Settings, scenes_of, webhooks_of
-from app.task_intake import accept_task
+from app.resources.schemas import PROBLEM, PlanList, PlanResource, StudyResource
+from app.routes.dependencies import Feed, Plans, Settings, intake_of, webhooks_of
+from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
 from workers.stores.jobs import JobOrder
 
-KEY_PATTERN = r"^[\x21-\x7e]{1,255}$"
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As `If-None-Match` says"}}
 BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
@@ -67,11 +65,11 @@ async def post_plan(
     prefer: Annotated[str | None, Header(description="`wait=30`: answer when the job has ended, or after 30 s")] = None,
 ) -> Response:
     """Accept a task; its job runs in the background."""
-    key = _read_idempotency_key(idempotency_key)
+    key = read_idempotency_key(idempotency_key)
     # There may be several, of which the framework would give one.
-    wait = None if prefer is None else _read_wait(request.headers.getlist("prefer"))
+    wait = None if prefer is None else read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
-    state, scenes, webhooks = request.app.state, scenes_of(request).document, webhooks_of(request)
+    intake, webhooks = intake_of(request), webhooks_of(request)
 
     def submit() -> PlanResource:
         sent = parse_json(body)
@@ -79,7 +77,7 @@ async def post_plan(
         def accepted() -> dict[str, Any]:
             if order.webhook_id is not None:
                 webhooks.require_usable(order.webhook_id)
-            return accept_task(sent, state.cells, state.meshes.get, scenes, state.tools)
+            return intake(sent)
 
         return plans.submit(sent, accepted, key, order)
 
@@ -89,8 +87,8 @@ async def post_plan(
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
         plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
-            return _plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
-    return _plan_response(plan, 202, headers)
+            return plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
+    return plan_response(plan, 202, headers)
 
 
 @router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)
@@ -103,8 +101,8 @@ def list_plans(plans: Plans, query: Annotated[PlanQuery, Query()]) -> PlanList:
 @router.get("/{plan_id}", response_model=PlanResource, summary="Look at a plan", responses={**NOT_FOUND, **UNCHANGED})
 def get_plan(plan_id: str, plans: Plans, if_none_match: Annotated[str | None, Header()] = None) -> Response:
     """Return a plan; 304 if it is as the `ETag` in `If-None-Match` says."""
-    response = _plan_response(plans.plan(plan_id), 200, {})
-    return _unless_known(response, if_none_match)
+    response = plan_response(plans.plan(plan_id), 200, {})
+    return unless_known(response, if_none_match)
 
 
 @router.get(
@@ -134,7 +132,7 @@ def get_document(
         headers["Content-Encoding"] = "gzip"
     else:
         body = gzip.decompress(body)
-    return _unless_known(Response(body, 200, headers, "application/json"), if_none_match)
+    return unless_known(Response(body, 200, headers, "application/json"), if_none_match)
 
 
 @router.get(
@@ -153,11 +151,11 @@ async def get_events(
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
     plan = await run_in_threadpool(plans.plan, plan_id)
     sent = await run_in_threadpool(plans.store.last_event, plan_id)
-    received = _read_event_id(last_event_id, sent + 1 if plan.done else sent)
+    received = read_event_id(last_event_id, sent + 1 if plan.done else sent)
     if received > sent:
         return Response(status_code=204)
     return StreamingResponse(
-        stream_events(plans, feed, plan_id, received),
+        stream_events(feed, plan_id, received, plans.plan),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store"},
     )
@@ -172,7 +170,7 @@ async def get_events(
 )
 def cancel_plan(plan_id: str, plans: Plans) -> Response:
     """Cancel a job; its process is gone within a second."""
-    return _plan_response(plans.cancel(plan_id), 202, {})
+    return plan_response(plans.cancel(plan_id), 202, {})
 
 
 @router.delete(
@@ -186,46 +184,10 @@ def delete_plan(plan_id: str, plans: Plans) -> None:
     plans.delete(plan_id)
 
 
-def _plan_response(plan: PlanResource, status: int, headers: dict[str, str]) -> Response:
+def plan_response(plan: PlanResource | StudyResource, status: int, headers: dict[str, str]) -> Response:
+    """Return a plan or a study as an answer, which says whether it may still change."""
     body = plan.model_dump_json().encode()
     headers = {**headers, "ETag": f'"{hashlib.sha256(body).hexdigest()[:32]}"', "Cache-Control": "no-cache"}
     if not plan.done:
         headers["Retry-After"] = "1"
     return Response(body, status, headers, "application/json")
-
-
-def _unless_known(response: Response, if_none_match: str | None) -> Response:
-    if if_none_match is None:
-        return response
-    known = {tag.strip().removeprefix("W/") for tag in if_none_match.split(",")}
-    if response.headers["ETag"].removeprefix("W/") not in known and "*" not in known:
-        return response
-    kept = ("etag", "cache-control", "retry-after", "vary")
-    return Response(status_code=304, headers={k: v for k, v in response.headers.items() if k in kept})
-
-
-def _read_idempotency_key(header: str | None) -> str | None:
-    if header is None:
-        return None
-    key = header.strip().strip('"')
-    if not re.fullmatch(KEY_PATTERN, key):
-        raise BadHeader("Idempotency-Key must be 1 to 255 visible characters")
-    return key
-
-
-def _read_wait(prefer: list[str]) -> int | None:
-    """Return the first `wait` [s]; preferences that are not understood are ignored (RFC 7240)."""
-    for preference in ",".join(prefer).split(","):
-        match = re.fullmatch(r"\s*wait\s*=\s*(\"?)(\d{1,9})\1\s*(;.*)?", preference, re.IGNORECASE | re.ASCII)
-        if match is not None:
-            return int(match.group(2))
-    return None
-
-
-def _read_event_id(header: str | None, last: int) -> int:
-    """Return how many events a client has; `last` were sent at most."""
-    if header is None:
-        return 0
-    if not re.fullmatch(r"\d{1,9}", header, re.ASCII) or int(header) > last:
-        raise BadHeader("Last-Event-ID must be the id of an event of this stream")
-    return int(header)

@@ -13,12 +13,11 @@ from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Re
 
 from app.access.access_control import admit
 from app.resources.schemas import PROBLEM
-from app.routes.dependencies import Plans, Scenes
-from app.viewer.page import LIVE_SCRIPTS, MEDIA_TYPES, STYLES, live_page, static_text
+from app.routes.dependencies import Plans, Scenes, Studies
+from app.routes.pages import PageResponse
+from app.viewer.page import LIVE_FILES, MEDIA_TYPES, compare_page, live_page, static_text
 from app.viewer.scene_servers import SceneServers
 from app.viewer.watch import POLICY_VIOLATION, Visible, relay_scene, watch
-
-FILES = frozenset({*STYLES, *LIVE_SCRIPTS})
 
 router = APIRouter(tags=["viewer"])
 
@@ -52,6 +51,18 @@ def view_scene(scene_id: str, scenes: Scenes) -> Response:
 
 
 @router.get(
+    "/v1/studies/{study_id}/view",
+    status_code=307,
+    response_class=RedirectResponse,
+    summary="Look at a study",
+    responses={307: {"description": "`Location` is the page of this study"}, 404: PROBLEM},
+)
+def view_study(study_id: str, studies: Studies) -> Response:
+    """Go to the page of a study: its map, painted onto the plate where places of the cup are varied."""
+    return RedirectResponse(f"/viewer/study?study={studies.study(study_id).id}")
+
+
+@router.get(
     "/v1/plans/{plan_id}/recording.html",
     response_class=HTMLResponse,
     summary="Fetch a recording",
@@ -75,7 +86,19 @@ def to_viewer() -> Response:
 @router.get("/viewer/", response_class=HTMLResponse, summary="Watch plans")
 def get_viewer() -> Response:
     """Return the viewer's page."""
-    return HTMLResponse(live_page())
+    return PageResponse(live_page())
+
+
+@router.get("/viewer/compare", response_class=HTMLResponse, summary="Watch two plans side by side")
+def get_comparison() -> Response:
+    """Return the page with two plans, one clock and their differences; `?plans=ID,ID` are the plans."""
+    return PageResponse(compare_page())
+
+
+@router.get("/viewer/study", response_class=HTMLResponse, summary="Look at studies")
+def get_study_page() -> Response:
+    """Return the page of studies."""
+    return PageResponse(static_text("study.html"))
 
 
 @router.get("/viewer/scene/{key}/", include_in_schema=False)
@@ -89,7 +112,7 @@ def get_scene_page(key: str, servers: Annotated[SceneServers, Depends(_scene_ser
 @router.get("/viewer/{name}", include_in_schema=False)
 def get_file(name: str) -> Response:
     """Return a style or script of the page."""
-    if name not in FILES:
+    if name not in LIVE_FILES:
         raise HTTPException(404, f"the viewer has no file {name!r}")
     return Response(static_text(name), media_type=MEDIA_TYPES[PurePath(name).suffix])
 
@@ -97,7 +120,7 @@ def get_file(name: str) -> Response:
 @router.websocket("/viewer/watch")
 async def watch_plans(socket: WebSocket) -> None:
     """Open a scene for as long as the page is open."""
-    await watch(socket, socket.app.state.scene_servers, partial(_visible_now, socket))
+    await watch(socket, socket.app.state.scene_servers, partial(visible_now, socket))
 
 
 @router.websocket("/viewer/scene/{key}")
@@ -107,7 +130,7 @@ async def watch_scene(socket: WebSocket, key: str) -> None:
     await (socket.close(POLICY_VIOLATION, "this scene is closed") if server is None else relay_scene(socket, server))
 
 
-async def _visible_now(socket: WebSocket) -> Visible:
+async def visible_now(socket: WebSocket) -> Visible:
     """Return what the watcher may see now: the key of a page that is open may have been revoked since."""
     caller = await admit(socket)
     assert caller is not None, "the viewer's websockets are not public"

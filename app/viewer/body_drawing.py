@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from viser import FrameHandle, SceneApi, SceneNodeHandle
+from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import HANDS, LinkMeshes
+from app.viewer.link_meshes import FULL, Detail, LinkMeshes
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
 from planners.cell.asset_files import (
     AssetShelf,
     GripperFile,
     LinkFile,
+    MeshFile,
     RobotFile,
     read_hand_file,
     read_robot_file,
@@ -38,6 +40,8 @@ CUP_PROFILE = np.array(
     [[1.0, 0.0], [1.0, 0.06], [0.72, 0.26], [0.86, 0.34], [0.60, 0.52], [0.60, 0.80], [0.34, 0.84], [0.34, 1.0]]
 )
 """Radius and height of a bellows cup's outline, in radii of its lip and in its height."""
+SUN = (1.6, -1.2, 3.2)
+"""Whence it shines."""
 SENSOR_COLOUR = (44, 48, 54)
 STICK_COLOUR = (176, 182, 190)
 RUBBER_COLOUR = (34, 36, 40)
@@ -69,15 +73,20 @@ def place_at(handle: SceneNodeHandle, pose: Array) -> None:
     handle.position, handle.wxyz = pose[:3], pose[3:]
 
 
-def light_scene(scene: SceneApi, root: str) -> None:
-    """Set light and floor: soft light from all sides, one sun with shadows."""
+def _light_scene(scene: SceneApi, root: str, detail: Detail) -> None:
+    """Set light and floor: soft light from all sides, one sun, with shadows where there is time for them."""
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.2)
+    if detail.shadows:
+        scene.configure_environment_map("studio", environment_intensity=0.2)
+    else:
+        scene.configure_environment_map(None)
+    # Without surroundings that shine from everywhere, the sky has to.
+    sun, sky = (0.9, 0.55) if detail.shadows else (1.6, 2.1)
     scene.add_light_directional(
-        f"{root}/lights/sun", color=(255, 250, 242), intensity=0.9, cast_shadow=True, position=(1.6, -1.2, 3.2)
+        f"{root}/lights/sun", color=(255, 250, 242), intensity=sun, cast_shadow=detail.shadows, position=SUN
     )
     scene.add_light_directional(f"{root}/lights/fill", color=(214, 228, 255), intensity=0.22, position=(-0.8, 2.0, 2.2))
-    scene.add_light_ambient(f"{root}/lights/sky", color=(235, 242, 255), intensity=0.55)
+    scene.add_light_ambient(f"{root}/lights/sky", color=(235, 242, 255), intensity=sky)
     scene.add_grid(
         f"{root}/floor",
         width=6.0,
@@ -85,10 +94,64 @@ def light_scene(scene: SceneApi, root: str) -> None:
         plane="xy",
         cell_size=0.25,
         section_size=1.0,
-        cell_color=(214, 220, 228),
-        section_color=(190, 199, 210),
-        shadow_opacity=0.25,
+        cell_color=(152, 161, 172),
+        section_color=(128, 138, 150),
+        cell_thickness=0.5,
+        section_thickness=0.8,
+        shadow_opacity=0.25 if detail.shadows else 0.0,
     )
+
+
+class Stage:
+    """Light, floor and robots: what all scenes of one cell have, drawn once and kept from one plan to the next."""
+
+    def __init__(self, scene: SceneApi, root: str, cell: Cell, meshes: LinkMeshes, detail: Detail = FULL) -> None:
+        """Draw the cell with its robots at home.
+
+        Args:
+            scene: that has no other stage.
+            root: name of the node that all others stand under, never used before in the server's life.
+            cell: whose robots are drawn.
+            meshes: drawings of them.
+            detail: how much is drawn.
+        """
+        self.scene, self.cell, self.detail = scene, cell, detail
+        self._root = add_frame(scene, root, np.eye(4))
+        _light_scene(scene, root, detail)
+        self._robots = add_frame(scene, f"{root}/robot", np.eye(4))
+        self.robot = RobotDrawing(scene, cell, meshes, f"{root}/robot", detail)
+        self.robot.pose(cell.home, {})
+
+    def set_up(self) -> None:
+        """Show the robots at home, without frames, as they are before anything is played."""
+        self.show_robot(True)
+        self.robot.show_frames(False)
+        self.robot.pose(self.cell.home, {})
+
+    def show_robot(self, visible: bool) -> None:
+        """Show or hide the robots."""
+        self._robots.visible = visible
+
+    def remove(self) -> None:
+        """Take all of it out of the scene."""
+        self._root.remove()
+
+
+class EmptyCell:
+    """A cell with nothing to be done in it: what is seen while a plan is loaded."""
+
+    layers = ()
+
+    def __init__(self, stage: Stage, root: str) -> None:
+        stage.set_up()
+        for name, body in stage.cell.body_documents().items():
+            draw_body(stage.scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose)
+        (table,) = (box for box in stage.cell.boxes if box.name == "table")
+        self.body_position = np.array([*table.center[:2], stage.cell.table_top])
+        """The middle of the table (3,), in the world [m]."""
+
+    def set_layer(self, layer: str, visible: bool) -> None:
+        """Show or hide nothing: there are no layers."""
 
 
 def draw_body(
@@ -113,9 +176,23 @@ def draw_body(
         tint: colour instead of that of its role.
     """
     frame = add_frame(scene, name, from_pose7(pose))
+    draw_surface(scene, name, role, shape, ghost=ghost, tint=tint)
+    return frame
+
+
+def draw_surface(
+    scene: SceneApi,
+    name: str,
+    role: str,
+    shape: Box | Cylinder | Prism | InlineMesh,
+    *,
+    ghost: tuple[Rgb, float] | None = None,
+    tint: Rgb | None = None,
+) -> MeshHandle:
+    """Add a body's surface with its edges under a frame that is there; the arguments are those of `draw_body`."""
     colour, opacity = ghost or (tint or BODIES[role], TRANSLUCENT.get(role))
-    vertices, faces, round_ = _surface(role, shape)
-    scene.add_mesh_simple(
+    vertices, faces, round_ = surface_of(role, shape)
+    drawn = scene.add_mesh_simple(
         f"{name}/surface",
         vertices,
         faces,
@@ -129,14 +206,14 @@ def draw_body(
     if role in OUTLINED and not round_:
         scene.add_line_segments(
             f"{name}/edges",
-            _sharp_edges(vertices, faces),
+            sharp_edges(vertices, faces),
             np.array(colour) * EDGE_DARKENING / 255.0,
             thickness=1.5,
             thickness_units="screen",
         )
     if role == "tool" and ghost is None:
         _draw_lip(scene, f"{name}/lip", vertices)
-    return frame
+    return drawn
 
 
 def _draw_lip(scene: SceneApi, name: str, tool: Array) -> None:
@@ -149,8 +226,8 @@ def _draw_lip(scene: SceneApi, name: str, tool: Array) -> None:
         )
 
 
-def _surface(role: str, shape: Box | Cylinder | Prism | InlineMesh) -> tuple[Array, np.ndarray, bool]:
-    """Return vertices, faces, and whether the surface is round."""
+def surface_of(role: str, shape: Box | Cylinder | Prism | InlineMesh) -> tuple[Array, np.ndarray, bool]:
+    """Return vertices (n, 3) and faces (m, 3) of a body as it is drawn, and whether its surface is round."""
     match shape:
         case Box():
             mesh = trimesh.creation.box(shape.size)
@@ -179,19 +256,36 @@ def _cup(radius: float, height: float) -> tuple[Array, np.ndarray]:
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
-def _sharp_edges(vertices: Array, faces: np.ndarray) -> Array:
+def sharp_edges(vertices: Array, faces: np.ndarray) -> Array:
     """Return the edges (n, 2, 3) at which the surface bends."""
     mesh = trimesh.Trimesh(vertices, faces, process=True)
     sharp = mesh.face_adjacency_edges[mesh.face_adjacency_angles > np.radians(20.0)]
     return np.asarray(mesh.vertices[sharp], dtype=float)
 
 
+@dataclass(frozen=True)
+class Drawings:
+    """Drawings of meshes, in one detail."""
+
+    meshes: LinkMeshes
+    detail: Detail
+
+    def link(self, link: LinkFile) -> bytes:
+        """Return a link's drawing as binary glTF."""
+        return self.meshes.glb(link.mesh, link.transform(), self.detail.links)
+
+    def hand(self, mesh: MeshFile) -> bytes:
+        """Return the drawing of a part of a hand."""
+        return self.meshes.glb(mesh, np.eye(4), self.detail.hands)
+
+
 class RobotDrawing:
     """All arms of a cell under one node of the scene tree."""
 
-    def __init__(self, scene: SceneApi, cell: Cell, meshes: LinkMeshes, root: str) -> None:
+    def __init__(self, scene: SceneApi, cell: Cell, meshes: LinkMeshes, root: str, detail: Detail) -> None:
         shelf = shipped_shelf()
-        self.arms = {name: ArmDrawing(scene, arm, meshes, shelf, f"{root}/{name}") for name, arm in cell.arms.items()}
+        drawn = Drawings(meshes, detail)
+        self.arms = {name: ArmDrawing(scene, arm, drawn, shelf, f"{root}/{name}") for name, arm in cell.arms.items()}
 
     def pose(self, positions: Array, widths: Mapping[str, float]) -> None:
         """Show joint positions (12,) [rad] and gripper openings by arm [m]."""
@@ -207,21 +301,21 @@ class RobotDrawing:
 class ArmDrawing:
     """One arm with its hand: a chain of frames, of which only the turning ones ever change."""
 
-    def __init__(self, scene: SceneApi, arm: Arm, meshes: LinkMeshes, shelf: AssetShelf, root: str) -> None:
+    def __init__(self, scene: SceneApi, arm: Arm, drawings: Drawings, shelf: AssetShelf, root: str) -> None:
         self._arm = arm
         self._positions = np.full(6, np.nan)
         self._joints: list[FrameHandle] = []
         add_frame(scene, root, arm.T_world_base)
         links = link_files(arm, shelf)
-        _draw_link(scene, f"{root}/link_0", meshes, links[0])
+        scene.add_glb(f"{root}/link_0", drawings.link(links[0]))
         parent = root
         for index, (a, alpha, d, _) in enumerate(arm.dh, start=1):
             joint = f"{parent}/joint_{index}"
             self._joints.append(add_frame(scene, joint, np.eye(4)))
             parent = f"{joint}/after"
             add_frame(scene, parent, transform(rotation_x(alpha), [a, 0.0, d]))
-            _draw_link(scene, f"{parent}/link_{index}", meshes, links[index])
-        self._hand = _draw_hand(scene, arm, meshes, shelf, parent)
+            scene.add_glb(f"{parent}/link_{index}", drawings.link(links[index]))
+        self._hand = _draw_hand(scene, arm, drawings, shelf, parent)
         self.tcp = add_frame(scene, f"{parent}/tcp", np.eye(4), axes_length=0.07)
         self.tcp.visible = False
         self._set_width(None)
@@ -269,13 +363,11 @@ class _StickDrawing:
 class _GripperDrawing:
     """A sensor, the gripper's base, and the parts of both fingers."""
 
-    def __init__(self, scene: SceneApi, hand: Gripper, file: GripperFile, meshes: LinkMeshes, flange: str) -> None:
+    def __init__(self, scene: SceneApi, hand: Gripper, file: GripperFile, drawings: Drawings, flange: str) -> None:
         self._hand, self._width = hand, math.nan
         _draw_sensor(scene, hand, flange)
         self._T_flange_base = transform(None, [0.0, 0.0, hand.base_height])
-        scene.add_glb(
-            f"{flange}/gripper", meshes.glb(file.meshes.base, np.eye(4), HANDS), position=(0.0, 0.0, hand.base_height)
-        )
+        scene.add_glb(f"{flange}/gripper", drawings.hand(file.meshes.base), position=(0.0, 0.0, hand.base_height))
         self._parts: list[dict[str, FrameHandle]] = []
         for finger in range(2):
             frames = {}
@@ -285,7 +377,7 @@ class _GripperDrawing:
                 if part == "pad":
                     scene.add_box(f"{name}/box", color=RUBBER_COLOUR, dimensions=hand.pad_size)
                 else:
-                    scene.add_glb(f"{name}/mesh", meshes.glb(getattr(file.meshes, part), np.eye(4), HANDS))
+                    scene.add_glb(f"{name}/mesh", drawings.hand(getattr(file.meshes, part)))
             self._parts.append(frames)
 
     def set_width(self, width: float | None) -> Transform | None:
@@ -304,13 +396,13 @@ class _GripperDrawing:
 
 
 def _draw_hand(
-    scene: SceneApi, arm: Arm, meshes: LinkMeshes, shelf: AssetShelf, flange: str
+    scene: SceneApi, arm: Arm, drawings: Drawings, shelf: AssetShelf, flange: str
 ) -> _StickDrawing | _GripperDrawing:
     if isinstance(arm.hand, Pusher):
         return _StickDrawing(scene, arm.hand, flange)
     file = read_hand_file(shelf.find("hands", arm.hand.name, "hand"))
     assert isinstance(file, GripperFile)
-    return _GripperDrawing(scene, arm.hand, file, meshes, flange)
+    return _GripperDrawing(scene, arm.hand, file, drawings, flange)
 
 
 def _draw_sensor(scene: SceneApi, hand: Gripper | Pusher, flange: str) -> float:
@@ -327,7 +419,3 @@ def link_files(arm: Arm, shelf: AssetShelf) -> tuple[LinkFile, ...]:
         file = read_robot_file(shelf.find("robots", str(file.links_of), "links_of"))
     assert file.links is not None
     return file.links
-
-
-def _draw_link(scene: SceneApi, name: str, meshes: LinkMeshes, link: LinkFile) -> None:
-    scene.add_glb(name, meshes.glb(link.mesh, link.transform()))

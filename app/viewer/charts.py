@@ -12,10 +12,10 @@ from planners.contract.arrays import Rows
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import Array
-from planners.plan.contacts import SuctionContact
+from planners.plan.contacts import BearingContact, SuctionContact
 from planners.plan.plan import Plan
 from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
-from planners.plan.timeline import BorneContact, ContactSet
+from planners.plan.timeline import ContactSet
 from planners.regrasp.suction.suction_hold import suction_margin
 from planners.scene.suction_tool import TOOL_NAME, CupData
 
@@ -122,7 +122,7 @@ def _level(name: str, value: float, time: Array) -> Series:
     return Series(name=name, colour="limit", values=np.full(len(time), value), dashed=True)
 
 
-def _by_set(sets: Sequence[ContactSet], value: Callable[[tuple[BorneContact, ...]], float | None]) -> Array:
+def _by_set(sets: Sequence[ContactSet], value: Callable[[tuple[BearingContact, ...]], float | None]) -> Array:
     """Return a value of each contact set (n,), nan where there is none."""
     found = (value(each.contacts) for each in sets)
     return np.array([np.nan if number is None else number for number in found])
@@ -167,7 +167,7 @@ def _lifting_hands(plan: Plan, task: PlateLiftTask, sets: Sequence[ContactSet]) 
     return Chart(title=HANDS, unit="N", time=time, series=series)
 
 
-def _lift(contacts: Iterable[BorneContact], arm: str) -> float:
+def _lift(contacts: Iterable[BearingContact], arm: str) -> float:
     return float(sum(contact.wrench[2] for contact in contacts if contact.by == arm))
 
 
@@ -250,7 +250,7 @@ def _finger_forces(plan: Plan, task: SuctionToolTask, sets: Sequence[ContactSet]
     return Chart(title="Finger force", unit="N", time=time, series=series)
 
 
-def _hardest(contacts: Iterable[BorneContact], arm: str) -> float | None:
+def _hardest(contacts: Iterable[BearingContact], arm: str) -> float | None:
     """Return the greater normal force of a hand's fingers; None where it holds nothing."""
     return max((float(each.wrench[:3] @ each.normal) for each in contacts if each.by == arm), default=None)
 

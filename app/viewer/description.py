@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import JsonValue, PlainSerializer
 
+from app.check_words import PROOF, words_of_check
 from app.summary import figures_of, least_reserve, reason_of
 from app.viewer.charts import DIGITS, PERCENT, Chart, Spans, marked_spans, planned_charts, simulated_charts
 from app.viewer.considered import ConsideredDescription, describe_considered
 from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
 from app.viewer.playback import SourceName
 from planners.contract.strict_model import StrictModel
+from planners.contract.task_change import CannotBeChanged, changed
+from planners.contract.task_spec import write_task
+from planners.plan.loads import loads_of
 from planners.plan.plan import Plan
-from planners.plan.segment import Grip
-from planners.plan.verdicts import Certificate, Statistics
+from planners.plan.segment import Grip, Segment
+from planners.plan.verdicts import Certificate, Remedy, Statistics
 
 BY_CONTACT = "contact_states"
 """Member of a graph's figures that has the same figures for each contact state."""
@@ -48,6 +52,10 @@ class SegmentDescription(StrictModel):
     state: str
     """The contact state of a plate, or the object that is moved."""
     hold: str
+    reserve: str = NO_FIGURE
+    """The least share of all limits that is kept back [%]."""
+    force: str = NO_FIGURE
+    """The most that a hand bears [N]."""
 
 
 class SourceDescription(StrictModel):
@@ -89,11 +97,42 @@ class SimulationDescription(StrictModel):
     model: list[str]
 
 
+class CheckDescription(StrictModel):
+    """One check of the certificate."""
+
+    name: str
+    sentence: str
+    """What it asks, for who reads the plan."""
+    passed: bool
+    margin: float | None
+    unit: str | None
+    where: str
+
+
+class CertificateDescription(StrictModel):
+    """What was checked again."""
+
+    title: str
+    about: str
+    """Says so where it was no motion that was checked."""
+    checks: list[CheckDescription]
+
+
 class CauseDescription(StrictModel):
     """A reason why there is no plan."""
 
     reason: str
     numbers: str | None
+
+
+class RemedyDescription(StrictModel):
+    """A change of the task with which there is a plan."""
+
+    sentence: str
+    figures: str
+    """What came of planning the changed task."""
+    task: dict[str, JsonValue] | None
+    """The changed task, to be posted; None: the change does not fit the task that the plan states."""
 
 
 class LeastReserveDescription(StrictModel):
@@ -133,6 +172,8 @@ class PlanDescription(StrictModel):
     outcome_meaning: str
     summary: str
     causes: list[CauseDescription]
+    remedies: list[RemedyDescription] | None
+    """What to change; None: there is a plan, or it was not looked for."""
     tabs: tuple[str, ...]
     """Of the panel, in order."""
     simulation_words: str
@@ -149,7 +190,7 @@ class PlanDescription(StrictModel):
     """What a person wants to know first."""
     figures: list[FigureGroup]
     rejections: list[tuple[str, int]]
-    certificate: Certificate | None
+    certificate: CertificateDescription | None
 
 
 class KindDescription(ABC):
@@ -203,6 +244,7 @@ class KindDescription(ABC):
                 CauseDescription(reason=reason_of(cause), numbers=figures_of(cause))
                 for cause in plan.explanation.causes
             ],
+            remedies=_remedies(plan),
             tabs=self.tabs,
             simulation_words=self.simulation_words,
             force_scale=1e3 * FORCE_SCALES[plan.task.kind],
@@ -218,12 +260,16 @@ class KindDescription(ABC):
             highlights=self._all_highlights(),
             figures=_figures(plan.statistics),
             rejections=sorted(plan.statistics.rejections.items(), key=lambda item: -item[1]),
-            certificate=plan.certificate,
+            certificate=None if plan.certificate is None else _certificate(plan.certificate, plan.outcome),
         )
 
     def _sources(self) -> dict[SourceName, SourceDescription]:
         """Return what can be played: the plan, and its simulation if there is one."""
-        plan, segments = self.plan, self.segments()
+        plan = self.plan
+        segments = [
+            told.model_copy(update=_figures_of_segment(segment, plan))
+            for told, segment in zip(self.segments(), plan.segments, strict=True)
+        ]
         sources: dict[SourceName, SourceDescription] = {
             "plan": SourceDescription(
                 duration=plan.duration,
@@ -271,14 +317,76 @@ class KindDescription(ABC):
             rows.append(("planned in", f"{statistics.total_seconds - after:.2f} s"))
         if certificate is not None:
             passed = len(certificate.checks) - len(certificate.failures)
-            rows.append(("certificate", f"{passed} of {len(certificate.checks)} checks"))
+            label = "certificate" if self.plan.segments else "its proof"
+            rows.append((label, f"{passed} of {len(certificate.checks)} checks"))
         return rows
+
+
+def _certificate(certificate: Certificate, outcome: str) -> CertificateDescription:
+    is_proof = outcome == "infeasible"
+    subject = "Proof that there is no plan" if is_proof else "Certificate of the plan"
+    return CertificateDescription(
+        title=f"{subject}: {'passed' if certificate.passed else 'FAILED'}",
+        about=PROOF if is_proof else "",
+        checks=[
+            CheckDescription(
+                name=plain(check.name),
+                sentence=words_of_check(check.name),
+                passed=check.passed,
+                margin=check.margin,
+                unit=check.unit,
+                where=check.where if isinstance(check.where, str) else "",
+            )
+            for check in certificate.checks
+        ],
+    )
+
+
+def _remedies(plan: Plan) -> list[RemedyDescription] | None:
+    """Return what to change where there is no plan."""
+    if plan.explanation.remedies is None:
+        return None
+    task = write_task(plan.task)
+    return [
+        RemedyDescription(
+            sentence=remedy.sentence, figures=_figures_of_remedy(remedy), task=_changed_task(task, remedy)
+        )
+        for remedy in plan.explanation.remedies
+    ]
+
+
+def _changed_task(task: Mapping[str, Any], remedy: Remedy) -> dict[str, JsonValue] | None:
+    try:
+        return changed(task, remedy.patch)
+    except CannotBeChanged:
+        return None
+
+
+def _figures_of_remedy(remedy: Remedy) -> str:
+    words = [OUTCOMES[remedy.outcome] + (", certified" if remedy.certified else "")]
+    if remedy.reserve is not None:
+        words.append(f"keeps back {PERCENT * remedy.reserve:.1f} %")
+    if remedy.largest_force is not None:
+        words.append(f"largest force {remedy.largest_force:.1f} N")
+    return "; ".join(words)
 
 
 def squeeze_words(grips: Sequence[Grip]) -> str:
     """Return with what force the pads press, to follow what is held; nothing where the plan does not command it."""
     forces = {f"{grip.squeeze:.0f} N" for grip in grips if grip.squeeze is not None}
     return f", squeezed with {' and '.join(sorted(forces))}" if forces else ""
+
+
+def _figures_of_segment(segment: Segment, plan: Plan) -> dict[str, str]:
+    """Return the least reserve of a segment, and the most that a hand bears in it."""
+    figures = {}
+    reserve = None if segment.reserve is None else segment.reserve[~np.isnan(segment.reserve)]
+    if reserve is not None and len(reserve):
+        figures["reserve"] = f"{PERCENT * reserve.min():.1f}"
+    force = max((force for force, _ in loads_of(segment, plan)), default=0.0)
+    if force > 0.0:
+        figures["force"] = f"{force:.1f}"
+    return figures
 
 
 def _least_reserve(plan: Plan, segments: Sequence[SegmentDescription]) -> LeastReserveDescription | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.summary import contact_word, failure_of, largest_load
+from app.summary import contact_word, failure_of
 from app.viewer.charts import MILLIMETRES, PERCENT
 from app.viewer.description import (
     FigureGroup,
@@ -18,6 +18,7 @@ from app.viewer.description import (
     squeeze_words,
 )
 from planners.contract.task_spec import PlateLiftTask
+from planners.plan.loads import largest_load
 from planners.plan.segment import Segment, SegmentKind
 from planners.plan.simulation import LiftSimulation, NodeComparison, SimulatedLift
 
@@ -29,7 +30,7 @@ BEARERS = {"left": "left hand", "right": "right hand", "cup": "cup", "support": 
 class LiftDescription(KindDescription):
     """Of a plan that lifts a plate."""
 
-    tabs = ("View", "Lift", "Figures", "Rejected", "Checks")
+    tabs = ("View", "Segments", "Lift", "Figures", "Rejected", "Checks")
     simulation_words = "Simulation with lift"
     meanings = ("left", "right", "environment", "suction", "sum", "limit", "start", "goal")
 

@@ -50,17 +50,29 @@ class Piece:
     """Linear, 0 to 1."""
 
 
-LINKS = ThinningSettings()
-HANDS = ThinningSettings(cell=1.7e-3)
+@dataclass(frozen=True)
+class Detail:
+    """How much a scene asks of the machine that draws it."""
+
+    links: ThinningSettings
+    hands: ThinningSettings
+    shadows: bool
+    """Shadows, and light that mirrors surroundings."""
+
+
+FULL = Detail(ThinningSettings(), ThinningSettings(cell=1.7e-3), shadows=True)
+LIGHT = Detail(ThinningSettings(cell=11e-3, crease=50.0), ThinningSettings(cell=5e-3, crease=50.0), shadows=False)
+"""For machines without a graphics card: an eighth of the triangles."""
 
 
 class LinkMeshes:
-    """Drawings of meshes, kept in a folder so that each is made once."""
+    """Drawings of meshes, kept in a folder so that each is made once, and in memory for the next watcher."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
+        self._read: dict[str, bytes] = {}
 
-    def glb(self, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings = LINKS) -> bytes:
+    def glb(self, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         """Return a mesh as binary glTF, in the frame that it moves with.
 
         Args:
@@ -72,6 +84,12 @@ class LinkMeshes:
             AssetError: There is no such mesh.
         """
         path = visual_path(mesh)
+        asked = repr((path, settings, mesh.scale, T_frame_mesh.round(9).tolist()))
+        if asked not in self._read:
+            self._read[asked] = self._kept(path, mesh, T_frame_mesh, settings)
+        return self._read[asked]
+
+    def _kept(self, path: Path, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         key = hashlib.sha256(path.read_bytes())
         key.update(repr((settings, mesh.scale, T_frame_mesh.round(9).tolist())).encode())
         kept = self._folder / f"{key.hexdigest()[:32]}.glb"

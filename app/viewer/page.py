@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from html import escape
 from importlib import resources
@@ -15,9 +15,19 @@ from app.viewer.playback import SourceName
 from app.viewer.tool_description import ToolDescription
 from planners.plan.plan import Plan
 
-STYLES = ("viewer.css",)
-SCRIPTS = ("plot.js", "charts.js", "timeline.js", "regrasp.js", "panel.js", "player.js")
-LIVE_SCRIPTS = (*SCRIPTS, "perceived.js", "live.js")
+STYLES = ("style.css", "viewer.css")
+SCRIPTS = ("page_parts.js", "plot.js", "charts.js", "timeline.js", "regrasp.js", "panel.js", "player.js")
+LIVE_SCRIPTS = (*SCRIPTS, "perceived.js", "connection.js", "live.js")
+EDITOR_STYLES = ("style.css", "editor.css")
+EDITOR_SCRIPTS = ("page_parts.js", "connection.js", "task_fields.js", "task_draft.js", "editor.js")
+COMPARE_STYLES = ("style.css", "compare.css")
+COMPARE_SCRIPTS = ("page_parts.js", "connection.js", "compare.js")
+PAGE_FILES = ("start.js", "reference.css", "reference.js", "study.css", "study.js")
+"""Of the pages beside the viewer."""
+LIVE_FILES = frozenset(
+    {*STYLES, *LIVE_SCRIPTS, *EDITOR_STYLES, *EDITOR_SCRIPTS, *COMPARE_STYLES, *COMPARE_SCRIPTS, *PAGE_FILES}
+)
+"""That pages ask for."""
 RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
 STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"
@@ -37,9 +47,23 @@ def static_text(name: str) -> str:
 
 def live_page() -> str:
     """Return the page that talks to the service."""
-    styles = "\n".join(f'<link rel="stylesheet" href="{name}">' for name in STYLES)
-    scripts = "\n".join(f'<script src="{name}"></script>' for name in LIVE_SCRIPTS)
-    return _assemble(styles, scripts)
+    return _linked("page.html", STYLES, LIVE_SCRIPTS)
+
+
+def editor_page() -> str:
+    """Return the page on which a task is made."""
+    return _linked("editor.html", EDITOR_STYLES, EDITOR_SCRIPTS)
+
+
+def compare_page() -> str:
+    """Return the page with two plans side by side."""
+    return _linked("compare.html", COMPARE_STYLES, COMPARE_SCRIPTS)
+
+
+def _linked(page: str, styles: Iterable[str], scripts: Iterable[str]) -> str:
+    """Return a page that asks the service for its styles and scripts."""
+    links = "\n".join(f'<link rel="stylesheet" href="{name}">' for name in styles)
+    return _assemble(page, links, "\n".join(f'<script src="{name}"></script>' for name in scripts))
 
 
 def login_page(wanted: str, refusal: str = "") -> str:
@@ -65,11 +89,11 @@ def recorded_page(description: PlanDescription, scene: str, begins: Mapping[Sour
     recorded = {"description": description.model_dump(mode="json", by_alias=True), "begins": begins, "scene": scene}
     data = f"<script>const RECORDED = {_literal(recorded)};</script>"
     scripts = "\n".join(f"<script>{static_text(name)}</script>" for name in RECORDED_SCRIPTS)
-    return _assemble(styles, f"{data}\n{scripts}")
+    return _assemble("page.html", styles, f"{data}\n{scripts}")
 
 
-def _assemble(styles: str, scripts: str) -> str:
-    return static_text("page.html").replace(STYLES_MARK, styles).replace(SCRIPTS_MARK, scripts)
+def _assemble(page: str, styles: str, scripts: str) -> str:
+    return static_text(page).replace(STYLES_MARK, styles).replace(SCRIPTS_MARK, scripts)
 
 
 def _literal(value: Any) -> str:

@@ -10,15 +10,15 @@ Rgb = tuple[int, int, int]
 MEANINGS: Final[dict[str, tuple[str, str]]] = {
     "left": ("#2f7fe0", "left hand"),
     "right": ("#f08a24", "right hand"),
-    "environment": ("#2fa866", "table, support"),
-    "suction": ("#9b59d0", "vacuum cup"),
-    "sum": ("#1d2733", "both hands"),
-    "reserve": ("#b3368c", "reserve"),
-    "limit": ("#d63a4a", "limit"),
+    "environment": ("#11a852", "table, support"),
+    "suction": ("#af7cbf", "vacuum cup"),
+    "sum": ("var(--ink)", "both hands"),
+    "reserve": ("#b21b6c", "reserve"),
+    "limit": ("#d62026", "limit"),
     "start": ("#8a97a6", "ghost at start"),
     "goal": ("#16a3b8", "ghost at goal"),
 }
-"""Colour and words by meaning."""
+"""Colour and words by meaning; what both hands bear is drawn in the ink of the page, be it dark or light."""
 
 SEGMENT_KINDS: Final[dict[str, tuple[str, str]]] = {
     "transit": ("#b8c4d2", "a hand travels"),
@@ -28,8 +28,8 @@ SEGMENT_KINDS: Final[dict[str, tuple[str, str]]] = {
     "handover": ("#5cc4a8", "from hand to hand"),
     "grip": ("#f0b429", "fingers close"),
     "release": ("#f6d67a", "fingers open"),
-    "attach": ("#9b59d0", "vacuum on"),
-    "detach": ("#c9a6e8", "vacuum off"),
+    "attach": ("#af7cbf", "vacuum on"),
+    "detach": ("#d9c0e0", "vacuum off"),
     "settle": ("#8d95d6", "hands take up the load"),
     "lift": ("#3f4fb5", "lift behind the lifter"),
     "still": ("#dde2e8", "robot stands still"),
@@ -59,7 +59,7 @@ BODIES: Final[dict[str, Rgb]] = {
     "obstacle": (196, 120, 118),
     "table": (84, 96, 110),
     "frame": (58, 66, 76),
-    "cup": (155, 89, 208),
+    "cup": (175, 124, 191),
     "cable": (52, 58, 66),
 }
 """By role of a plan document's bodies."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from viser import SceneApi, SceneNodeHandle
+from viser import SceneNodeHandle
 
-from app.viewer.body_drawing import RobotDrawing, add_frame, draw_body, hull_of_prism, light_scene
+from app.viewer.body_drawing import Stage, add_frame, draw_body, hull_of_prism
 from app.viewer.description import Row
-from app.viewer.link_meshes import LinkMeshes
 from app.viewer.palette import MEANINGS, rgb, vivid_tint
 from planners.cell.cell import Cell
 from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart, TablePart, UnrecognisedPart
@@ -41,31 +40,20 @@ class SceneDrawing:
 
     layers = LAYERS
 
-    def __init__(
-        self,
-        scene: SceneApi,
-        root: str,
-        document: SceneDocument,
-        points: SeenPoints | None,
-        cell: Cell,
-        meshes: LinkMeshes,
-    ) -> None:
+    def __init__(self, stage: Stage, root: str, document: SceneDocument, points: SeenPoints | None) -> None:
         """Draw what was perceived.
 
         Args:
-            scene: an empty scene.
+            stage: with nothing on it but the cell that it was perceived in.
             root: name of the node that all others stand under, never used before in the server's life.
             document: what was perceived.
             points: what was measured; None: nothing was, or it was not kept.
-            cell: that it was perceived in.
-            meshes: drawings of its robots.
         """
-        self._scene, self._root = scene, root
-        light_scene(scene, root)
+        scene, cell = stage.scene, stage.cell
+        self._scene, self._root, self._stage = scene, root, stage
+        stage.set_up()
         for name, body in cell.body_documents().items():
             draw_body(scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose)
-        robot = add_frame(scene, f"{root}/robot", np.eye(4))
-        RobotDrawing(scene, cell, meshes, f"{root}/robot").pose(cell.home, {})
         measured = points or _told_points(document)
         self._layers: dict[str, list[SceneNodeHandle]] = {
             "points": [self._add_points(index, measured) for index in range(len(document.objects))],
@@ -76,13 +64,15 @@ class SceneDrawing:
             ],
             "names": [self._add_name(part) for part in document.objects],
             "tool": [] if document.tool is None else [self._add_tool(document.tool)],
-            "robot": [robot],
         }
         self.body_position = _middle(document, cell)
         """The middle of what was found (3,), in the world [m]."""
 
     def set_layer(self, layer: str, visible: bool) -> None:
         """Show or hide one of `LAYERS`."""
+        if layer == "robot":
+            self._stage.show_robot(visible)
+            return
         for handle in self._layers[layer]:
             handle.visible = visible
 

@@ -7,30 +7,37 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
-from viser import ArrowsHandle, FrameHandle, SceneApi, SceneNodeHandle
+from viser import ArrowsHandle, FrameHandle, LabelHandle, SceneNodeHandle
 
-from app.viewer.body_drawing import RobotDrawing, add_frame, draw_body, light_scene, place, place_at
+from app.viewer.body_drawing import Stage, add_frame, draw_body, place, place_at
 from app.viewer.considered import draw_grasps, draw_places
-from app.viewer.link_meshes import LinkMeshes
 from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
 from app.viewer.playback import Playback, SourceName, objects_of_segments
 from planners.cell.cell import Cell
+from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.geometry.surface import hull_with_faces
 from planners.kinematics.forward import link_frames
 from planners.plan.plan import Plan
+from planners.plan.scenery import BodyDocument
 from planners.plan.timeline import ContactForce, Moment
 from planners.scene.suction_tool import TOOL_NAME
 
 LEAST_FORCE = 0.05
 """Smaller forces are not drawn [N]."""
+LEAST_TOLD_FORCE = 0.5
+"""The size of smaller ones is not written beside them [N]."""
+NAMED = frozenset({"plate", "object", "tool", "support", "obstacle"})
+"""Roles whose names are shown."""
+NAME_GAP = 0.02
+"""Between a body and its name [m]."""
 CONE_HEIGHT = 0.06
 """[m]"""
 ARROW_MEANINGS = ("left", "right", "environment", "suction")
-LAYERS = ("forces", "cones", "frames", "start", "goal", "places", "grasps")
+LAYERS = ("forces", "newtons", "cones", "names", "frames", "start", "goal", "places", "grasps")
 """What can be shown or hidden."""
-FIRST_LAYERS = frozenset({"forces"})
+FIRST_LAYERS = frozenset({"forces", "newtons", "names"})
 GHOST_OPACITY = 0.28
 MOVED = frozenset({"plate", "object"})
 """Roles of the body that a task is about."""
@@ -45,30 +52,22 @@ class PlanScene:
 
     layers = LAYERS
 
-    def __init__(
-        self,
-        scene: SceneApi,
-        root: str,
-        playback: Playback,
-        cell: Cell,
-        meshes: LinkMeshes,
-    ) -> None:
+    def __init__(self, stage: Stage, root: str, playback: Playback) -> None:
         """Draw a plan as it is at its start.
 
         Args:
-            scene: an empty scene.
+            stage: with nothing on it but the cell that the plan was made in.
             root: name of the node that all others stand under. A name is not to be used twice in a server's life:
                 viser forgets changes to a node when one of that name was removed before.
             playback: the plan, and its simulation if there is one.
-            cell: that the plan was made in.
-            meshes: drawings of its robots.
         """
         plan = playback.plan
+        scene, cell = stage.scene, stage.cell
         self._scene, self._root, self._playback, self._cell = scene, root, playback, cell
         self._visible = set(FIRST_LAYERS)
         self._arms = frozenset(cell.arms)
-        light_scene(scene, root)
-        self._robot = RobotDrawing(scene, cell, meshes, f"{root}/robot")
+        stage.set_up()
+        self._robot = stage.robot
         self._metres_per_newton = FORCE_SCALES[plan.task.kind]
         tints = _tints(plan)
         self._bodies = {
@@ -78,6 +77,8 @@ class PlanScene:
         self._poses = {name: np.zeros(7) for name in self._bodies}
         self._body_frames = self._add_body_frames(plan)
         self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
+        self._newtons: list[LabelHandle] = []
+        self._names = [self._add_name(name, body) for name, body in plan.bodies.items() if body.role in NAMED]
         self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
         self._ghosts = {
             "start": self._add_ghost("start", plan, plan.at(0.0)),
@@ -120,7 +121,9 @@ class PlanScene:
         (self._visible.add if visible else self._visible.discard)(layer)
         actions: dict[str, Callable[[], None]] = {
             "forces": self._show_contacts,
+            "newtons": self._show_contacts,
             "cones": self._show_contacts,
+            "names": lambda: self._show_names(visible),
             "frames": lambda: self._show_frames(visible),
             **dict.fromkeys(SIGNS, self._show_signs),
         }
@@ -130,6 +133,10 @@ class PlanScene:
         self._robot.show_frames(visible)
         for frame in self._body_frames:
             frame.visible = visible
+
+    def _show_names(self, visible: bool) -> None:
+        for label in self._names:
+            label.visible = visible
 
     def _show_ghost(self, layer: str, visible: bool) -> None:
         for handle in self._ghosts[layer]:
@@ -157,7 +164,26 @@ class PlanScene:
                     handle.points = points
             if handle.visible != drawn:
                 handle.visible = drawn
+        self._show_newtons(forces if self._visible >= {"forces", "newtons"} else [])
         self._show_cones(forces)
+
+    def _show_newtons(self, forces: Iterable[ContactForce]) -> None:
+        """Write its size at the tip of each force; labels that are not needed now stay, hidden."""
+        told = [
+            (f"{size:.1f} N", self._arrow(force)[0 if _is_seen_outside(force) else 1])
+            for force in forces
+            if (size := float(np.linalg.norm(force.force))) >= LEAST_TOLD_FORCE
+        ]
+        while len(self._newtons) < len(told):
+            name = f"{self._root}/contacts/newtons/{len(self._newtons)}"
+            self._newtons.append(self._scene.add_label(name, "", font_screen_scale=0.95, anchor="bottom-center"))
+        for label, (words, tip) in zip(self._newtons, told, strict=False):
+            if label.text != words:
+                label.text = words
+            label.position = tip
+        for index, label in enumerate(self._newtons):
+            if label.visible != (index < len(told)):
+                label.visible = index < len(told)
 
     def _show_cones(self, forces: list[ContactForce]) -> None:
         """Every cone that was ever needed stays in the scene, hidden while it is not."""
@@ -197,6 +223,16 @@ class PlanScene:
             for handle in signs[name]:
                 handle.visible = False
         return signs
+
+    def _add_name(self, name: str, body: BodyDocument) -> LabelHandle:
+        """Write a body's name over it."""
+        return self._scene.add_label(
+            f"{self._root}/bodies/{name}/name",
+            name.replace("_", " "),
+            position=(0.0, 0.0, _top(body) + NAME_GAP),
+            font_screen_scale=0.95,
+            anchor="bottom-center",
+        )
 
     def _add_arrows(self, meaning: str) -> ArrowsHandle:
         return self._scene.add_arrows(
@@ -262,6 +298,17 @@ class PlanScene:
             handle.visible = False
             handles.append(handle)
         return handles
+
+
+def _top(body: BodyDocument) -> float:
+    """Return how far a body reaches up from its origin, along its own z [m]."""
+    match body.shape:
+        case Box(size=size):
+            return 0.5 * size[2]
+        case InlineMesh(vertices=vertices):
+            return float(np.asarray(vertices)[:, 2].max())
+        case Cylinder() | Prism():
+            return 0.5 * body.shape.height
 
 
 def by_hand(forces: Iterable[ContactForce]) -> list[ContactForce]:

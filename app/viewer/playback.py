@@ -13,9 +13,9 @@ from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, pose_row, transform
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument
-from planners.plan.segment import Grip, Segment
+from planners.plan.segment import Grip, Segment, riding_on
 from planners.plan.simulation import LiftSimulation, ToolSimulation
-from planners.plan.timeline import ContactForce, Moment, PoseTrack, mix
+from planners.plan.timeline import ContactForce, Moment, PoseTrack, locate, mix
 from planners.scene.suction_tool import TOOL_NAME
 
 SourceName = Literal["plan", "simulation"]
@@ -66,7 +66,7 @@ class Simulated(ABC):
         planned = self._plan.at(min(time, self._planned_until))
         positions, poses = planned.positions, planned.body_poses
         if len(self._time) and time >= self._time[0]:
-            sample, s = _locate(self._time, time)
+            sample, s = locate(self._time, time)
             positions = mix(self._positions[sample], self._positions[min(sample + 1, len(self._time) - 1)], s)
             poses = {**poses, **self._poses(time)}
         poses = {**poses, **self._riding(poses)}
@@ -107,7 +107,7 @@ class LiftPlayback(Simulated):
         self._cable_end = _apply(T_plate_world, cable.pose[:3] - self._half_cable)
 
     def _poses(self, time: float) -> dict[str, Array]:
-        return {"plate": self._plate.at(*_locate(self._time, time))}
+        return {"plate": self._plate.at(*locate(self._time, time))}
 
     def _riding(self, poses: Mapping[str, Array]) -> dict[str, Array]:
         T_world_plate = from_pose7(poses["plate"])
@@ -130,7 +130,7 @@ class LiftPlayback(Simulated):
         yield ContactForce("cup", "plate", "suction", None, pad, -outward, pull, task.cup.mu)
 
 
-class SimulatedToolUse(Simulated):
+class ToolPlayback(Simulated):
     """A simulated suction-tool plan; its contacts are the pull of the cup and the squeeze that each hand needs."""
 
     def __init__(self, plan: Plan, simulation: ToolSimulation) -> None:
@@ -138,14 +138,14 @@ class SimulatedToolUse(Simulated):
         self._tracks = {name: (track.time, PoseTrack(track.poses)) for name, track in simulation.motion.bodies.items()}
 
     def _poses(self, time: float) -> dict[str, Array]:
-        return {name: track.at(*_locate(times, time)) for name, (times, track) in self._tracks.items()}
+        return {name: track.at(*locate(times, time)) for name, (times, track) in self._tracks.items()}
 
     def _forces(self, time: float, segment: int, poses: Mapping[str, Array]) -> Iterator[ContactForce]:
         T_world_tool = from_pose7(poses[TOOL_NAME])
         up, pull = T_world_tool[:3, 2], self._value(LOAD, time)
-        name = object_on_cup(self._plan.segments, segment)
-        if name is not None and pull != 0.0:
-            yield ContactForce(TOOL_NAME, name, "suction", None, T_world_tool[:3, 3], -up, _wrench(pull * up), 0.0)
+        sucked = riding_on(TOOL_NAME, self._plan.segments, segment)
+        if sucked is not None and pull != 0.0:
+            yield ContactForce(TOOL_NAME, sucked[0], "suction", None, T_world_tool[:3, 3], -up, _wrench(pull * up), 0.0)
         for grip in self._plan.segments[segment].grips:
             squeeze = self._value(f"{grip.arm} squeeze", time)
             if squeeze > 0.0:
@@ -159,7 +159,7 @@ def _simulated(plan: Plan) -> Simulated | None:
         case LiftSimulation() as simulation:
             return LiftPlayback(plan, simulation)
         case ToolSimulation() as simulation:
-            return SimulatedToolUse(plan, simulation)
+            return ToolPlayback(plan, simulation)
 
 
 def objects_of_segments(segments: Sequence[Segment]) -> list[str | None]:
@@ -170,7 +170,8 @@ def objects_of_segments(segments: Sequence[Segment]) -> list[str | None]:
     subjects: list[str | None] = [None] * len(segments)
     following = None
     for index in range(len(segments) - 1, -1, -1):
-        following = object_on_cup(segments, index) or following
+        sucked = riding_on(TOOL_NAME, segments, index)
+        following = following if sucked is None else sucked[0]
         subjects[index] = following
     last = None
     for index in range(len(segments)):
@@ -179,15 +180,6 @@ def objects_of_segments(segments: Sequence[Segment]) -> list[str | None]:
             subjects[index] = last
         last = subjects[index]
     return subjects
-
-
-def object_on_cup(segments: Sequence[Segment], index: int) -> str | None:
-    """Return what is on the cup in a segment, in which the vacuum comes or goes too."""
-    beside = {"attach": index + 1, "detach": index - 1}.get(segments[index].kind, index)
-    if not 0 <= beside < len(segments):
-        return None
-    riders = segments[beside].attached.items()
-    return next((name for name, rides in riders if any(ride.to == TOOL_NAME for ride in rides)), None)
 
 
 def _fingers(grip: Grip, T_world_tool: Transform, squeeze: float) -> Iterator[ContactForce]:
@@ -203,13 +195,6 @@ def _fingers(grip: Grip, T_world_tool: Transform, squeeze: float) -> Iterator[Co
 def _wrench(force: Array) -> Array:
     """Return a force (3,) as a wrench (6,) without torque."""
     return np.concatenate([force, np.zeros(3)])
-
-
-def _locate(times: Array, time: float) -> tuple[int, float]:
-    """Return the sample at or before a time, and how far the time is on the way to the next one."""
-    low = max(int(np.searchsorted(times, time, side="right")) - 1, 0)
-    step = times[min(low + 1, len(times) - 1)] - times[low]
-    return low, float(np.clip((time - times[low]) / step, 0.0, 1.0)) if step > 0.0 else 0.0
 
 
 def _height(body: BodyDocument) -> float:

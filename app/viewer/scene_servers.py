@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import gzip
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -22,8 +23,10 @@ from starlette.concurrency import run_in_threadpool
 from app.errors import CellNotDrawn, TooManyWatchers
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
+from app.viewer.body_drawing import EmptyCell, Stage
 from app.viewer.description import PlanDescription
-from app.viewer.link_meshes import LinkMeshes
+from app.viewer.editor.draft_scene import DraftListener, DraftScene
+from app.viewer.link_meshes import FULL, Detail, LinkMeshes
 from app.viewer.page import describe_plan, recorded_page
 from app.viewer.perceived_scene import PerceivedDescription, SceneDrawing, describe_perceived
 from app.viewer.plan_scene import PlanScene
@@ -67,12 +70,14 @@ VIEWS = {
 }
 PERCEIVED_VIEW = View((0.96, -0.66, 0.80), (0.0, 0.0, 0.04), from_body=True)
 """From which a perceived scene is seen first."""
+DRAFT_VIEW = View((1.5, -0.36, 1.86), (0.25, -0.01, 1.16))
+"""From which a draft is seen first: from the front and above, so that the table can be dragged on."""
 FIELD_OF_VIEW = 0.66
 """Vertical [rad]."""
 
 
 class SceneServer:
-    """A viser server with at most one plan or perceived scene in it.
+    """A viser server with at most one plan, perceived scene or draft in it.
 
     Methods block: call them from one thread at a time.
     """
@@ -87,7 +92,11 @@ class SceneServer:
         camera = self._server.initial_camera
         camera.position, camera.look_at = VIEWS["overview"].position, VIEWS["overview"].target
         camera.fov = FIELD_OF_VIEW
-        self._shown: PlanScene | SceneDrawing | None = None
+        self.detail = FULL
+        """How much is drawn of what is opened from now on."""
+        self._shown: PlanScene | SceneDrawing | DraftScene | EmptyCell | None = None
+        self._stage: Stage | None = None
+        self._root = ""
         self._opened = 0
 
     @property
@@ -95,12 +104,18 @@ class SceneServer:
         """Where the viser server listens."""
         return f"ws://{LOOPBACK}:{self._server.get_port()}"
 
+    def show_cell(self, cell: Cell, meshes: LinkMeshes) -> None:
+        """Show a cell in which nothing is done, where nothing else is shown."""
+        if self._shown is None:
+            with self._server.atomic():
+                self._shown = EmptyCell(self._cleared(cell, meshes), self._root)
+
     def open(self, playback: Playback, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
         with self._server.atomic():
-            was_plan = not isinstance(self._shown, SceneDrawing)
-            self._shown = PlanScene(self._server.scene, self._cleared(), playback, cell, meshes)
-        if not was_plan:
+            was_other = isinstance(self._shown, SceneDrawing | DraftScene)
+            self._shown = PlanScene(self._cleared(cell, meshes), self._root, playback)
+        if was_other:
             self._look_first(VIEWS["overview"])
 
     def open_perceived(
@@ -108,8 +123,28 @@ class SceneServer:
     ) -> None:
         """Put a perceived scene, with what was measured of it, into the scene instead of what was there."""
         with self._server.atomic():
-            self._shown = SceneDrawing(self._server.scene, self._cleared(), document, points, cell, meshes)
+            self._shown = SceneDrawing(self._cleared(cell, meshes), self._root, document, points)
         self._look_first(PERCEIVED_VIEW)
+
+    def open_draft(self, cell: Cell, meshes: LinkMeshes, told: DraftListener) -> DraftScene:
+        """Put a draft, in which there is nothing yet, into the scene instead of what was there.
+
+        Args:
+            cell: that the task is for.
+            meshes: drawings of its robots.
+            told: called with whatever somebody does in the scene, from a thread of viser's.
+        """
+        with self._server.atomic():
+            self._shown = draft = DraftScene(self._cleared(cell, meshes), self._root, told)
+        self._look_first(DRAFT_VIEW)
+        return draft
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Have all that is changed in the scene meanwhile be seen at once."""
+        with self._server.atomic():
+            yield
+        self._server.flush()
 
     def _look_first(self, view: View) -> None:
         """Have whoever comes see a view first, and whoever is there see it now."""
@@ -118,11 +153,20 @@ class SceneServer:
         camera.position, camera.look_at = view.in_world(self._shown.body_position)
         self.look(view)
 
-    def _cleared(self) -> str:
-        """Empty the scene, and return a name for its next root that was never used before."""
-        self._server.scene.reset()
+    def _cleared(self, cell: Cell, meshes: LinkMeshes) -> Stage:
+        """Empty the scene down to its stage, which is drawn anew for another cell or in another detail.
+
+        What is drawn next stands under `_root`, a name that was never used before.
+        """
+        scene, stage = self._server.scene, self._stage
+        scene.remove_by_name(self._root)
         self._opened += 1
-        return f"/opened_{self._opened}"
+        self._root = f"/opened_{self._opened}"
+        if stage is None or stage.cell is not cell or stage.detail is not self.detail:
+            if stage is not None:
+                stage.remove()
+            stage = self._stage = Stage(scene, f"/stage_{self._opened}", cell, meshes, self.detail)
+        return stage
 
     def show(self, source: SourceName, time: float) -> None:
         """Show the plan or its simulation at a time [s]; without a plan nothing changes."""
@@ -145,6 +189,13 @@ class SceneServer:
         for client in self._server.get_clients().values():
             with client.atomic():
                 client.camera.position, client.camera.look_at = position, target
+
+    @property
+    def camera(self) -> tuple[Array, Array] | None:
+        """Where the camera of whoever looks is, and what it looks at (3,) [m]; None while nobody does."""
+        for client in self._server.get_clients().values():
+            return np.array(client.camera.position), np.array(client.camera.look_at)
+        return None
 
     def record(self, durations: Mapping[SourceName, float], step: float) -> tuple[str, dict[SourceName, float]]:
         """Play the sources one after the other, and return a page that does so again without any server.
@@ -182,7 +233,8 @@ class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
     def __init__(self, cells: dict[str, Cell], folder: Path) -> None:
-        self._cells = cells
+        self.cells = cells
+        """Of which there are drawings, by name."""
         self._meshes = LinkMeshes(folder)
         self._servers: dict[str, SceneServer] = {}
         self._recorders = CapacityLimiter(1)
@@ -208,6 +260,11 @@ class SceneServers:
         """Return the server of a key."""
         return self._servers.get(key)
 
+    def set_detail(self, server: SceneServer, detail: Detail) -> None:
+        """Have a server draw so much from now on, and a cell at once where it shows nothing yet. Blocks."""
+        server.detail = detail
+        server.show_cell(self.cells[min(self.cells)], self._meshes)
+
     def open(self, server: SceneServer, plans: PlanCollection, plan_id: str) -> PlanDescription:
         """Put a plan into a server and return what the page tells of it. Blocks.
 
@@ -216,7 +273,7 @@ class SceneServers:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        playback, cell = self._load(plans, plan_id)
+        playback, cell = self._playback(plans, plan_id)
         server.open(playback, cell, self._meshes)
         return describe_plan(playback.plan)
 
@@ -239,7 +296,7 @@ class SceneServers:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        playback, cell = self._load(plans, plan_id)
+        playback, cell = self._playback(plans, plan_id)
         durations = playback.durations
         step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
         with SceneServer() as server:
@@ -257,11 +314,28 @@ class SceneServers:
         for server in list(self._servers.values()):
             await self.leave(server)
 
-    def _load(self, plans: PlanCollection, plan_id: str) -> tuple[Playback, Cell]:
-        plan = Plan.read(gzip.decompress(plans.document(plan_id).gzip))
+    def open_draft(self, server: SceneServer, cell: str, told: DraftListener) -> DraftScene:
+        """Put an empty draft into a server. Blocks.
+
+        Raises:
+            CellNotDrawn: There are no drawings of the cell.
+        """
+        return server.open_draft(self._cell(cell), self._meshes, told)
+
+    def load(self, plans: PlanCollection, plan_id: str) -> Plan:
+        """Return a plan. Blocks.
+
+        Raises:
+            PlanNotFound: There is no plan of that id.
+            DocumentNotReady: Its job has not succeeded.
+        """
+        return Plan.read(gzip.decompress(plans.document(plan_id).gzip))
+
+    def _playback(self, plans: PlanCollection, plan_id: str) -> tuple[Playback, Cell]:
+        plan = self.load(plans, plan_id)
         return Playback(plan), self._cell(plan.cell.name)
 
     def _cell(self, name: str) -> Cell:
-        if name not in self._cells:
-            raise CellNotDrawn(name, sorted(self._cells))
-        return self._cells[name]
+        if name not in self.cells:
+            raise CellNotDrawn(name, sorted(self.cells))
+        return self.cells[name]

@@ -17,11 +17,12 @@ from app.viewer.description import (
     plain,
     squeeze_words,
 )
-from app.viewer.playback import object_on_cup, objects_of_segments
+from app.viewer.playback import objects_of_segments
 from planners.contract.task_spec import SuctionToolTask
 from planners.plan.plan import Plan
-from planners.plan.segment import Segment
+from planners.plan.segment import Segment, riding_on
 from planners.plan.simulation import ToolSimulation
+from planners.scene.suction_tool import TOOL_NAME
 
 OUTCOMES = {
     "done": "done",
@@ -36,7 +37,7 @@ TOOL_WORDS = {"long_symmetric": "long tool", "short_asymmetric": "short tool"}
 class ToolDescription(KindDescription):
     """Of a plan that moves objects one after the other."""
 
-    tabs = ("View", "Regrasp", "Physics", "Figures", "Checks")
+    tabs = ("View", "Segments", "Regrasp", "Physics", "Figures", "Checks")
     simulation_words = "Simulation"
     meanings = ("left", "right", "environment", "suction", "limit", "start", "goal")
 
@@ -129,7 +130,7 @@ def _action(segments: Sequence[Segment], index: int, subject: str | None) -> str
 def _carrying(segments: Sequence[Segment], index: int, what: str) -> str:
     kinds = [segments[i].kind if 0 <= i < len(segments) else "" for i in (index - 1, index + 1)]
     hand = f"{' and '.join(segments[index].movers)} hand"
-    if object_on_cup(segments, index) is None:
+    if riding_on(TOOL_NAME, segments, index) is None:
         if kinds[1] == "attach":
             return f"{hand} puts the cup on {what}"
         if kinds[0] == "detach":

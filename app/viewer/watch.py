@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
 import anyio
+import numpy as np
 import structlog
 import websockets
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -27,6 +28,7 @@ from app.errors import (
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer import perceived_scene, plan_scene
+from app.viewer.link_meshes import FULL, LIGHT
 from app.viewer.playback import SourceName
 from app.viewer.scene_servers import VIEWS, SceneServer, SceneServers
 from planners.errors import LiftwrightError
@@ -34,6 +36,8 @@ from workers.stores.database_loss import DATABASE_GONE, said_by
 
 TRY_AGAIN_LATER, INTERNAL_ERROR, POLICY_VIOLATION, BAD_DATA, UNSUPPORTED_DATA = 1013, 1011, 1008, 1007, 1003
 """Close codes of RFC 6455, and of its registry."""
+CAMERA_DIGITS = 3
+"""Of where it is: millimetres."""
 LONGEST_REASON = 120
 """Of closing [bytes]."""
 Answered = TypeVar("Answered")
@@ -50,25 +54,27 @@ class WatcherFault(LiftwrightError):
         super().__init__(f"The service could not {deed}: an error of its own ({met}, fault {self.name} in its log)")
 
 
-class _Request(BaseModel):
+class PageRequest(BaseModel):
+    """What a page asks for by its websocket."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class OpenPlan(_Request):
+class OpenPlan(PageRequest):
     """Show a plan."""
 
     type: Literal["open"]
     plan: str
 
 
-class OpenPerceived(_Request):
+class OpenPerceived(PageRequest):
     """Show a perceived scene."""
 
     type: Literal["open_perceived"]
     scene: str
 
 
-class ShowTime(_Request):
+class ShowTime(PageRequest):
     """Show a time of the plan or of its simulation [s]."""
 
     type: Literal["time"]
@@ -76,7 +82,7 @@ class ShowTime(_Request):
     time: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
-class SetLayer(_Request):
+class SetLayer(PageRequest):
     """Show or hide a layer."""
 
     type: Literal["layer"]
@@ -84,20 +90,35 @@ class SetLayer(_Request):
     visible: bool
 
 
-class Look(_Request):
+class SetDetail(PageRequest):
+    """Draw so much from the next plan on, and the cell until there is one."""
+
+    type: Literal["detail"]
+    light: bool
+
+
+class Look(PageRequest):
     """Move the camera."""
 
     type: Literal["view"]
     view: Literal[tuple(VIEWS)]  # pyright: ignore[reportInvalidTypeForm]
 
 
-WatcherMessage = OpenPlan | OpenPerceived | ShowTime | SetLayer | Look
+class TellCamera(PageRequest):
+    """Tell where the camera is."""
+
+    type: Literal["camera"]
+
+
+WatcherMessage = OpenPlan | OpenPerceived | ShowTime | SetLayer | SetDetail | Look | TellCamera
 WORDS = {
     "open": "show this plan",
     "open_perceived": "show this scene",
     "time": "show that time",
     "layer": "change what is shown",
+    "detail": "draw the cell",
     "view": "move the camera",
+    "camera": "tell where the camera is",
 }
 """What is asked for, by type of request."""
 REQUESTS: TypeAdapter[WatcherMessage] = TypeAdapter(Annotated[WatcherMessage, Field(discriminator="type")])
@@ -121,7 +142,7 @@ async def watch(socket: WebSocket, servers: SceneServers, visible_now: Callable[
     """
     await socket.accept()
     try:
-        server = await _or_fault("open a scene", servers.enter())
+        server = await or_fault("open a scene", servers.enter())
     except TooManyWatchers as error:
         await socket.close(TRY_AGAIN_LATER, str(error))
         return
@@ -131,7 +152,7 @@ async def watch(socket: WebSocket, servers: SceneServers, visible_now: Callable[
     try:
         await socket.send_json({"type": "scene", "scene": f"scene/{server.key}/"})
         while True:
-            text = await _receive_text(socket)
+            text = await receive_text(socket)
             if text is None:
                 await socket.close(UNSUPPORTED_DATA, "requests of this viewer are text")
                 return
@@ -147,7 +168,7 @@ async def watch(socket: WebSocket, servers: SceneServers, visible_now: Callable[
             await servers.leave(server)
 
 
-async def _receive_text(socket: WebSocket) -> str | None:
+async def receive_text(socket: WebSocket) -> str | None:
     """Return the next message; None if it is a binary one."""
     message = await socket.receive()
     if message["type"] == "websocket.disconnect":
@@ -160,7 +181,7 @@ async def _answered(
 ) -> dict[str, Any]:
     """Return the answer to a request, or what went wrong: with it, or in the service itself."""
     try:
-        return await _or_fault(WORDS[request.type], _answer(servers, server, visible_now, request))
+        return await or_fault(WORDS[request.type], _answer(servers, server, visible_now, request))
     except DATABASE_GONE as error:
         log.error("database cannot be used", error=said_by(error))
         return _refusal(request, "The database is away, or its disk is full; what was accepted is kept.")
@@ -168,7 +189,7 @@ async def _answered(
         return {"type": "fault", "request": request.type, "detail": str(fault)}
 
 
-async def _or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
+async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
     """Return the result of some work for a watcher.
 
     Raises:
@@ -214,8 +235,14 @@ async def _answer(
             await run_in_threadpool(server.show, request.source, request.time)
         case SetLayer():
             await run_in_threadpool(server.set_layer, request.layer, visible=request.visible)
+        case SetDetail():
+            await run_in_threadpool(servers.set_detail, server, LIGHT if request.light else FULL)
         case Look():
             await run_in_threadpool(server.look, VIEWS[request.view])
+        case TellCamera():
+            camera = server.camera
+            told = None if camera is None else [round(float(each), CAMERA_DIGITS) for each in np.concatenate(camera)]
+            return {"type": "camera", "camera": told}
     return {"type": "done", "request": request.type}
 
 

@@ -16,6 +16,7 @@ from support.lift_documents import contact, lift, segment, simulation
 from support.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
 
 from app.summary import summarise
+from app.viewer.body_drawing import Stage
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.page import describe_plan
 from app.viewer.plan_scene import PlanScene
@@ -218,7 +219,7 @@ def test_a_plan_in_which_all_is_null_that_may_be_is_drawn(
     try:
         meshes = LinkMeshes(Path(tmp_path_factory.getbasetemp()) / "meshes")
         plan, drawn_in = plan_of(document), cell if kind == "lifted" else tool_cell
-        scene = PlanScene(server.scene, "/plan", Playback(plan), drawn_in, meshes)
+        scene = PlanScene(Stage(server.scene, "/stage", drawn_in, meshes), "/plan", Playback(plan))
         for layer in scene.layers:
             scene.set_layer(layer, True)
         for time in np.linspace(0.0, plan.duration, 7):

@@ -13,6 +13,7 @@ import viser
 from support.documents import plan_of
 from support.tool_documents import CUP, OBJECTS, OTHER, REACH, TOUCH, hold, tool_document, tool_simulation
 
+from app.viewer.body_drawing import Stage
 from app.viewer.considered import reason_colours
 from app.viewer.link_meshes import LinkMeshes
 from app.viewer.page import describe_plan
@@ -176,7 +177,7 @@ def scene(planned: dict[str, Any], tool_cell: Cell, tmp_path_factory: pytest.Tem
     planned["simulation"] = tool_simulation(2.0)
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     meshes = LinkMeshes(Path(tmp_path_factory.getbasetemp()) / "meshes")
-    yield PlanScene(server.scene, "/plan", Playback(plan_of(planned)), tool_cell, meshes), server.scene
+    yield PlanScene(Stage(server.scene, "/stage", tool_cell, meshes), "/plan", Playback(plan_of(planned))), server.scene
     server.stop()
 
 

@@ -75,11 +75,15 @@ def test_an_unknown_scene_has_no_view(client: httpx.Client) -> None:
     assert client.get(f"/v1/scenes/{'0' * 32}/view").status_code == 404
 
 
-def test_everything_the_page_names_is_served(client: httpx.Client) -> None:
-    page = client.get("/viewer/").text
+@pytest.mark.parametrize(
+    ("path", "some"),
+    [("/viewer/", {"viewer.css", "plot.js", "player.js"}), ("/viewer/new", {"style.css", "editor.css", "editor.js"})],
+)
+def test_everything_a_page_names_is_served(client: httpx.Client, path: str, some: set[str]) -> None:
+    page = client.get(path).text
     names = [part.split('"')[0] for part in page.replace('src="', 'href="').split('href="')[1:]]
-    names = [name for name in names if not name.startswith("data:")]
-    assert {"viewer.css", "plot.js", "player.js"} <= set(names)
+    names = [name for name in names if not name.startswith(("data:", "/"))]
+    assert some <= set(names)
     assert {client.get(f"/viewer/{name}").status_code for name in names} == {200}
 
 
@@ -98,6 +102,14 @@ def test_a_watcher_gets_a_scene_and_is_told_of_plans_that_are_not_there(service:
         assert "none" in answer["detail"]
         socket.send(json.dumps({"type": "time", "source": "plan", "time": 1.0}))
         assert json.loads(socket.recv()) == {"type": "done", "request": "time"}
+
+
+@pytest.mark.parametrize("light", [False, True])
+def test_the_cell_is_drawn_before_any_plan_is_opened(service: ServiceProcess, light: bool) -> None:
+    with connect(watch_address(service)) as socket:
+        socket.recv()
+        socket.send(json.dumps({"type": "detail", "light": light}))
+        assert json.loads(socket.recv()) == {"type": "done", "request": "detail"}
 
 
 def test_a_fault_of_the_service_is_told_as_one_and_the_connection_stays(

@@ -9,6 +9,7 @@ class Charts {
   constructor(root, colours, seek) {
     Object.assign(this, { root, colours, seek, charts: [], time: 0 });
     new ResizeObserver(() => this.resize()).observe(root);
+    DARK.addEventListener("change", () => this.charts.forEach(({ plot }) => plot.draw()));
   }
 
   /** Show the curves of what is played: { charts, pages }. */
@@ -41,7 +42,11 @@ class Charts {
       plot.over.setPointerCapture(event.pointerId);
       seek(event);
     });
-    plot.over.addEventListener("pointermove", (event) => event.buttons === 1 && seek(event));
+    plot.over.addEventListener("pointermove", (event) => {
+      if (event.buttons === 1) seek(event);
+      this.under(plot, chart, event);
+    });
+    plot.over.addEventListener("pointerleave", () => this.root.querySelectorAll(".under, .under-line").forEach((each) => each.remove()));
     return { chart, plot, line, values, box };
   }
 
@@ -56,6 +61,26 @@ class Charts {
         dash: line.dashed ? [6, 4] : [],
       })),
     };
+  }
+
+  /** Tell the values under the cursor. */
+  under(plot, chart, { clientX, pointerType }) {
+    this.root.querySelectorAll(".under, .under-line").forEach((each) => each.remove());
+    if (pointerType === "touch") return;
+    const x = clientX - plot.over.getBoundingClientRect().left;
+    const time = plot.posToVal(x);
+    const rows = chart.series.map((series) => {
+      const value = valueAt(chart.time, series.values, time);
+      const mark = element("i");
+      mark.style.borderColor = this.colours[series.colour];
+      return element("span", {}, mark, `${series.name} ${value === null ? "–" : `${readable(value)} ${chart.unit}`}`);
+    });
+    const box = element("div", { className: "under" }, element("b", { textContent: `${time.toFixed(2)} s` }), ...rows);
+    const line = element("div", { className: "under-line" });
+    plot.over.append(box, line);
+    line.style.left = `${x}px`;
+    // On the side that has more room.
+    box.style.left = `${x < plot.width / 2 ? x + 12 : x - 12 - box.offsetWidth}px`;
   }
 
   resize() {
@@ -107,11 +132,4 @@ function valueAt(times, values, time) {
 function readable(value) {
   const size = Math.abs(value);
   return value.toFixed(size < 5e-4 || size >= 1 ? 1 : size >= 0.1 ? 2 : 3);
-}
-
-/** Make an element with properties and children. */
-function element(tag, properties = {}, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
 }

@@ -1,97 +1,42 @@
 /* The live viewer: plans and perceived scenes from the service, what is drawn from a scene of one's own. */
 "use strict";
 
+/** How often the list is asked for, and how often while somebody waits for a plan. */
 const POLL_MILLISECONDS = 3000;
-/** Close code (RFC 6455) of who may not be here. */
-const POLICY_VIOLATION = 1008;
-/** Codes (RFC 6455) with which a side closes that cannot go on: a request that makes no sense, an error of its own. */
-const FAULT_CODES = [1007, 1011];
+const BUSY_MILLISECONDS = 800;
+/** How often the address is made to lead to what is shown, and how long after a move the camera is asked for. */
+const ADDRESS_MILLISECONDS = 500;
+const CAMERA_MILLISECONDS = 400;
+const PAGE_SIZE = 50;
+const DAY_MILLISECONDS = 24 * 3600 * 1000;
 
-/** A scene on the service: this connection is for what we ask, one of viser's own for the scene. */
-class Connection {
-  constructor() {
-    this.waiting = null;
-    this.busy = false;
-    this.queue = [];
-    this.connect();
-  }
-
-  connect() {
-    this.broken = false;
-    this.socket = new WebSocket(new URL("watch", location.href.replace(/^http/, "ws")));
-    this.socket.onmessage = (event) => this.receive(JSON.parse(event.data));
-    this.socket.onclose = (event) => this.lost(event);
-  }
-
-  /** Load a plan into the scene. */
-  load(plan) {
-    this.ask({ type: "open", plan });
-  }
-
-  /** Load a perceived scene. */
-  loadPerceived(scene) {
-    this.ask({ type: "open_perceived", scene });
-  }
-
-  /** Show a time; of the times asked for while one is on its way, only the last counts. */
-  show(source, time) {
-    this.waiting = { type: "time", source, time };
-    this.pump();
-  }
-
-  layer(layer, visible) {
-    this.ask({ type: "layer", layer, visible });
-  }
-
+/** The connection of this page, which also asks for the camera, posts tasks, and draws lightly or fully. */
+class LiveConnection extends Connection {
   look(view) {
-    this.ask({ type: "view", view });
+    super.look(view);
+    this.ask({ type: "camera" });
   }
 
-  ask(request) {
-    // The new scene asks for what is wanted then.
-    if (this.broken) return this.connect();
-    this.queue.push(request);
-    this.pump();
+  /** Ask where the camera is; the answer comes to `oncamera`. */
+  askCamera() {
+    if (this.ready && !this.queue.some(({ type }) => type === "camera")) this.ask({ type: "camera" });
   }
 
-  pump() {
-    if (this.busy || !this.ready || this.socket.readyState !== WebSocket.OPEN) return;
-    let request = this.queue.shift();
-    if (!request) [request, this.waiting] = [this.waiting, null];
-    if (!request) return;
-    this.busy = true;
-    this.socket.send(JSON.stringify(request));
+  /** Have a task planned. */
+  post(task) {
+    post(task);
   }
 
-  receive(answer) {
-    if (answer.type === "scene") {
-      this.ready = true;
-      this.onscene(new URL(answer.scene, location.href).pathname);
-    } else {
-      this.busy = false;
-      if (answer.type === "plan") this.onplan(answer.description);
-      if (answer.type === "perceived") this.onperceived(answer.description);
-      if (answer.type === "refused") this.onrefused(answer);
-      if (answer.type === "fault") this.onfault(answer.detail);
-    }
-    this.pump();
+  isLight() {
+    return light;
   }
 
-  /** The service went away or was restarted: ask for a new scene until there is one. After a fault there would be
-   *  the same again, so that it is told instead; and who may not have one may not ask. */
-  lost(event) {
-    Object.assign(this, { ready: false, busy: false, queue: [], waiting: null });
-    if (event.code === POLICY_VIOLATION) return this.onlost(event.reason);
-    if (FAULT_CODES.includes(event.code)) {
-      this.broken = true;
-      return this.onfault(event.reason || "It ended the connection and did not say why.");
-    }
-    this.onlost(event.reason || "The connection to the service is lost; trying again.");
-    setTimeout(() => this.connect(), 1500);
+  setLight(on) {
+    setLight(on);
   }
 }
 
-const connection = new Connection();
+const connection = new LiveConnection();
 const player = new Player(connection);
 const perceived = new Perceived(connection);
 const frame = document.getElementById("scene-frame");
@@ -100,31 +45,47 @@ let wanted = new URLSearchParams(location.search).get("plan");
 /* A watcher wants a plan or a perceived scene, never both. */
 let wantedScene = wanted ? null : new URLSearchParams(location.search).get("scene");
 let loaded = null;
+/** The plan that was posted here last: a filter may keep it out of the list. */
+let posted = null;
 /** The plan at which the service met a fault: it is shown again when somebody chooses it, not by itself. */
 let faulty = null;
 let plans = [];
+let polling = 0;
+/** The query whose answer is listed, and how many pages of it. */
+let shownQuery = "";
+let shownPages = 1;
+const filter = document.getElementById("plan-filter");
 let sceneAddress = "";
+/** The moment that the address told of when the page was opened, until it is shown. */
+let moment = wanted ? { ...readMoment(), plan: wanted } : null;
+/** Where the camera is and what it looks at, if it was moved or the address tells. */
+let camera = moment?.camera ?? null;
+let asking = 0;
+let light = drawsLightly();
 
 connection.onscene = (scene) => {
-  // The frame connects once there is a plan in it: a scene is not to be built and sent at the same time.
-  frame.removeAttribute("src");
+  // The frame gets going while the plan is still read; until it is drawn, the cell is.
   sceneAddress = scene;
   loaded = null;
+  connection.detail(light);
+  showFrame();
   if (wanted) choose(wanted);
   else if (wantedScene) choosePerceived(wantedScene);
   else showEmpty();
 };
-player.adopt(frame, (event) => (perceived.description ? perceived : player).key(event));
+adoptFrame(frame, (event) => (perceived.description ? perceived : player).key(event));
 connection.onplan = (description) => {
   if (description.id !== wanted) return;
   loaded = description.id;
   say();
-  showFrame();
   for (const [layer, visible] of Object.entries(player.panel.visible))
-    if (visible !== (layer === "forces")) connection.layer(layer, visible);
+    if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
   player.open(description);
+  if (moment) showMoment(moment);
+  moment = null;
   const base = `../v1/plans/${description.id}`;
   document.getElementById("links").replaceChildren(
+    element("a", { href: `new?plan=${description.id}`, textContent: "Change this task", title: "Begin a new task with this one" }),
     element("a", { href: `${base}/recording.html`, download: `${description.title}.html`, textContent: "Recording", title: "One file that plays offline" }),
     element("a", { href: `${base}/document`, target: "_blank", textContent: "Document", title: "The plan document" }),
   );
@@ -132,7 +93,6 @@ connection.onplan = (description) => {
 connection.onperceived = (description) => {
   if (description.id !== wantedScene) return;
   say();
-  showFrame();
   perceived.open(description);
 };
 connection.onrefused = ({ plan, scene, detail }) => {
@@ -144,6 +104,10 @@ connection.onfault = (detail) => {
   player.play(false);
   say("A fault of the service", detail, "Choose the plan again to try once more.");
 };
+connection.oncamera = (told) => {
+  camera = told ?? camera;
+  writeMoment();
+};
 connection.onlost = (words) => say("No connection", words);
 
 VIEWS.forEach((view, index) =>
@@ -151,17 +115,85 @@ VIEWS.forEach((view, index) =>
     element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => connection.look(view) })));
 
 function showFrame() {
-  if (!frame.hasAttribute("src")) frame.src = sceneAddress;
+  const address = frameAddress(sceneAddress, light, camera);
+  if (frame.getAttribute("src") === address) return;
+  frame.src = address;
+  frame.addEventListener("load", watchCamera, { once: true });
+  waitForPicture();
+}
+DARK.addEventListener("change", () => frame.hasAttribute("src") && showFrame());
+
+/** Say that the scene is being drawn until its page has drawn something. */
+function waitForPicture() {
+  const drawing = document.getElementById("drawing");
+  drawing.hidden = false;
+  const page = frame.contentWindow;
+  const look = () => {
+    if (page !== frame.contentWindow) return;
+    if (!frame.contentDocument?.querySelector("canvas")) return setTimeout(look, 100);
+    // What is asked for after the next picture comes when that is drawn.
+    frame.contentWindow.requestAnimationFrame(() => frame.contentWindow.requestAnimationFrame(() => (drawing.hidden = true)));
+  };
+  look();
+}
+
+/** What the address says of a moment: the time [s], what is played, and the camera: its place and target [m]. */
+function readMoment() {
+  const told = new URLSearchParams(location.hash.slice(1));
+  const numbers = (told.get("camera") ?? "").split(",").map(Number);
+  const time = Number(told.get("t") ?? NaN);
+  return { time: Number.isFinite(time) ? time : null, source: told.get("source") === "simulation" ? "simulation" : "plan",
+    camera: numbers.length === 6 && numbers.every(Number.isFinite) ? numbers : null };
+}
+
+/** Have the address lead to the moment and the camera that are shown now. */
+function writeMoment() {
+  if (loaded === null || loaded !== wanted || player.playing || moment) return;
+  const parts = [];
+  if (player.time > 0 || player.sourceName !== "plan") parts.push(`t=${Number(player.time.toFixed(2))}`);
+  if (player.sourceName !== "plan") parts.push(`source=${player.sourceName}`);
+  if (camera) parts.push(`camera=${camera.join()}`);
+  const address = `?plan=${wanted}${parts.length ? `#${parts.join("&")}` : ""}`;
+  if (location.search + location.hash !== address) history.replaceState(null, "", address);
+}
+
+/** Show the moment that the address tells of. */
+function showMoment({ time, source }) {
+  if (time === null) return;
+  player.choose(source);
+  player.seek(time);
+}
+
+/** Ask for the camera's place whenever somebody may have moved it. */
+function watchCamera() {
+  // A page that could not be loaded is somebody else's.
+  if (!frame.contentDocument) return;
+  const moved = () => {
+    clearTimeout(asking);
+    asking = setTimeout(() => connection.askCamera(), CAMERA_MILLISECONDS);
+  };
+  for (const kind of ["pointerup", "wheel", "keyup"]) frame.contentWindow.addEventListener(kind, moved, { passive: true });
+}
+
+/** Draw lightly or fully, here and the next time. */
+function setLight(on) {
+  light = on;
+  localStorage.setItem(LIGHT_KEY, String(on));
+  connection.detail(on);
+  showFrame();
+  if (wanted) choose(wanted);
+  else if (wantedScene) choosePerceived(wantedScene);
 }
 
 function choose(plan) {
   [wanted, wantedScene, loaded, faulty] = [plan, null, null, null];
-  history.replaceState(null, "", `?plan=${plan}`);
+  if (moment?.plan !== plan) moment = null;
+  if (!moment) history.replaceState(null, "", `?plan=${plan}`);
   mark();
   perceived.close();
   const known = plans.find(({ id }) => id === plan);
   player.close(known ? nameOf(known) : "Plan");
-  say("Loading …");
+  wait("Opening the plan …");
   connection.load(plan);
 }
 
@@ -171,8 +203,25 @@ function choosePerceived(scene) {
   mark();
   perceived.close();
   player.close("Perceived scene");
-  say("Loading …");
+  wait("Opening the scene …");
   connection.loadPerceived(scene);
+}
+
+/** Post a task and show what becomes of it, or why it is refused. */
+async function post(task) {
+  wait("Posting the task …");
+  let answer, told;
+  try {
+    answer = await fetch("../v1/plans", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(task) });
+    told = await answer.json();
+  } catch {
+    return say("No connection", "The task was not posted: the service does not answer.");
+  }
+  if (!answer.ok) return say(told.title, told.detail, ...(told.errors ?? []).map(({ pointer, detail }) => `${pointer}: ${detail}`));
+  posted = told;
+  plans = [told, ...plans.filter(({ id }) => id !== told.id)];
+  choose(told.id);
+  refreshList();
 }
 
 /** Mark in the lists what is wanted. */
@@ -192,8 +241,8 @@ function whyNot(plan, detail) {
 /** Show that no plan is chosen. */
 function showEmpty() {
   player.close("Plans");
-  if (plans.length || perceived.scenes.length) say("Choose a plan", "The list on the left has all plans, the newest first.");
-  else say("No plans yet", "Post a task, and its plan appears on the left:", element("code", { textContent: `curl -H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans` }));
+  if (plans.length || perceived.scenes.length) say("Choose a plan", "The list has all plans, the newest first, and finds them by name, part, kind, result and day.");
+  else say("No plans yet", element("a", { href: "new", textContent: "Make a task in the editor" }), "or post one, and its plan appears in the list:", element("code", { textContent: `curl -H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans` }));
 }
 
 /** Say something in place of the scene: a title and words; nothing to let the scene be seen. */
@@ -203,22 +252,62 @@ function say(title, ...words) {
   message.replaceChildren(...(title ? [element("h3", { textContent: title })] : []), ...words.map((part) => element("p", {}, part)));
 }
 
-async function refreshList() {
+/** Say what is happening. */
+function wait(words) {
+  const spinner = element("span", { className: "spinner" });
+  document.getElementById("message").className = "";
+  document.getElementById("message").replaceChildren(element("p", {}, spinner, words));
+}
+
+/** What the list is asked for: all that the fields above it say. */
+function listQuery() {
+  const { name, kind, result, from, until } = Object.fromEntries(new FormData(filter));
+  const query = new URLSearchParams({ page_size: PAGE_SIZE });
+  if (name.trim()) query.set("name", name.trim());
+  if (kind) query.set("kind", kind);
+  if (result) query.set(...result.split("="));
+  if (from) query.set("created_from", new Date(`${from}T00:00`).toISOString());
+  // Until the end of that day.
+  if (until) query.set("created_until", new Date(new Date(`${until}T00:00`).getTime() + DAY_MILLISECONDS).toISOString());
+  return query;
+}
+
+/** Fetch the pages of the list that are shown, and one more if somebody asks for it. */
+async function refreshList(more = false) {
+  const query = listQuery();
+  const asked = String(query);
+  const wantedPages = (asked === shownQuery ? shownPages : 1) + (more ? 1 : 0);
   try {
-    const answer = await fetch("../v1/plans?page_size=50");
-    if (answer.ok) showList((await answer.json()).plans);
+    const found = [];
+    let token = null;
+    let pages = 0;
+    do {
+      if (token) query.set("page_token", token);
+      const answer = await fetch(`../v1/plans?${query}`);
+      if (!answer.ok) break;
+      const page = await answer.json();
+      found.push(...page.plans);
+      token = page.next_page_token;
+      pages += 1;
+    } while (token && pages < wantedPages);
+    if (pages && asked === String(listQuery())) {
+      [shownQuery, shownPages] = [asked, pages];
+      document.getElementById("older").hidden = !token;
+      showList(found);
+    }
     const scenes = await fetch("../v1/scenes?page_size=20");
     if (scenes.ok) perceived.show((await scenes.json()).scenes, wantedScene, choosePerceived);
   } catch {
     // The connection to the service tells the watcher when the service is away.
   }
-  setTimeout(refreshList, POLL_MILLISECONDS);
+  clearTimeout(polling);
+  polling = setTimeout(refreshList, wanted && loaded !== wanted && faulty !== wanted ? BUSY_MILLISECONDS : POLL_MILLISECONDS);
 }
 
 function showList(newest) {
   const wasEmpty = !plans.length;
   plans = newest;
-  const items = plans.length ? plans.map(listItem) : [element("li", { className: "none", textContent: "none yet" })];
+  const items = plans.length ? plans.flatMap(withDay) : [nothingListed()];
   const fresh = element("ul", {}, ...items);
   if (list.innerHTML !== fresh.innerHTML) {
     const focused = document.activeElement?.dataset?.plan;
@@ -230,7 +319,7 @@ function showList(newest) {
     if (!wantedScene && wasEmpty !== !plans.length) showEmpty();
     return;
   }
-  const mine = plans.find(({ id }) => id === wanted);
+  const mine = plans.find(({ id }) => id === wanted) ?? (posted?.id === wanted ? posted : null);
   if (!mine || [loaded, faulty].includes(wanted) || connection.busy) return;
   if (mine.state === "succeeded") choose(wanted);
   else {
@@ -244,7 +333,37 @@ function nameOf(plan) {
 }
 
 function progressOf(plan) {
+  if (plan.state === "queued") return plan.queue_position ? `waiting, ${ordinal(plan.queue_position)} in the queue` : "waiting for its start";
   return `${plan.state} ${Math.round(100 * plan.progress.fraction)} %`;
+}
+
+function ordinal(number) {
+  const tail = number % 100 >= 11 && number % 100 <= 13 ? "th" : { 1: "st", 2: "nd", 3: "rd" }[number % 10] ?? "th";
+  return `${number}${tail}`;
+}
+
+/** A plan of the list, under the day it was posted on where it is that day's first. */
+function withDay(plan, index) {
+  const item = listItem(plan);
+  const day = dayWords(plan.created_at);
+  if (index && day === dayWords(plans[index - 1].created_at)) return [item];
+  const heading = element("li", { className: "day", textContent: day });
+  heading.setAttribute("role", "presentation");
+  return [heading, item];
+}
+
+function dayWords(moment) {
+  const [day, today] = [new Date(moment), new Date()].map((time) => new Date(time.getFullYear(), time.getMonth(), time.getDate()));
+  const ago = Math.round((today - day) / DAY_MILLISECONDS);
+  return ["Today", "Yesterday"][ago] ?? day.toLocaleDateString("en-GB", { weekday: "short", day: "numeric", month: "short", year: "numeric" });
+}
+
+function nothingListed() {
+  const filtered = String(listQuery()) !== `page_size=${PAGE_SIZE}`;
+  const item = element("li", { className: "none", textContent: filtered ? "none that fits the filter" : "none yet" });
+  item.setAttribute("role", "option");
+  item.setAttribute("aria-disabled", "true");
+  return item;
 }
 
 function listItem(plan) {
@@ -252,7 +371,8 @@ function listItem(plan) {
   const words = plan.done ? status.replace("_", " ") : progressOf(plan);
   const item = element("li", { className: plan.done ? status : "running", tabIndex: 0 },
     element("span", { className: "dot" }), element("b", { textContent: nameOf(plan), title: nameOf(plan) }),
-    element("small", { textContent: `${words} · ${clockTime(plan.created_at)}` }));
+    element("small", { textContent: `${words} · ${clockTime(plan.created_at)}` }),
+    ...(plan.work_master ? [element("small", { textContent: `part ${plan.work_master}` })] : []));
   item.dataset.plan = plan.id;
   item.setAttribute("role", "option");
   item.setAttribute("aria-selected", String(plan.id === wanted));
@@ -261,4 +381,10 @@ function listItem(plan) {
   return item;
 }
 
+document.getElementById("older").onclick = () => refreshList(true);
+setInterval(writeMoment, ADDRESS_MILLISECONDS);
+window.addEventListener("hashchange", () => loaded === wanted && loaded && showMoment(readMoment()));
+filter.oninput = () => refreshList();
+filter.onsubmit = (event) => event.preventDefault();
+wait("Connecting to the service …");
 refreshList();

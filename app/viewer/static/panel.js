@@ -4,12 +4,16 @@
 const LAYERS = [
   ["forces", "Contact forces", "F", true, "Of a gripper what it bears, without its squeeze; with friction cones, each finger's force"],
   ["cones", "Friction cones", "C", false],
+  ["newtons", "Newtons on the arrows", "W", true],
+  ["names", "Names of things", "N", true],
   ["frames", "Frames of hands, body", "A", false],
   ["start", "Ghost of the start", "S", false],
   ["goal", "Ghost of the goal", "G", false],
   ["places", "Places of the cup considered", "V", false],
   ["grasps", "Grasps considered", "H", false],
 ];
+/** Layers that are shown at first. */
+const FIRST_LAYERS = new Set(LAYERS.filter(([, , , first]) => first).map(([name]) => name));
 /** Layers that only plans of suction tools have. */
 const SIGNS = ["places", "grasps"];
 const KEYS = [
@@ -20,13 +24,13 @@ const CAMERA_KEYS = ["camera", "1 to 5"];
 
 class Panel {
   /**
-   * @param setLayer called with a layer's name and whether it is visible; null if layers are fixed
-   * @param visit    called with a time of the plan that somebody wants to see
+   * @param scene  what draws; where there is a service: layer(name, visible), post(task), isLight() and setLight(on)
+   * @param visit  called with a time of the plan that somebody wants to see
    */
-  constructor(setLayer, visit) {
-    Object.assign(this, { setLayer, visit });
+  constructor(scene, visit) {
+    Object.assign(this, { scene, visit });
     this.visible = Object.fromEntries(LAYERS.map(([name, , , first]) => [name, first]));
-    this.tabs = { View: (s) => this.view(s), Regrasp: (s) => this.regrasp.panel(s), Lift: (s) => this.executed(s), Physics: (s) => this.executed(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
+    this.tabs = { View: (s) => this.view(s), Segments: (s) => this.segments(s), Regrasp: (s) => this.regrasp.panel(s), Lift: (s) => this.executed(s), Physics: (s) => this.executed(s), Figures: (s) => this.figures(s), Rejected: (s) => this.rejected(s), Checks: (s) => this.checks(s) };
     this.current = "View";
     this.regrasp = new Regrasp(document.getElementById("graph"));
   }
@@ -56,7 +60,7 @@ class Panel {
 
   toggle(layer) {
     this.visible[layer] = !this.visible[layer];
-    this.setLayer?.(layer, this.visible[layer]);
+    this.scene.layer?.(layer, this.visible[layer]);
     const box = document.getElementById(`layer-${layer}`);
     if (box) box.checked = this.visible[layer];
   }
@@ -79,12 +83,25 @@ class Panel {
       kinds.append(element("li", {}, mark, words));
     }
     const keys = element("div", { className: "keys" });
-    for (const [words, key] of this.setLayer ? [...KEYS, CAMERA_KEYS] : KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
+    for (const [words, key] of this.scene.look ? [...KEYS, CAMERA_KEYS] : KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
     return [
+      ...this.remedies(description),
       ...this.leastReserve(description),
-      ...(this.setLayer ? [heading("Show"), this.layers()] : []),
-      heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), heading("Keys"), keys,
+      ...(this.scene.layer ? [heading("Show"), this.layers()] : []),
+      heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), Object.assign(heading("Keys"), { className: "keys-heading" }), keys,
     ];
+  }
+
+  /** Where there is no plan: what to change, each with what came of planning it, and a button that has it planned. */
+  remedies({ outcome, remedies }) {
+    if (outcome === "solved" || !remedies) return [];
+    const items = remedies.map(({ sentence, figures, task }) => {
+      const item = element("li", {}, element("b", { textContent: sentence }), element("small", { textContent: figures }));
+      if (task && this.scene.post) item.append(element("button", { className: "action", textContent: "Plan it so", onclick: () => this.scene.post(task) }));
+      return item;
+    });
+    return [heading("What to change"), items.length ? element("ul", { className: "remedies" }, ...items)
+      : quiet("No single change that was tried leads to a plan.")];
   }
 
   /** How much of the force limits is kept back where least is, and what would give way; pressed, it goes there. */
@@ -106,7 +123,22 @@ class Panel {
       box.onclick = (event) => event.detail && box.blur();
       list.append(element("label", { title: about }, box, words + scale, element("kbd", { textContent: key })));
     }
+    if (this.scene.setLight) list.append(lightSwitch(this.scene));
     return list;
+  }
+
+  /** One row a segment: what happens, for how long, the most that a hand bears, what is kept back; pressed, it goes there. */
+  segments({ sources }) {
+    const { segments } = sources.plan;
+    if (!segments.length) return [quiet("Nothing moves: there is no plan.")];
+    const rows = segments.map(({ words, hold, start, end, force, reserve }, index) => {
+      const go = element("button", { className: "link", textContent: words, title: `${(end - start).toFixed(2)} s, ${hold}`, onclick: () => this.visit(start) });
+      return element("tr", {}, element("td", { textContent: index + 1 }), element("td", {}, go),
+        ...[start.toFixed(1), force, reserve].map((value) => element("td", { textContent: value })));
+    });
+    const columns = ["", "what happens", "s", "N", "%"].map((words) => element(words ? "th" : "td", { textContent: words, scope: "col" }));
+    const table = element("table", { className: "figures segments" }, element("thead", {}, element("tr", {}, ...columns)), element("tbody", {}, ...rows));
+    return [heading("Segments"), element("div", { className: "scroll", tabIndex: 0 }, table), quiet("s: when it begins. N: the most that a hand bears. %: the least share of all limits that is kept back.")];
   }
 
   executed({ simulation }) {
@@ -140,12 +172,23 @@ class Panel {
   checks(description) {
     if (!description.certificate) return [quiet("There is no certificate: nothing was planned that could be checked.")];
     const list = element("ul", { className: "checks" });
-    for (const { name, passed, margin, unit } of description.certificate.checks) {
+    const { title, about, checks } = description.certificate;
+    for (const { name, sentence, passed, margin, unit, where } of checks) {
       const verdict = element("span", { className: passed ? "yes" : "no", textContent: passed ? "✓" : "✗" });
-      list.append(element("li", {}, verdict, name.replaceAll("_", " "), element("small", { textContent: marginWords(margin, unit) })));
+      verdict.setAttribute("role", "img");
+      verdict.setAttribute("aria-label", passed ? "passed" : "failed");
+      list.append(element("li", { title: where }, verdict, capitalised(name), element("small", { textContent: marginWords(margin, unit) }),
+        element("p", { textContent: passed ? sentence : `${sentence} ${capitalised(where)}.` })));
     }
-    return [heading(description.certificate.passed ? "Certificate: passed, margins" : "Certificate: FAILED"), list];
+    return [heading(title), ...(about ? [quiet(about)] : []), list];
   }
+}
+
+/** The switch between drawing lightly and fully. */
+function lightSwitch(scene) {
+  const box = element("input", { type: "checkbox", id: "light", checked: scene.isLight() });
+  box.onchange = () => scene.setLight(box.checked);
+  return element("label", { title: "Fewer triangles, no shadows: for machines without a graphics card" }, box, "Light drawing, no shadows");
 }
 
 /** Groups of figures, each a table under its title. */

@@ -53,7 +53,7 @@ class Perceived {
       heading("Show"), this.layers(),
       heading("Objects"), ...(objects.length ? objects.map((each) => found(each.colour, each.name, each.shape, each.rows)) : [quiet("None was found.")]),
       ...(unrecognised.length ? [heading("Not recognised"), ...unrecognised.map(({ reason, place }) => found(unrecognised_colour, capitalised(reason), "", [[place]]))] : []),
-      ...(tool ? [heading("Tool"), found("#78808c", tool.name, "by its markers", tool.rows)] : []),
+      ...(tool ? [heading("Tool"), found("var(--mark)", tool.name, "by its markers", tool.rows)] : []),
       ...(table ? [heading("Table"), element("div", { className: "found" }, facts(table))] : []),
       ...(notes.length ? [heading("Notes"), ...notes.map((words) => quiet(capitalised(words)))] : []),
       heading("Picture"), picture,
@@ -68,6 +68,7 @@ class Perceived {
       box.onchange = () => this.toggle(name);
       list.append(element("label", {}, box, words, element("kbd", { textContent: key })));
     }
+    list.append(lightSwitch(this.scene));
     return list;
   }
 
@@ -79,7 +80,7 @@ class Perceived {
 
   /** Keys of a perceived scene; those it takes do not reach the scene's camera. */
   key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || !this.description) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !this.description || isTypedInto(event.target)) return;
     const layer = PERCEIVED_LAYERS.find(([, , key]) => key.toLowerCase() === event.key.toLowerCase());
     const view = VIEWS[Number(event.key) - 1];
     if (!layer && !view) return;
@@ -130,7 +131,8 @@ function clockTime(moment) {
 /** Keys of an item in a list: Enter takes it, arrows go to its neighbours; all others do what they always do. */
 function listKey(event, take) {
   const { previousElementSibling: above, nextElementSibling: below } = event.currentTarget;
-  const neighbour = { ArrowUp: above, ArrowDown: below }[event.key];
+  const skip = (item, way) => (item?.className === "day" ? item[way] : item);
+  const neighbour = { ArrowUp: skip(above, "previousElementSibling"), ArrowDown: skip(below, "nextElementSibling") }[event.key];
   if (event.key === "Enter") take();
   else if (neighbour) neighbour.focus();
   else return;

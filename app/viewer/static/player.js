@@ -1,24 +1,23 @@
 /* The page's clock, and everything that follows it: scene, timeline, curves, words. */
 "use strict";
 
-/* Panels, bars and notes of viser's page, in all of its layouts. */
-const AROUND_THE_SCENE = ".mantine-Paper-root, [data-floating-window], .mantine-Notifications-root { display: none !important; }";
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const SOURCES = ["plan", "simulation"];
-const VIEWS = ["overview", "front", "side", "top", "close"];
 
 class Player {
-  /** @param scene what draws: show(source, time), and for a live scene layer(name, visible) and look(view) */
+  /** @param scene what draws: show(source, time), and for a live scene look(view) and what the panel asks of it */
   constructor(scene) {
     this.scene = scene;
     this.time = 0;
     this.playing = false;
     this.timeline = new TimelineBar((time) => this.seek(time));
-    this.panel = new Panel(scene.layer ? (name, visible) => scene.layer(name, visible) : null, (time) => this.visit(time));
+    this.panel = new Panel(scene, (time) => this.visit(time));
     document.getElementById("play").onclick = () => this.play(!this.playing);
     document.getElementById("previous").onclick = () => this.jump(-1);
     document.getElementById("next").onclick = () => this.jump(1);
     for (const name of SOURCES) document.getElementById(`source-${name}`).onclick = () => this.choose(name);
+    for (const button of document.querySelectorAll("#panes button")) button.onclick = () => showPane(button.dataset.pane);
+    showPane("panel");
     window.addEventListener("keydown", (event) => this.key(event), true);
   }
 
@@ -176,7 +175,7 @@ class Player {
   /** Keys of the player; those it takes do not reach the scene's camera. */
   key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey || !this.description) return;
-    if (event.target.tagName === "SELECT" && !["[", "]"].includes(event.key)) return;
+    if (isTypedInto(event.target) || (event.target.tagName === "SELECT" && !["[", "]"].includes(event.key))) return;
     const step = event.shiftKey ? 2 : 0.2;
     const speed = document.getElementById("speed");
     const faster = (by) => (speed.value = SPEEDS[Math.min(Math.max(SPEEDS.indexOf(Number(speed.value)) + by, 0), SPEEDS.length - 1)]);
@@ -195,7 +194,7 @@ class Player {
       p: () => this.choose(this.sourceName === "plan" ? "simulation" : "plan"),
     };
     if (this.scene.look) VIEWS.forEach((view, index) => (actions[index + 1] = () => this.scene.look(view)));
-    if (this.panel.setLayer)
+    if (this.scene.layer)
       for (const [name, , key] of this.panel.layerRows) actions[key.toLowerCase()] = () => this.panel.toggle(name);
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     const spaceIsTheirs = event.target.role === "tab" || event.target.type === "checkbox";
@@ -204,24 +203,23 @@ class Player {
     event.stopImmediatePropagation();
     action();
   }
+}
 
-  /** Give `onkey` the keys that are pressed while the scene has the focus, and hide what viser's page adds around its scene.
-   *  That page writes itself anew while it loads, so this looks again and again whether it still holds. */
-  adopt(frame, onkey = (event) => this.key(event)) {
-    const look = () => {
-      const page = frame.contentDocument;
-      if (!page?.head || page.getElementById("liftwright-style")) return;
-      page.head.append(Object.assign(page.createElement("style"), { id: "liftwright-style", textContent: AROUND_THE_SCENE }));
-      page.addEventListener("keydown", onkey, true);
-    };
-    frame.addEventListener("load", look);
-    setInterval(look, 250);
-  }
+/** Whether keys pressed in an element write into it. */
+function isTypedInto(target) {
+  return target.tagName === "TEXTAREA" || (target.tagName === "INPUT" && !["range", "checkbox", "radio", "button"].includes(target.type));
+}
+
+/** Where there is room for one of list, curves and panel only: which it is. */
+function showPane(pane) {
+  document.body.dataset.pane = pane;
+  for (const button of document.querySelectorAll("#panes button")) button.setAttribute("aria-pressed", String(button.dataset.pane === pane));
 }
 
 function explanation(description) {
   const causes = description.causes.map(({ reason, numbers }) =>
     element("li", {}, reason, ...(numbers ? [element("em", { textContent: numbers })] : [])));
   return [element("h3", {}, capitalised(description.outcome_words), element("small", { textContent: description.outcome_meaning })),
-    element("p", { textContent: description.summary }), element("ul", {}, ...causes)];
+    element("p", { textContent: description.summary }), element("ul", {}, ...causes),
+    ...(description.remedies?.length ? [element("p", { textContent: `What to change was tried: ${description.remedies.length === 1 ? "a change leads" : `${description.remedies.length} changes lead`} to a plan, as told under What to change.` })] : [])];
 }

@@ -65,8 +65,8 @@ class Plot {
     context.clearRect(-this.edges.left, -this.edges.top, this.canvas.width, this.canvas.height);
     context.font = "11px system-ui, sans-serif";
     context.lineWidth = 1;
-    context.strokeStyle = "#e8edf2";
-    context.fillStyle = "#5d6b7c";
+    context.strokeStyle = resolved("var(--grid)");
+    context.fillStyle = resolved("var(--soft)");
     Object.assign(context, { textAlign: "center", textBaseline: "top" });
     for (const tick of ticks(...this.x, this.width / 60)) {
       const x = Math.round(this.valToPos(tick, "x")) + 0.5;
@@ -94,7 +94,7 @@ class Plot {
 
   line(style, values) {
     const { context } = this;
-    Object.assign(context, { strokeStyle: style.colour, lineWidth: style.width, lineJoin: "round" });
+    Object.assign(context, { strokeStyle: resolved(style.colour), lineWidth: style.width, lineJoin: "round" });
     context.setLineDash(style.dash ?? []);
     let run = [];
     values.forEach((value, index) => {
@@ -108,6 +108,12 @@ class Plot {
     stroke(context, run);
     context.setLineDash([]);
   }
+}
+
+/** A colour as a canvas takes it: of one that the style names, what it is now. */
+function resolved(colour) {
+  const name = /^var\((.+)\)$/.exec(colour)?.[1];
+  return name ? getComputedStyle(document.documentElement).getPropertyValue(name).trim() : colour;
 }
 
 function stroke(context, points) {

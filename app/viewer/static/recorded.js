@@ -45,11 +45,13 @@ const frame = document.getElementById("scene-frame");
 const scene = new RecordedScene(frame);
 const player = new Player(scene);
 // Only the picture is wanted of viser's player: the bar at the bottom is this page's.
-player.adopt(frame);
+adoptFrame(frame, (event) => player.key(event));
 const waiting = setInterval(() => {
   if (!frame.contentDocument?.querySelector("input")) return;
   clearInterval(waiting);
   player.refresh();
 }, 50);
-frame.srcdoc = RECORDED.scene;
+/** What viser's page reads first of how it is to look. */
+const APPEARANCE = /(__VISER_EMBED_CONFIG__=\{darkMode:)\w+/;
+frame.srcdoc = RECORDED.scene.replace(APPEARANCE, `$1${DARK.matches}`);
 player.open(RECORDED.description);

@@ -10,7 +10,7 @@ const COLUMN_TITLES = {
   "handover 1": ["Handover", "with the object"],
   goal: ["Object at its goal", ""],
 };
-const UNASKED = "#e3e8ee";
+const UNASKED = "var(--line)";
 /** Distance of columns at which their captions would overlap [px]. */
 const NARROW_PITCH = 135;
 

@@ -18,7 +18,6 @@ class TimelineBar {
     const share = (start, end) => `${(100 * (end - start)) / (source.duration || 1)}%`;
     this.buttons = source.segments.map((segment) => {
       const button = element("button", { title: `${segment.words}, ${segment.state || "no state"}, ${segment.hold}` });
-      button.setAttribute("role", "listitem");
       button.setAttribute("aria-label", `${segment.words} at ${segment.start.toFixed(1)} s`);
       button.style.background = colours[segment.kind];
       button.style.width = share(segment.start, segment.end);

@@ -1,0 +1,287 @@
+"""The connection of somebody who edits a task: the page keeps the task, the scene shows it and is dragged in."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, Literal
+
+import anyio
+import structlog
+from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
+from pydantic import Field, TypeAdapter, ValidationError
+from starlette.concurrency import run_in_threadpool
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from app.errors import (
+    CellNotDrawn,
+    DocumentNotReady,
+    KeyNeeded,
+    PlanNotFound,
+    SceneNotFound,
+    ScopeNeeded,
+    TooManyRequests,
+    TooManyWatchers,
+)
+from app.viewer.editor.draft import cell_of, read_draft
+from app.viewer.editor.draft_scene import Chosen, DraftScene, Moved
+from app.viewer.editor.feasibility import LastPath
+from app.viewer.editor.found_path import lines_of
+from app.viewer.editor.starts import NoSuchExample, example_task, task_of_scene
+from app.viewer.link_meshes import FULL, LIGHT
+from app.viewer.page import describe_plan
+from app.viewer.scene_servers import VIEWS, SceneServer, SceneServers
+from app.viewer.watch import (
+    BAD_DATA,
+    INTERNAL_ERROR,
+    LONGEST_REASON,
+    POLICY_VIOLATION,
+    TRY_AGAIN_LATER,
+    UNSUPPORTED_DATA,
+    Look,
+    PageRequest,
+    SetDetail,
+    Visible,
+    WatcherFault,
+    or_fault,
+    receive_text,
+)
+from planners.errors import SceneError
+from planners.scene.shape_source import ShapeSource, Uploads
+from planners.scene.suction_tool import SuctionTool
+from workers.stores.database_loss import DATABASE_GONE, said_by
+
+MOST_MOVES = 2**53
+MOST_THINGS = 1000
+Pointer = Annotated[str, Field(max_length=200)]
+Metres = Annotated[float, Field(ge=-20.0, le=20.0, allow_inf_nan=False)]
+log = structlog.get_logger(__name__)
+
+
+class StartFrom(PageRequest):
+    """Give a task to begin with."""
+
+    type: Literal["start"]
+    of: Literal["example", "plan", "scene"]
+    name: Pointer
+
+
+class DrawDraft(PageRequest):
+    """Show a task, finished or not."""
+
+    type: Literal["draw"]
+    task: Any
+    chosen: Pointer | None
+    wrong: Annotated[list[Pointer], Field(max_length=MOST_THINGS)]
+    moves: Annotated[int, Field(ge=0, le=MOST_MOVES)]
+    """How many moves that were told of the task takes into account."""
+
+
+class Nudge(PageRequest):
+    """Move a thing a little, and have it come to lie."""
+
+    type: Literal["nudge"]
+    pointer: Pointer
+    by: tuple[Metres, Metres]
+    turn: Annotated[float, Field(ge=-7.0, le=7.0, allow_inf_nan=False)]
+    """About the vertical [rad]."""
+
+
+class ShowPath(PageRequest):
+    """Draw the way of what a plan moves, in place of the last one; None: no way."""
+
+    type: Literal["path"]
+    plan: Pointer | None
+
+
+class Judge(PageRequest):
+    """Say at once whether the last path would hold with the forces of a task."""
+
+    type: Literal["judge"]
+    task: Any
+
+
+EditorMessage = StartFrom | DrawDraft | Nudge | ShowPath | Judge | SetDetail | Look
+WORDS = {
+    "start": "begin with that",
+    "draw": "show this task",
+    "nudge": "move that",
+    "path": "show the path of this plan",
+    "judge": "judge this task by the last path",
+    "detail": "draw the cell",
+    "view": "move the camera",
+}
+"""What is asked for, by type of request."""
+RESULT = {"outcome", "outcome_words", "outcome_meaning", "summary", "causes", "remedies", "highlights"}
+"""What the page tells of a plan that was made of the task."""
+REQUESTS: TypeAdapter[EditorMessage] = TypeAdapter(Annotated[EditorMessage, Field(discriminator="type")])
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """What all who edit share."""
+
+    servers: SceneServers
+    uploads: Uploads
+    tools: Mapping[str, SuctionTool]
+    visible_now: Callable[[], Awaitable[Visible]]
+    """Tells what somebody may see, whenever something is opened; raises what `admit` does."""
+
+
+async def edit(socket: WebSocket, workshop: Workshop) -> None:
+    """Give somebody a scene with a draft in it, and do with it what the page asks for until it goes away."""
+    await socket.accept()
+    try:
+        server = await or_fault("open a scene", workshop.servers.enter())
+    except TooManyWatchers as error:
+        await socket.close(TRY_AGAIN_LATER, str(error))
+        return
+    except WatcherFault as fault:
+        await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
+        return
+    # What is answered and what was dragged goes out in one order, by one task.
+    outbox, sent = anyio.create_memory_object_stream[dict[str, Any]](max_buffer_size=float("inf"))
+    try:
+        async with anyio.create_task_group() as tasks:
+            tasks.start_soon(_send_on, sent, socket)
+            await _serve(socket, _Editing(workshop, server, outbox))
+            tasks.cancel_scope.cancel()
+    finally:
+        with anyio.CancelScope(shield=True):
+            await workshop.servers.leave(server)
+
+
+async def _send_on(sent: MemoryObjectReceiveStream[dict[str, Any]], socket: WebSocket) -> None:
+    try:
+        async for message in sent:
+            await socket.send_json(message)
+    except (WebSocketDisconnect, RuntimeError):
+        log.debug("somebody left the editor")
+
+
+async def _serve(socket: WebSocket, editing: _Editing) -> None:
+    try:
+        editing.send({"type": "scene", "scene": f"scene/{editing.server.key}/"})
+        while True:
+            text = await receive_text(socket)
+            if text is None:
+                await socket.close(UNSUPPORTED_DATA, "requests of this editor are text")
+                return
+            await editing.answer(REQUESTS.validate_json(text))
+    except WebSocketDisconnect:
+        log.debug("somebody left the editor")
+    except (KeyNeeded, ScopeNeeded):
+        await socket.close(POLICY_VIOLATION, "the key that opened this page opens nothing any more: log in again")
+    except ValidationError:
+        await socket.close(BAD_DATA, "not a request of this editor")
+
+
+@dataclass
+class _Editing:
+    """One who edits: a scene, and the draft that is shown in it."""
+
+    workshop: Workshop
+    server: SceneServer
+    outbox: MemoryObjectSendStream[dict[str, Any]]
+    loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.get_running_loop)
+    scene: DraftScene | None = None
+    cell: str | None = None
+    """In which the scene is."""
+    path: LastPath | None = None
+    """Of the plan that was shown last."""
+
+    def __post_init__(self) -> None:
+        self.shapes = ShapeSource(self.workshop.uploads)
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send something to the page; from the event loop only."""
+        try:
+            self.outbox.send_nowait(message)
+        except (anyio.BrokenResourceError, anyio.ClosedResourceError):
+            log.debug("nobody listens any more")
+
+    async def answer(self, request: EditorMessage) -> None:
+        """Do what is asked for, and say so, or what went wrong."""
+        try:
+            self.send(await or_fault(WORDS[request.type], self._answered(request)))
+        except DATABASE_GONE as error:
+            log.error("database cannot be used", error=said_by(error))
+            self.send(_refusal(request, "The database is away, or its disk is full; what was accepted is kept."))
+        except WatcherFault as fault:
+            self.send({"type": "fault", "request": request.type, "detail": str(fault)})
+
+    async def _answered(self, request: EditorMessage) -> dict[str, Any]:
+        try:
+            match request:
+                case StartFrom():
+                    visible = await self.workshop.visible_now()
+                    return {"type": "draft", "task": await run_in_threadpool(self._start, request, visible)}
+                case ShowPath():
+                    return await run_in_threadpool(self._show_path, request, await self.workshop.visible_now())
+                case Judge():
+                    return {"type": "judged", "feasibility": await run_in_threadpool(self._judge, request.task)}
+                case _:
+                    await run_in_threadpool(self._change_scene, request)
+        except (PlanNotFound, DocumentNotReady, SceneNotFound, NoSuchExample, CellNotDrawn, TooManyRequests) as error:
+            return _refusal(request, str(error))
+        except SceneError as error:
+            return _refusal(request, error.detail)
+        return {"type": "done", "request": request.type}
+
+    def _start(self, request: StartFrom, visible: Visible) -> dict[str, Any]:
+        match request.of:
+            case "example":
+                return example_task(request.name)
+            case "plan":
+                return visible.plans.task(request.name)
+            case "scene":
+                return task_of_scene(visible.scenes.scene(request.name).document, self.workshop.servers.cells)
+
+    def _change_scene(self, request: DrawDraft | Nudge | SetDetail | Look) -> None:
+        match request:
+            case DrawDraft():
+                self._draw(request)
+            case Nudge() if self.scene is not None:
+                self.scene.nudge(request.pointer, request.by, request.turn)
+            case SetDetail():
+                self.workshop.servers.set_detail(self.server, LIGHT if request.light else FULL)
+            case Look():
+                self.server.look(VIEWS[request.view])
+
+    def _draw(self, request: DrawDraft) -> None:
+        name = cell_of(request.task)
+        # A cell that there is not is told where the task is checked; here the last one stays.
+        if name in self.workshop.servers.cells and name != self.cell:
+            self.scene, self.cell = self.workshop.servers.open_draft(self.server, name, self._told), name
+        if self.scene is None or self.cell is None:
+            return
+        draft = read_draft(request.task, self.workshop.servers.cells[self.cell], self.shapes, self.workshop.tools)
+        with self.server.together():
+            self.scene.show(draft, request.chosen, frozenset(request.wrong), request.moves)
+
+    def _show_path(self, request: ShowPath, visible: Visible) -> dict[str, Any]:
+        plan = None if request.plan is None else self.workshop.servers.load(visible.plans, request.plan)
+        # Where nothing was found the last path that was stays.
+        if self.scene is not None and (plan is None or plan.segments):
+            with self.server.together():
+                self.scene.show_path(lines_of(plan))
+        if plan is None:
+            self.path = None
+            return {"type": "done", "request": request.type}
+        if LastPath.can_be_of(plan):
+            self.path = LastPath(plan, self.workshop.servers.cells)
+        told = describe_plan(plan).model_dump(mode="json", by_alias=True, include=RESULT)
+        return {"type": "result", "plan": request.plan, "description": told}
+
+    def _judge(self, task: Any) -> dict[str, Any] | None:
+        judged = None if self.path is None else self.path.judge(task)
+        return None if judged is None else judged.model_dump()
+
+    def _told(self, news: Moved | Chosen) -> None:
+        """Pass on what somebody did in the scene, from a thread of viser's."""
+        self.loop.call_soon_threadsafe(self.send, {"type": type(news).__name__.lower(), **asdict(news)})
+
+
+def _refusal(request: EditorMessage, detail: str) -> dict[str, Any]:
+    return {"type": "refused", "request": request.type, "detail": detail}

@@ -1,0 +1,97 @@
+/* The connection of a page to a scene on the service that shows plans and perceived scenes. */
+"use strict";
+
+/** Close code (RFC 6455) of who may not be here. */
+const POLICY_VIOLATION = 1008;
+/** Codes (RFC 6455) with which a side closes that cannot go on: a request that makes no sense, an error of its own. */
+const FAULT_CODES = [1007, 1011];
+
+/** A scene on the service: this connection is for what we ask, one of viser's own for the scene. */
+class Connection {
+  constructor() {
+    this.waiting = null;
+    this.busy = false;
+    this.queue = [];
+    this.connect();
+  }
+
+  connect() {
+    this.broken = false;
+    this.socket = new WebSocket(new URL("watch", location.href.replace(/^http/, "ws")));
+    this.socket.onmessage = (event) => this.receive(JSON.parse(event.data));
+    this.socket.onclose = (event) => this.lost(event);
+  }
+
+  /** Load a plan into the scene. */
+  load(plan) {
+    this.ask({ type: "open", plan });
+  }
+
+  /** Load a perceived scene. */
+  loadPerceived(scene) {
+    this.ask({ type: "open_perceived", scene });
+  }
+
+  /** Show a time; of the times asked for while one is on its way, only the last counts. */
+  show(source, time) {
+    this.waiting = { type: "time", source, time };
+    this.pump();
+  }
+
+  layer(layer, visible) {
+    this.ask({ type: "layer", layer, visible });
+  }
+
+  look(view) {
+    this.ask({ type: "view", view });
+  }
+
+  /** Draw so much from the next plan on. */
+  detail(light) {
+    this.ask({ type: "detail", light });
+  }
+
+  ask(request) {
+    // The new scene asks for what is wanted then.
+    if (this.broken) return this.connect();
+    this.queue.push(request);
+    this.pump();
+  }
+
+  pump() {
+    if (this.busy || !this.ready || this.socket.readyState !== WebSocket.OPEN) return;
+    let request = this.queue.shift();
+    if (!request) [request, this.waiting] = [this.waiting, null];
+    if (!request) return;
+    this.busy = true;
+    this.socket.send(JSON.stringify(request));
+  }
+
+  receive(answer) {
+    if (answer.type === "scene") {
+      this.ready = true;
+      this.onscene(new URL(answer.scene, location.href).pathname);
+    } else {
+      this.busy = false;
+      if (answer.type === "plan") this.onplan(answer.description);
+      if (answer.type === "perceived") this.onperceived(answer.description);
+      if (answer.type === "camera") this.oncamera(answer.camera);
+      if (answer.type === "refused") this.onrefused(answer);
+      if (answer.type === "fault") this.onfault(answer.detail);
+    }
+    this.pump();
+  }
+
+  /** The service went away or was restarted: ask for a new scene until there is one. After a fault there would be
+   *  the same again, so that it is told instead; and who may not have one may not ask. */
+  lost(event) {
+    Object.assign(this, { ready: false, busy: false, queue: [], waiting: null });
+    if (event.code === POLICY_VIOLATION) return this.onlost(event.reason);
+    if (FAULT_CODES.includes(event.code)) {
+      this.broken = true;
+      return this.onfault(event.reason || "It ended the connection and did not say why.");
+    }
+    this.onlost(event.reason || "The connection to the service is lost; trying again.");
+    setTimeout(() => this.connect(), 1500);
+  }
+}

@@ -1,0 +1,665 @@
+/* The editor: a task in a scene that is dragged in, its values beside it, and what the service would say of it. */
+"use strict";
+
+const POLL_MILLISECONDS = 400;
+const CHECK_MILLISECONDS = 60;
+/** So long after the last change a task is planned by itself, where that is wanted. */
+const REST_MILLISECONDS = 1500;
+const MOVE = 0.01, FINE_MOVE = 0.001, TURN = Math.PI / 12, FINE_TURN = Math.PI / 180;
+/** Along the world's x and y, as seen from the front, where the camera is first. */
+const ARROWS = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] };
+const LIGHT = drawsLightly();
+const byId = (id) => document.getElementById(id);
+
+/** The scene on the service: draws the draft, and tells what is done in it. */
+class SceneConnection {
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.connect();
+  }
+
+  connect() {
+    Object.assign(this, { ready: false, drawing: false, waiting: null, later: [] });
+    this.socket = new WebSocket(new URL("edit", location.href.replace(/^http/, "ws")));
+    this.socket.onmessage = ({ data }) => this.receive(JSON.parse(data));
+    this.socket.onclose = (event) => this.lost(event);
+  }
+
+  send(request) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(request));
+  }
+
+  /** Draw; of drafts that come while one is being drawn, only the last counts. */
+  draw(request) {
+    if (!this.ready || this.drawing) {
+      this.waiting = request;
+      return;
+    }
+    this.drawing = true;
+    this.send({ type: "draw", ...request });
+    for (const each of this.later.splice(0)) this.send(each);
+  }
+
+  /** Ask for something that is done with what is drawn: not before it was sent to be drawn. */
+  sendDrawn(request) {
+    if (this.waiting || !this.ready) this.later.push(request);
+    else this.send(request);
+  }
+
+  receive(message) {
+    if (message.type === "scene") this.ready = true;
+    if (message.request === "draw") {
+      this.drawing = false;
+      const { waiting } = this;
+      this.waiting = null;
+      if (waiting) this.draw(waiting);
+    }
+    this.handlers[message.type]?.(message);
+  }
+
+  lost(event) {
+    this.ready = false;
+    const denied = event.code === POLICY_VIOLATION;
+    const fault = FAULT_CODES.includes(event.code);
+    this.handlers.lost(fault ? "A fault of the service" : "No connection", event.reason || (fault ? "It ended the connection." : "The connection to the service is lost; trying again."));
+    if (!denied && !fault) setTimeout(() => this.connect(), 1500);
+  }
+}
+
+class Editor {
+  constructor(capabilities) {
+    Object.assign(this, { capabilities, chosen: null, errors: [], accepted: null, moves: 0, checking: false, plan: null, lastPlan: null });
+    this.draft = new TaskDraft(() => this.changed());
+    this.fields = new Fields(this);
+    this.frame = byId("scene-frame");
+    this.connection = new SceneConnection({
+      scene: ({ scene }) => this.sceneOpened(new URL(scene, location.href).pathname),
+      draft: ({ task }) => this.begin(task),
+      moved: (message) => this.moved(message),
+      chosen: ({ pointer }) => this.choose(pointer),
+      refused: ({ request, detail }) => request !== "path" && this.say("That cannot be done", detail),
+      fault: ({ detail }) => this.say("A fault of the service", detail),
+      result: (message) => this.showResult(message),
+      judged: ({ feasibility }) => this.showFeasibility(feasibility),
+      lost: (title, words) => this.say(title, words),
+    });
+    byId("undo").onclick = () => this.draft.undo();
+    byId("redo").onclick = () => this.draft.redo();
+    byId("copy-json").onclick = (event) => copy(event.target, JSON.stringify(this.draft.task, null, 2));
+    byId("copy-curl").onclick = (event) => copy(event.target, this.curl());
+    byId("plan").onclick = () => this.post();
+    byId("resting").onchange = () => this.planAtRest();
+    byId("views").append(...VIEWS.map((view) => {
+      const words = view[0].toUpperCase() + view.slice(1);
+      return element("button", { textContent: words, onclick: () => this.connection.send({ type: "view", view }) });
+    }));
+    window.addEventListener("keydown", (event) => this.key(event));
+    adoptFrame(this.frame, (event) => this.key(event, true));
+    this.fillStart();
+  }
+
+  sceneOpened(address) {
+    this.say();
+    [this.moves, this.judging, this.hasPath] = [0, false, false];
+    this.connection.send({ type: "detail", light: LIGHT });
+    this.frame.src = frameAddress(address, LIGHT);
+    if (Object.keys(this.draft.task).length) {
+      if (this.lastPlan) this.connection.send({ type: "path", plan: this.lastPlan });
+      return this.show();
+    }
+    const asked = new URLSearchParams(location.search);
+    for (const of of ["plan", "example", "scene"])
+      if (asked.get(of)) {
+        if (of === "plan") this.lastPlan = asked.get(of);
+        return this.connection.send({ type: "start", of, name: asked.get(of) });
+      }
+    this.begin(EMPTY[asked.get("kind")] ?? EMPTY.plate_lift);
+  }
+
+  begin(task) {
+    this.chosen = null;
+    this.draft.begin(task);
+    this.choose(thingsOf(task)[0]?.pointer ?? null);
+    if (this.lastPlan) this.connection.send({ type: "path", plan: this.lastPlan });
+  }
+
+  /** Choices of what to begin with: empty tasks, the examples, perceived scenes. */
+  async fillStart() {
+    const start = byId("start");
+    const add = (label, options) => {
+      if (!options.length) return;
+      const made = element("optgroup", { label });
+      made.append(...options.map(([value, words]) => element("option", { value, textContent: words })));
+      start.append(made);
+    };
+    start.append(element("option", { value: "", textContent: "this task" }));
+    add("Empty", Object.entries(KIND_WORDS).map(([kind, words]) => [`kind=${kind}`, words]));
+    for (const [kind, names] of Object.entries(this.capabilities.example_tasks)) add(`${KIND_WORDS[kind] ?? kind}: examples`, names.map((name) => [`example=${name}`, name]));
+    const scenes = await fetch("../v1/scenes?page_size=50");
+    if (scenes.ok) add("Perceived scenes", (await scenes.json()).scenes.map(({ id, external_id }) => [`scene=${id}`, external_id ?? id.slice(0, 8)]));
+    start.onchange = () => {
+      const [of, name] = start.value.split("=");
+      start.value = "";
+      [this.lastPlan, this.hasPath] = [null, false];
+      byId("feasibility").hidden = true;
+      this.connection.send({ type: "path", plan: null });
+      if (of === "kind") return this.begin(EMPTY[name]);
+      if (of) this.connection.send({ type: "start", of, name });
+    };
+  }
+
+  get things() {
+    return thingsOf(this.draft.task);
+  }
+
+  /** The thing that an error's pointer concerns: the one that owns the longest member that it leads into. */
+  thingOf(pointer) {
+    let best = null, length = 0;
+    for (const thing of this.things)
+      for (const own of thing.owns) if (within(pointer, own) && own.length > length) [best, length] = [thing, own.length];
+    return best;
+  }
+
+  /** Everything follows the draft: lists, values, the scene, and what the service says. */
+  changed() {
+    if (!this.things.some(({ pointer }) => pointer === this.chosen)) this.chosen = null;
+    clearTimeout(this.resting);
+    this.show();
+    this.askSoon();
+    this.judge();
+  }
+
+  /** Ask whether the last path would hold with the forces of now; of questions that come meanwhile, the last counts. */
+  judge() {
+    if (!this.hasPath || this.judging) {
+      this.toJudge = this.judging;
+      return;
+    }
+    this.judging = true;
+    this.connection.send({ type: "judge", task: this.draft.task });
+  }
+
+  showFeasibility(told) {
+    this.judging = false;
+    if (this.toJudge) this.judge();
+    const place = byId("feasibility");
+    place.hidden = !told || !this.hasPath;
+    place.className = told?.holds ? "holds" : "fails";
+    place.textContent = told?.words ?? "";
+  }
+
+  show() {
+    byId("undo").disabled = !this.draft.past.length;
+    byId("redo").disabled = !this.draft.future.length;
+    byId("subtitle").textContent = KIND_WORDS[this.draft.task.kind] ?? "";
+    byId("title").textContent = this.draft.task.external_id || "New task";
+    document.title = `${byId("title").textContent} · Liftwright`;
+    this.listThings();
+    this.fields.show();
+    const wrong = [...new Set(this.errors.map(({ pointer }) => this.thingOf(pointer)?.pointer).filter(Boolean))];
+    this.connection.draw({ task: this.draft.task, chosen: this.chosen, wrong, moves: this.moves });
+  }
+
+  choose(pointer) {
+    this.chosen = pointer;
+    this.show();
+  }
+
+  listThings() {
+    const wrong = new Set(this.errors.map((error) => this.thingOf(error.pointer)?.pointer));
+    const rows = this.things.map((thing) => {
+      const button = element("button", { textContent: thing.words, className: `${thing.kind} ${wrong.has(thing.pointer) ? "wrong" : ""}`, onclick: () => this.choose(thing.pointer) });
+      button.dataset.pointer = thing.pointer;
+      button.setAttribute("aria-pressed", String(thing.pointer === this.chosen));
+      const row = element("li", {}, button);
+      if (["object", "obstacle"].includes(thing.kind)) row.append(this.small("2×", `Double ${thing.words}`, () => this.double(thing)));
+      if (!["goal", "tool"].includes(thing.kind)) row.append(this.small("✕", `Take ${thing.words} away`, () => this.remove(thing)));
+      return row;
+    });
+    if (!rows.length) rows.push(element("li", { className: "none", textContent: "Nothing yet." }));
+    keepFocus(byId("things"), rows);
+    const needed = (name) => this.errors.some(({ pointer, detail }) => detail === "is required" && within(pointer, `/${name}`)) || (name === "object" && this.errors.some(({ pointer }) => pointer === "/objects"));
+    keepFocus(byId("additions"), addable(this.draft.task).map(([name, words, add]) =>
+      Object.assign(element("button", { textContent: words, className: needed(name) ? "needed" : "", onclick: () => this.add(add) }), { id: `add-${name}` })));
+  }
+
+  small(sign, words, onclick) {
+    const button = element("button", { className: "small", textContent: sign, title: words, onclick });
+    button.setAttribute("aria-label", words);
+    return button;
+  }
+
+  add(make) {
+    let pointer = null;
+    this.draft.together((task) => (pointer = make(task)));
+    this.choose(pointer);
+    this.nudge([0, 0], 0);
+    this.focusThing(pointer);
+  }
+
+  focusThing(pointer) {
+    byId("things").querySelector(`[data-pointer="${CSS.escape(pointer)}"]`)?.focus();
+  }
+
+  double(thing) {
+    const all = thing.base.split("/")[1];
+    let pointer = null;
+    this.draft.together((task) => {
+      const twin = structuredClone(this.draft.get(thing.base));
+      twin.name = freeName(task, String(twin.name ?? thing.kind).replace(/_\d+$/, ""));
+      for (const member of ["pose", "goal_pose"]) if (twin[member]) twin[member][1] = rounded(twin[member][1] + 0.15);
+      pointer = `/${all}/${task[all].push(twin) - 1}/pose`;
+    });
+    this.choose(pointer);
+    this.nudge([0, 0], 0);
+    this.focusThing(pointer);
+  }
+
+  remove(thing) {
+    if (thing.kind === "plate") this.draft.together((task) => (delete task.plate, delete task.plate_pose));
+    else this.draft.remove(thing.base);
+    const left = this.things;
+    this.choose(left.at(-1)?.pointer ?? null);
+    if (this.chosen) this.focusThing(this.chosen);
+    else byId("additions").querySelector("button")?.focus();
+  }
+
+  nudge(by, turn) {
+    if (this.chosen) this.connection.sendDrawn({ type: "nudge", pointer: this.chosen, by, turn });
+  }
+
+  moved({ pointer, value, phase, number }) {
+    this.moves = number;
+    this.chosen = pointer;
+    this.draft.set(pointer, value);
+    if (phase === "end") {
+      this.draft.rest();
+      this.show();
+    }
+  }
+
+  /** Ask the service what it would say, once the last question is answered. */
+  askSoon() {
+    this.asked = true;
+    if (!this.checking) this.ask();
+  }
+
+  async ask() {
+    this.checking = true;
+    while (this.asked) {
+      this.asked = false;
+      await new Promise((done) => setTimeout(done, CHECK_MILLISECONDS));
+      try {
+        const answer = await fetch("../v1/tasks/check", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(this.draft.task) });
+        const told = await answer.json();
+        if (this.asked) continue;
+        if (answer.ok) [this.errors, this.accepted] = [told.errors, told.task];
+        else [this.errors, this.accepted] = [[{ pointer: "", detail: told.detail }], null];
+        this.judged(answer.ok && told.accepted);
+      } catch {
+        byId("check-status").textContent = "The service does not answer.";
+      }
+    }
+    this.checking = false;
+  }
+
+  /** Show what the service says, each thing at what it concerns. */
+  judged(accepted) {
+    const status = byId("check-status");
+    const count = this.errors.length;
+    status.className = accepted ? "yes" : "no";
+    status.textContent = accepted ? "The service would take this task." : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
+    keepFocus(byId("refusals"), this.errors.slice(0, 20).map((error) => {
+      const thing = this.thingOf(error.pointer);
+      const where = thing ? (error.detail.startsWith(thing.words) ? "" : `${thing.words}: `) : `${error.pointer || "the task"}: `;
+      const button = element("button", { title: error.pointer, onclick: () => this.goTo(error) }, element("b", { textContent: where }), error.detail, ...choicesOf(error));
+      button.id = `refusal${error.pointer}`;
+      return element("li", {}, button);
+    }));
+    byId("plan").disabled = !accepted;
+    this.show();
+    this.planAtRest();
+  }
+
+  /** Plan by itself what is taken and was not planned yet, once nothing has changed for a while. */
+  planAtRest() {
+    clearTimeout(this.resting);
+    if (!byId("resting").checked || byId("plan").disabled || JSON.stringify(this.draft.task) === this.posted) return;
+    this.resting = setTimeout(() => !this.checking && this.post(), REST_MILLISECONDS);
+  }
+
+  goTo({ pointer }) {
+    const thing = this.thingOf(pointer);
+    if (thing) this.choose(thing.pointer);
+    else if (byId(`add-${pointer.split("/")[1]}`)) return byId(`add-${pointer.split("/")[1]}`).focus();
+    else byId("task-details").open = true;
+    this.fields.focus(pointer);
+  }
+
+  curl() {
+    const body = JSON.stringify(this.draft.task).replaceAll("'", "'\\''");
+    return `curl -H 'Content-Type: application/json' -d '${body}' ${location.origin}/v1/plans`;
+  }
+
+  async post() {
+    byId("planning").hidden = false;
+    byId("plan-status").textContent = "Posting the task …";
+    this.before = this.lastPlan;
+    this.posted = JSON.stringify(this.draft.task);
+    // What was begun for an older task is not waited for any more.
+    if (this.running) fetch(this.running, { method: "POST" });
+    const answer = await fetch("../v1/plans", { method: "POST", headers: { "Content-Type": "application/json" }, body: this.posted });
+    const told = await answer.json();
+    byId("plan-result").replaceChildren();
+    byId("plan-links").replaceChildren();
+    byId("plan-progress").hidden = !answer.ok;
+    if (!answer.ok) {
+      byId("plan-status").textContent = told.detail;
+      return;
+    }
+    this.follow(told);
+  }
+
+  /** Tell how a plan comes on, until it has ended or another one is asked for. */
+  async follow(plan) {
+    [this.plan, this.running] = [plan.id, plan.links.cancel];
+    while (this.plan === plan.id) {
+      const { state, done, progress, outcome, error, links } = plan;
+      byId("plan-progress").value = progress.fraction;
+      byId("plan-progress").hidden = done;
+      byId("plan-status").textContent = done ? "" : state === "queued" ? "Waiting for its turn" : `Planning: ${(progress.stage ?? "begins").replaceAll("_", " ")}, ${Math.round(100 * progress.fraction)} %`;
+      byId("plan-links").replaceChildren(...(done ? this.linksOf(plan) : [element("button", { textContent: "Cancel", onclick: () => fetch(links.cancel, { method: "POST" }) })]));
+      if (done) {
+        this.running = null;
+        if (outcome) this.connection.send({ type: "path", plan: plan.id });
+        else byId("plan-status").replaceChildren(element("span", { className: "badge failed", textContent: state }), error?.detail ?? "");
+        if (outcome) this.lastPlan = plan.id;
+        return;
+      }
+      await new Promise((wait) => setTimeout(wait, POLL_MILLISECONDS));
+      const answer = await fetch(links.self);
+      if (answer.ok) plan = await answer.json();
+    }
+  }
+
+  linksOf({ id, links, outcome }) {
+    if (!outcome) return [];
+    return [
+      element("button", { id: "watch", textContent: "Watch here", onclick: () => this.watch(id) }),
+      element("a", { href: links.view, target: "_blank", textContent: "Open in the viewer" }),
+      element("a", { href: links.document, target: "_blank", textContent: "Document" }),
+      ...(this.before ? [element("a", { href: `compare?plans=${this.before},${id}`, target: "_blank", textContent: "Compare with the plan before" })] : []),
+    ];
+  }
+
+  /** Show the viewer with a plan in the place of the scene, or the scene again. */
+  watch(plan) {
+    const frame = byId("watch-frame");
+    frame.hidden = !frame.hidden;
+    if (frame.hidden) frame.removeAttribute("src");
+    else frame.src = `./?plan=${plan}`;
+    byId("watch").textContent = frame.hidden ? "Watch here" : "Back to the task";
+  }
+
+  /** What came of the plan whose path is drawn now. */
+  showResult({ plan, description }) {
+    this.hasPath = true;
+    this.judge();
+    if (plan !== this.plan) return;
+    const { outcome, outcome_words, outcome_meaning, summary, causes, remedies, highlights } = description;
+    byId("plan-status").replaceChildren(element("span", { className: `badge ${outcome}`, textContent: outcome_words }), outcome === "solved" ? "" : outcome_meaning);
+    const facts = highlights.map(([label, value]) => element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value })));
+    byId("plan-result").replaceChildren(
+      ...(outcome === "solved" ? [element("dl", {}, ...facts)] : [element("p", { textContent: summary }), element("ul", {}, ...causes.map(({ reason, numbers }) => element("li", {}, reason, numbers ? ` (${numbers})` : "")))]),
+      ...(remedies ?? []).filter(({ task }) => task).map(({ sentence, figures, task }) =>
+        element("p", { className: "remedy" }, element("button", { textContent: "Apply", title: "Change the task so", onclick: () => this.draft.begin(task) }), `${sentence} (${figures})`)),
+    );
+  }
+
+  key(event, inScene = false) {
+    const typing = !inScene && ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && event.target.type !== "checkbox";
+    const command = event.ctrlKey || event.metaKey;
+    const take = (action) => {
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      action();
+    };
+    if (command && event.key === "Enter") return byId("plan").disabled || take(() => this.post());
+    if (typing || event.altKey) return;
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (command && key === "z") return take(() => (event.shiftKey ? this.draft.redo() : this.draft.undo()));
+    if (command && key === "y") return take(() => this.draft.redo());
+    if (command || !this.chosen) return;
+    if (ARROWS[key]) return take(() => this.nudge(ARROWS[key].map((way) => way * (event.shiftKey ? FINE_MOVE : MOVE)), 0));
+    if (key === "q" || key === "e") return take(() => this.nudge([0, 0], (key === "q" ? 1 : -1) * (event.shiftKey ? FINE_TURN : TURN)));
+    if (key === "Delete") {
+      const thing = this.things.find(({ pointer }) => pointer === this.chosen);
+      if (thing && !["goal", "tool"].includes(thing.kind)) take(() => this.remove(thing));
+    }
+  }
+
+  /** Say something in place of the scene: a title and words; nothing to let the scene be seen. */
+  say(title, ...words) {
+    byId("message").replaceChildren(...(title ? [element("h2", { textContent: title })] : []), ...words.map((part) => element("p", { textContent: part })));
+  }
+}
+
+/** The values of what is chosen, and of the task as a whole. */
+class Fields {
+  constructor(editor) {
+    Object.assign(this, { editor, made: { thing: "", task: "" }, refreshers: { thing: [], task: [] }, slots: [] });
+  }
+
+  get draft() {
+    return this.editor.draft;
+  }
+
+  show() {
+    const { editor } = this;
+    const thing = editor.things.find(({ pointer }) => pointer === editor.chosen);
+    const groups = thing ? fieldsOf(thing, this.draft, editor.capabilities) : [];
+    this.build("thing", byId("thing-fields"), groups, thing ? [element("h3", {}, thing.words)] : [element("p", { textContent: "Choose a thing to see its values." })], thing?.pointer);
+    this.build("task", byId("task-fields"), taskFields(this.draft.task, editor.capabilities), []);
+    for (const refresh of [...this.refreshers.thing, ...this.refreshers.task]) refresh();
+    this.showErrors();
+  }
+
+  /** Make the inputs anew where other ones are needed, so that nobody loses the one they type in. */
+  build(part, box, groups, head, key = "") {
+    const signature = JSON.stringify([key, head.map((each) => each.textContent), groups]);
+    if (signature === this.made[part]) return;
+    this.made[part] = signature;
+    this.refreshers[part] = [];
+    this.part = part;
+    const focused = box.contains(document.activeElement) ? document.activeElement.id : null;
+    box.replaceChildren(...head, ...groups.map(({ title, fields }) => {
+      const set = element("fieldset", {}, element("legend", { textContent: title }));
+      for (const field of fields) set.append(...this.field(field));
+      return set;
+    }));
+    if (focused) byId(focused)?.focus();
+  }
+
+  field(field) {
+    switch (field.type) {
+      case "words": return [element("p", { textContent: field.words })];
+      case "number": return [this.number(field)];
+      case "text": return [this.text(field)];
+      case "select": return [this.select(field)];
+      case "shape": return [this.select({ ...field, set: (type) => this.draft.set(field.shape, structuredClone(SHAPES[type])) })];
+      case "check": return [this.check(field)];
+      case "outline": return [this.outline(field)];
+      case "pose": return this.pose(field);
+      default: throw new Error(`no field ${field.type}`);
+    }
+  }
+
+  /** A label with its input, and room for what is wrong with the member. */
+  row(label, input, pointer, { unit, className = "" } = {}) {
+    const id = `field${pointer}`.replaceAll("/", "-");
+    input.id = id;
+    const error = element("p", { className: "error", id: `${id}-error` });
+    error.dataset.pointer = pointer;
+    input.setAttribute("aria-describedby", error.id);
+    const words = element("label", { htmlFor: id, textContent: label });
+    if (unit) input.setAttribute("aria-label", `${label}, ${unit}`);
+    const row = element("div", { className: `field ${className}` }, ...(className === "tick" ? [input, words] : [words, input]));
+    if (unit !== undefined) row.append(element("span", { className: "unit", textContent: unit }));
+    row.append(error);
+    return row;
+  }
+
+  refresh(input, update) {
+    this.refreshers[this.part].push(() => document.activeElement !== input && update());
+    update();
+  }
+
+  value(pointer) {
+    return this.draft.get(pointer);
+  }
+
+  /** What the service takes for a member that the task leaves out. */
+  preset(pointer) {
+    const { accepted } = this.editor;
+    return accepted ? steps(pointer).reduce((value, step) => value?.[step], accepted) : undefined;
+  }
+
+  number({ label, pointer, unit, factor, step, optional, read, write }) {
+    const input = element("input", { type: "number", step: "any", inputMode: "decimal" });
+    const get = read ?? (() => this.value(pointer));
+    const set = write ?? ((value) => (value === null && optional ? this.draft.remove(pointer) : this.draft.set(pointer, value)));
+    const shown = (value) => (typeof value === "number" ? String(rounded(value * factor, 4)) : "");
+    this.refresh(input, () => {
+      input.value = shown(get());
+      input.placeholder = optional ? shown(this.preset(pointer)) : "";
+    });
+    input.oninput = () => set(input.value === "" || !Number.isFinite(input.valueAsNumber) ? null : rounded(input.valueAsNumber / factor));
+    input.onblur = () => (this.draft.rest(), (input.value = shown(get())));
+    // The step counts from what is there, not from a grid of the browser's.
+    input.onkeydown = (event) => {
+      const way = { ArrowUp: 1, ArrowDown: -1 }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      const now = Number.isFinite(input.valueAsNumber) ? input.valueAsNumber : Number(input.placeholder || 0);
+      input.value = String(rounded(now + way * step * (event.shiftKey ? 0.1 : 1), 6));
+      input.oninput();
+    };
+    return this.row(label, input, pointer, { unit });
+  }
+
+  text({ label, pointer, optional }) {
+    const input = element("input", { type: "text", autocomplete: "off", spellcheck: false });
+    this.refresh(input, () => (input.value = this.value(pointer) ?? ""));
+    input.oninput = () => (input.value === "" && optional ? this.draft.remove(pointer) : this.draft.set(pointer, input.value));
+    input.onblur = () => this.draft.rest();
+    return this.row(label, input, pointer, { className: "long" });
+  }
+
+  select({ label, pointer, choices, optional, set }) {
+    const input = element("select");
+    this.refresh(input, () => {
+      const value = this.value(pointer);
+      const preset = this.preset(pointer);
+      const blank = optional ? [element("option", { value: "", textContent: typeof preset === "string" && value === undefined ? `${preset} (default)` : "default" })] : [];
+      const all = value === undefined || choices.includes(value) ? choices : [...choices, value];
+      input.replaceChildren(...blank, ...(value === undefined && !optional ? [element("option", { value: "", textContent: "…" })] : []), ...all.map((choice) => element("option", { value: choice, textContent: String(choice).replaceAll("_", " ") })));
+      input.value = value ?? "";
+    });
+    input.onchange = () => (input.value === "" ? this.draft.remove(pointer) : set ? set(input.value) : this.draft.set(pointer, input.value));
+    return this.row(label, input, pointer, { className: "long" });
+  }
+
+  check({ label, pointer, preset }) {
+    const input = element("input", { type: "checkbox" });
+    this.refresh(input, () => (input.checked = this.value(pointer) ?? preset));
+    input.onchange = () => this.draft.set(pointer, input.checked);
+    return this.row(label, input, pointer, { className: "tick" });
+  }
+
+  outline({ label, pointer }) {
+    const input = element("textarea", { rows: 4, spellcheck: false });
+    this.refresh(input, () => (input.value = list(this.value(pointer)).map((point) => list(point).map((value) => rounded(1000 * value, 4)).join(" ")).join("\n")));
+    input.oninput = () => this.draft.set(pointer, input.value.trim().split("\n").map((line) => line.trim().split(/[\s,]+/).map((word) => (word === "" ? null : Number.isFinite(Number(word)) ? rounded(Number(word) / 1000) : word))));
+    input.onblur = () => this.draft.rest();
+    return this.row(label, input, pointer, { className: "wide" });
+  }
+
+  pose({ pointer, optional }) {
+    const pose = () => this.value(pointer);
+    if (optional && !pose()) {
+      const put = () => this.draft.set(pointer, [0.45, 0.3, TABLE_TOP, 1, 0, 0, 0]);
+      return [element("p", { textContent: `It is ${optional}.` }), element("button", { textContent: "Put it on the table", onclick: () => (put(), this.editor.nudge([0, 0], 0)) })];
+    }
+    const part = (index) => ({
+      read: () => pose()?.[index],
+      write: (value) => this.draft.set(pointer, Object.assign([...(pose() ?? [0, 0, 0, 1, 0, 0, 0])], { [index]: value })),
+    });
+    const rows = ["x, forward", "y, to the robot's left", "z, up"].map((label, index) => this.number({ label, pointer: `${pointer}/${index}`, ...MM, ...part(index) }));
+    const yaw = {
+      read: () => (list(pose()).every((value) => typeof value === "number") && pose()?.length === 7 ? yawOf(pose()) : undefined),
+      write: (value) => value !== null && this.draft.set(pointer, withYaw(pose(), value)),
+    };
+    rows.push(this.number({ label: "Yaw", pointer: `${pointer}/yaw`, unit: "°", factor: 180 / Math.PI, step: 1, ...yaw }));
+    const error = element("p", { className: "error" });
+    error.dataset.pointer = pointer;
+    const tip = (axis) => () => {
+      this.draft.set(pointer, turned(pose(), [Math.SQRT1_2, ...axis.map((value) => value * Math.SQRT1_2)]));
+      this.editor.nudge([0, 0], 0);
+    };
+    const buttons = [element("button", { textContent: "Put down", title: "Onto what is below it", onclick: () => this.editor.nudge([0, 0], 0) })];
+    if (pointer.startsWith("/objects")) buttons.push(element("button", { textContent: "Tip about x", onclick: tip([1, 0, 0]) }), element("button", { textContent: "Tip about y", onclick: tip([0, 1, 0]) }));
+    if (optional) buttons.push(element("button", { textContent: "Back to its rest", onclick: () => this.draft.remove(pointer) }));
+    return [...rows, error, element("div", { className: "field-row" }, ...buttons)];
+  }
+
+  /** Put what the service says to the fields: to the member itself, or to the nearest one that it is part of. */
+  showErrors() {
+    const slots = [...document.querySelectorAll("#fields .error")];
+    const told = new Map(slots.map((slot) => [slot, []]));
+    for (const error of this.editor.errors) {
+      const around = slots.filter((slot) => within(error.pointer, slot.dataset.pointer)).sort((a, b) => b.dataset.pointer.length - a.dataset.pointer.length);
+      const slot = around[0] ?? slots.find((each) => within(each.dataset.pointer, error.pointer));
+      if (slot) told.get(slot).push(error);
+    }
+    for (const [slot, errors] of told) {
+      const words = errors.map((error) => [error.detail, ...choicesOf(error).map((each) => each.textContent)].join(" ")).join("; ");
+      if (slot.textContent !== words) slot.textContent = words;
+      document.querySelector(`[aria-describedby="${CSS.escape(slot.id)}"]`)?.setAttribute("aria-invalid", String(errors.length > 0));
+    }
+  }
+
+  focus(pointer) {
+    const inputs = [...document.querySelectorAll("#fields [aria-describedby]")];
+    const own = (input) => byId(input.getAttribute("aria-describedby")).dataset.pointer;
+    (inputs.find((input) => own(input) === pointer) ?? inputs.find((input) => within(pointer, own(input))) ?? inputs.find((input) => within(own(input), pointer)))?.focus();
+  }
+}
+
+/** The valid choices of an error, where they can be listed. */
+function choicesOf({ allowed }) {
+  return allowed?.length ? [element("small", { textContent: `Valid: ${allowed.join(", ")}` })] : [];
+}
+
+/** Put other children into a list, and leave the focus on the one that stands for the same. */
+function keepFocus(box, children) {
+  const name = (node) => node.dataset?.pointer ?? node.id ?? node.getAttribute("aria-label");
+  const focused = box.contains(document.activeElement) ? document.activeElement : null;
+  const fresh = element("div", {}, ...children);
+  if (box.innerHTML === fresh.innerHTML) return;
+  box.replaceChildren(...children);
+  if (focused) [...box.querySelectorAll("button")].find((each) => name(each) === name(focused))?.focus();
+}
+
+async function copy(button, text) {
+  const words = button.textContent;
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "Copied";
+  } catch {
+    button.textContent = "Not allowed";
+  }
+  setTimeout(() => (button.textContent = words), 1200);
+}
+
+let editor = null;
+fetch("../v1/capabilities").then((answer) => answer.json()).then((capabilities) => (editor = new Editor(capabilities)));

@@ -1,0 +1,31 @@
+/* The start page: whether the service can work, and what it can plan. */
+"use strict";
+
+const ROWS = [["Tasks", "kinds"], ["Cells", "cells"], ["Lifters", "lifter_models"], ["Suction tools", "tools"]];
+
+async function tell() {
+  const health = document.getElementById("health");
+  try {
+    const ready = await fetch("/readyz");
+    health.className = `badge ${ready.ok ? "solved" : "failed"}`;
+    health.textContent = ready.ok ? "ready" : (await ready.json()).detail;
+    const told = await (await fetch("/v1/capabilities")).json();
+    const { name, version } = told.software;
+    document.getElementById("version").textContent = `${name} ${version}`;
+    document.getElementById("capabilities").replaceChildren(...ROWS.flatMap(([words, member]) => row(words, told[member].join(", "))),
+      ...row("Jobs at a time", String(told.limits.worker_slots)));
+  } catch {
+    health.className = "badge failed";
+    health.textContent = "no connection";
+  }
+}
+
+function row(words, value) {
+  const [term, meaning] = ["dt", "dd"].map((tag) => document.createElement(tag));
+  term.textContent = words;
+  meaning.textContent = value.replaceAll("_", " ");
+  return [term, meaning];
+}
+
+document.getElementById("first-line").textContent = `curl -H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans`;
+tell();

@@ -1,0 +1,189 @@
+/* What can be set of each thing of a task, with units, and what a new thing is at first. */
+"use strict";
+
+const MM = { unit: "mm", factor: 1000, step: 1 };
+const PERCENT = { unit: "%", factor: 100, step: 1 };
+const NEWTON = { unit: "N", factor: 1, step: 0.5 };
+const RATIO = { unit: "", factor: 1, step: 0.05 };
+const KILOGRAM = { unit: "kg", factor: 1, step: 0.1 };
+const SHAPES = {
+  box: { type: "box", size: [0.1, 0.1, 0.1] },
+  cylinder: { type: "cylinder", radius: 0.04, height: 0.1 },
+  prism: { type: "prism", outline: [[-0.1, -0.08], [0.1, -0.08], [0, 0.1]], height: 0.04 },
+  mesh: { type: "mesh", asset: "can" },
+};
+/** Of new things [m]: where the table of the shipped cells is, and places on it that both arms reach. */
+const TABLE_TOP = 1.094;
+const EMPTY = {
+  plate_lift: { kind: "plate_lift" },
+  suction_tool: { kind: "suction_tool", objects: [] },
+};
+const KIND_WORDS = { plate_lift: "Plate lift", suction_tool: "Suction tool" };
+
+const number = (label, pointer, unit, more = {}) => ({ type: "number", label, pointer, ...unit, ...more });
+const select = (label, pointer, choices, more = {}) => ({ type: "select", label, pointer, choices, ...more });
+
+/** All things of a task: `pointer` of the member that says where it is, `owns` the members that are its own, its name. */
+function thingsOf(task) {
+  const things = [];
+  if (task.kind === "plate_lift") {
+    if (task.plate || task.plate_pose) things.push({ pointer: "/plate_pose", owns: ["/plate", "/plate_pose"], words: "Plate", kind: "plate", base: "/plate" });
+    if (task.cup) things.push({ pointer: "/cup/position", owns: ["/cup", "/lifter_model"], words: "Cup", kind: "cup", base: "/cup" });
+    if (task.support) things.push({ pointer: "/support/pose", owns: ["/support"], words: "Support", kind: "support", base: "/support" });
+  } else {
+    things.push({ pointer: "/tool_pose", owns: ["/tool", "/tool_pose"], words: "Tool", kind: "tool", base: "/tool" });
+  }
+  for (const [index, object] of list(task.objects).entries()) {
+    const base = `/objects/${index}`;
+    const name = object?.name || `object ${index + 1}`;
+    things.push({ pointer: `${base}/pose`, owns: [base], words: name, kind: "object", base });
+    things.push({ pointer: `${base}/goal_pose`, owns: [`${base}/goal_pose`, `${base}/goal_symmetry`], words: `${name}, goal`, kind: "goal", base });
+  }
+  for (const [index, obstacle] of list(task.obstacles).entries()) {
+    const base = `/obstacles/${index}`;
+    things.push({ pointer: `${base}/pose`, owns: [base], words: obstacle?.name || `obstacle ${index + 1}`, kind: "obstacle", base });
+  }
+  return things;
+}
+
+function list(value) {
+  return Array.isArray(value) ? value : [];
+}
+
+/** What can be added to a task, with what it is at first. */
+function addable(task) {
+  const additions = [];
+  const lift = task.kind === "plate_lift";
+  if (lift && !task.plate) additions.push(["plate", "Plate", (draft) => {
+    draft.plate = { shape: { type: "box", size: [0.3, 0.3, 0.04] }, mass: 3 };
+    draft.plate_pose = [0.3, 0, TABLE_TOP + 0.02, 1, 0, 0, 0];
+    return "/plate_pose";
+  }]);
+  if (lift && !task.cup) additions.push(["cup", "Cup", (draft) => {
+    draft.cup = { position: [0.1, 0], radius: 0.0175, max_force: 20 };
+    return "/cup/position";
+  }]);
+  if (lift && !task.support) additions.push(["support", "Support", (draft) => {
+    draft.support = { shape: { type: "box", size: [0.4, 0.5, 0.044] }, pose: [0.3, 0, TABLE_TOP + 0.022, 1, 0, 0, 0] };
+    return "/support/pose";
+  }]);
+  if (!lift) additions.push(["object", "Object", (draft) => {
+    draft.objects = list(draft.objects);
+    const { length } = draft.objects;
+    const x = 0.25 + 0.15 * (length % 3);
+    const name = freeName(draft, "object");
+    draft.objects.push({ name, shape: { type: "box", size: [0.12, 0.08, 0.06] }, mass: 0.3, pose: [x, 0.3, TABLE_TOP + 0.03, 1, 0, 0, 0], goal_pose: [x, -0.3, TABLE_TOP + 0.03, 1, 0, 0, 0] });
+    return `/objects/${length}/pose`;
+  }]);
+  additions.push(["obstacle", "Obstacle", (draft) => {
+    draft.obstacles = list(draft.obstacles);
+    const name = freeName(draft, "obstacle");
+    draft.obstacles.push({ name, shape: { type: "box", size: [0.1, 0.1, 0.1] }, pose: [0.6, 0.35, TABLE_TOP + 0.05, 1, 0, 0, 0] });
+    return `/obstacles/${draft.obstacles.length - 1}/pose`;
+  }]);
+  return additions;
+}
+
+/** A name that nothing else of the task has. */
+function freeName(task, stem) {
+  const taken = new Set([...list(task.objects), ...list(task.obstacles)].map((each) => each?.name));
+  for (let index = 1; ; index += 1) if (!taken.has(`${stem}_${index}`)) return `${stem}_${index}`;
+}
+
+/** Groups of fields of a thing: [{ title, fields }]. */
+function fieldsOf(thing, draft, capabilities) {
+  const { base } = thing;
+  const place = { title: "Place in the world", fields: [{ type: "pose", pointer: thing.pointer }] };
+  switch (thing.kind) {
+    case "plate":
+      return [
+        { title: "Shape", fields: shapeFields("/plate/shape", draft, ["box", "prism"], capabilities) },
+        { title: "Mass", fields: [
+          number("Mass", "/plate/mass", KILOGRAM),
+          number("Mass may be off by", "/plate/mass_tolerance", PERCENT, { optional: true }),
+          number("Centre of mass may be off by", "/plate/com_tolerance", MM, { optional: true }),
+        ] },
+        place,
+      ];
+    case "cup":
+      return [
+        { title: "Place on the plate, from its origin", fields: [
+          number("x, along the plate", "/cup/position/0", MM), number("y, across the plate", "/cup/position/1", MM),
+        ] },
+        { title: "Suction", fields: [
+          number("Radius of the pad", "/cup/radius", MM, { step: 0.5 }), number("Largest force", "/cup/max_force", NEWTON),
+          number("Friction of the pad", "/cup/mu", RATIO, { optional: true }), number("Bending, kappa", "/cup/kappa", { ...NEWTON, step: 0.001 }, { optional: true }),
+          select("Lifter model", "/lifter_model", capabilities.lifter_models, { optional: true }),
+        ] },
+      ];
+    case "support":
+      return [{ title: "Shape", fields: shapeFields("/support/shape", draft, ["box", "cylinder", "prism"], capabilities) }, place];
+    case "tool":
+      return [
+        { title: "Tool", fields: [typeof draft.get("/tool") === "object" ? { type: "words", words: "A tool of the task's own." } : select("Tool", "/tool", capabilities.tools, { optional: true })] },
+        { ...place, fields: [{ type: "pose", pointer: "/tool_pose", optional: "in the cell's rest" }] },
+      ];
+    case "goal":
+      return [
+        { title: "Goal", fields: [select("As good when turned", `${base}/goal_symmetry`, ["none", "axis", "shape"], { optional: true })] },
+        { ...place, title: "Where it is wanted" },
+      ];
+    default:
+      return [
+        { title: "Name", fields: [{ type: "text", label: "Name", pointer: `${base}/name` }, ...(thing.kind === "object" ? [number("Mass", `${base}/mass`, KILOGRAM)] : [])] },
+        { title: "Shape", fields: shapeFields(`${base}/shape`, draft, capabilities.shapes, capabilities) },
+        place,
+      ];
+  }
+}
+
+function shapeFields(pointer, draft, types, capabilities) {
+  const shape = draft.get(pointer) ?? {};
+  const kind = { type: "shape", label: "Shape", pointer: `${pointer}/type`, shape: pointer, choices: types };
+  switch (shape.type) {
+    case "box":
+      return [kind, number("Length, x", `${pointer}/size/0`, MM), number("Width, y", `${pointer}/size/1`, MM), number("Height, z", `${pointer}/size/2`, MM)];
+    case "cylinder":
+      return [kind, number("Radius", `${pointer}/radius`, MM), number("Height", `${pointer}/height`, MM)];
+    case "prism":
+      return [kind, { type: "outline", label: "Corners, x y in mm, counter-clockwise", pointer: `${pointer}/outline` }, number("Height", `${pointer}/height`, MM)];
+    case "mesh":
+      return [
+        kind,
+        shape.upload === undefined ? select("Mesh", `${pointer}/asset`, capabilities.meshes) : { type: "text", label: "Upload", pointer: `${pointer}/upload` },
+        number("Scale", `${pointer}/scale`, { unit: "", factor: 1, step: 0.001 }, { optional: true }),
+      ];
+    default:
+      return [kind];
+  }
+}
+
+/** Fields of the task as a whole. */
+function taskFields(task, capabilities) {
+  const lift = task.kind === "plate_lift";
+  const own = lift
+    ? [
+        { title: "Forces", fields: [
+          number("A hand's normal force", "/hand_force_limit/normal", NEWTON, { optional: true }), number("A hand's force in all", "/hand_force_limit/net", NEWTON, { optional: true }),
+          select("How the gripper holds", "/contact_model", ["squeeze", "paper"], { optional: true }),
+          number("Friction of the fingers", "/friction/grip", RATIO, { optional: true }), number("Friction of the stick", "/friction/push", RATIO, { optional: true }),
+          number("Friction of the table", "/friction/environment", RATIO, { optional: true }),
+        ] },
+        { title: "Planning", fields: [
+          number("Kept back of every limit", "/options/reserve", PERCENT, { optional: true }), number("Height at the end", "/options/goal_height", MM, { optional: true }),
+          select("Least of", "/options/minimise", ["cost", "force", "risk"], { optional: true }),
+        ] },
+      ]
+    : [
+        { title: "Forces", fields: [
+          number("A finger's normal force", "/grip_force_limit", NEWTON, { optional: true }), number("What a hand may carry", "/carry_force_limit", NEWTON, { optional: true }),
+          number("Friction of the fingers", "/friction/grip", RATIO, { optional: true }), number("Friction of what rests", "/friction/environment", RATIO, { optional: true }),
+        ] },
+        { title: "Planning", fields: [number("Kept back of every limit", "/options/reserve", PERCENT, { optional: true })] },
+      ];
+  return [
+    { title: "Task", fields: [{ type: "text", label: "Your name for it", pointer: "/external_id", optional: true }, select("Cell", "/cell", capabilities.cells, { optional: true })] },
+    ...own,
+    { title: "Afterwards", fields: [{ type: "check", label: "Execute the plan in physics", pointer: "/options/simulate", preset: true }] },
+  ];
+}

@@ -1,0 +1,119 @@
+"""The address leads to the moment and the camera that are shown; and what else a person asks of curves and segments."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.plan_shelf import PlanShelf
+from support.service import ServiceProcess, finished, running_service, task
+
+CAMERA = [1.5, -1.25, 1.75, 0.25, 0.0, 1.125]
+NEAR = 2e-3
+"""What the address may be off: it has millimetres."""
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def document(shelf: PlanShelf) -> dict[str, Any]:
+    return shelf.document(task("ab1.json"))
+
+
+@pytest.fixture(scope="module")
+def address(document: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("documents")
+    (folder / "ab1.json").write_text(json.dumps(document))
+    solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
+    with running_service(tmp_path_factory.mktemp("data"), solver) as service:
+        yield view_of(service)
+
+
+def view_of(service: ServiceProcess) -> str:
+    """Return where the plan is shown."""
+    with service.client() as client:
+        plan = finished(client, client.post("/v1/plans", json=task("ab1.json", external_id="ab1")).json())
+    return f"{service.address}/viewer/?plan={plan['id']}"
+
+
+@pytest.fixture(scope="module")
+def window() -> Iterator[Page]:
+    with running_browser() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 720}, device_scale_factor=0.5)
+        page.set_default_timeout(LOADING_MILLISECONDS)
+        yield page
+
+
+def show(page: Page, address: str) -> None:
+    """Open an address anew; a change behind # alone would not load the page."""
+    page.goto("about:blank")
+    page.goto(address)
+    wait_for_plan(page, "ab1")
+
+
+def test_an_address_opens_its_moment_and_its_camera(window: Page, address: str) -> None:
+    show(window, f"{address}#t=4.5&source=simulation&camera={','.join(map(str, CAMERA))}")
+    assert window.evaluate("[player.time, player.sourceName]") == [4.5, "simulation"]
+    window.wait_for_function("frame.contentDocument?.querySelector('canvas')")
+    # The service learns of a camera from the page that has it.
+    window.wait_for_function("connection.askCamera(), camera && document.getElementById('drawing').hidden")
+    window.evaluate("camera = null")
+    window.wait_for_function("connection.askCamera(), camera !== null")
+    assert window.evaluate("camera") == pytest.approx(CAMERA, abs=NEAR)
+
+
+def test_the_address_follows_time_and_view(window: Page, address: str) -> None:
+    show(window, address)
+    window.evaluate("player.seek(3.25)")
+    window.wait_for_url("**#t=3.25*")
+    window.get_by_role("button", name="Top").click()
+    window.wait_for_url("**camera=*")
+    shown = window.url
+    show(window, shown)
+    assert window.evaluate("player.time") == 3.25
+    assert window.url == shown
+
+
+@pytest.mark.parametrize("told", ["t=later", "t=1e9", "camera=1,2", "t=-3&camera=a,b,c,d,e,f", "x"])
+def test_an_address_that_makes_no_sense_opens_the_plan_all_the_same(window: Page, address: str, told: str) -> None:
+    show(window, f"{address}#{told}")
+    assert window.evaluate("0 <= player.time && player.time <= player.source.duration")
+
+
+def test_a_curve_tells_its_values_under_the_cursor(window: Page, address: str, document: dict[str, Any]) -> None:
+    show(window, address)
+    plot = window.locator(".plot-over").nth(1)
+    box = plot.bounding_box()
+    assert box is not None
+    plot.hover(position={"x": 0.5 * box["width"], "y": 0.5 * box["height"]})
+    told = window.locator(".under").inner_text()
+    middle = 0.5 * window.evaluate("player.source.duration")
+    assert float(told.split()[0]) == pytest.approx(middle, rel=0.02)
+    assert f"{document['task']['cup']['max_force']:.1f} N" in told
+    assert window.evaluate("player.time") == 0
+    window.locator("#clock").hover()
+    assert window.locator(".under").count() == 0
+
+
+def test_the_table_of_segments_has_each_of_them_and_leads_there(
+    window: Page, address: str, document: dict[str, Any]
+) -> None:
+    show(window, address)
+    window.get_by_role("tab", name="Segments").click()
+    rows = window.locator(".segments tbody tr")
+    assert rows.count() == len(document["segments"])
+    for row, segment in zip(rows.all(), document["segments"], strict=True):
+        told = row.locator("td").all_inner_texts()
+        assert float(told[2]) == pytest.approx(segment["time"][0], abs=0.051)
+        kept = [each for each in segment["reserve"] or [] if each is not None]
+        assert told[4] == (f"{100 * min(kept):.1f}" if kept else "–")
+    rows.nth(4).get_by_role("button").click()
+    assert window.evaluate("player.time") == pytest.approx(document["segments"][4]["time"][0], abs=1e-4)
+    window.get_by_role("tab", name="Checks").click()
+    assert window.locator(".checks p").count() == len(document["certificate"]["checks"])
+    assert all(words.endswith(".") for words in window.locator(".checks p").all_inner_texts())

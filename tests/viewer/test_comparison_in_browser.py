@@ -1,0 +1,91 @@
+"""Two plans side by side in a real browser: one clock moves both scenes, and a table tells what they differ in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, ViewportSize, expect
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.plan_shelf import PlanShelf
+from support.service import ServiceProcess, finished, running_service, task
+
+WINDOW: ViewportSize = {"width": 900, "height": 600}
+PIXELS_PER_POINT = 0.5
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), shelf.solver) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def plans(service: ServiceProcess) -> list[dict[str, Any]]:
+    """Return a lift that can be, and one whose cup is too weak."""
+    bodies = [task("pb1.json", options={"simulate": False}), task("pb1_weak_cup.json")]
+    with service.client() as client:
+        posted = [client.post("/v1/plans", json=body).json() for body in bodies]
+        return [finished(client, plan, 300.0) for plan in posted]
+
+
+@pytest.fixture(scope="module")
+def page(service: ServiceProcess, plans: list[dict[str, Any]]) -> Iterator[Page]:
+    """Return a window with both; errors of its scripts fail the module."""
+    errors: list[str] = []
+    with running_browser() as browser:
+        page = browser.new_page(viewport=WINDOW, device_scale_factor=PIXELS_PER_POINT)
+        page.set_default_timeout(LOADING_MILLISECONDS)
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(f"{service.address}/viewer/compare?plans={','.join(plan['id'] for plan in plans)}")
+        page.wait_for_function("comparison.sides.every(({ description, task }) => description && task)")
+        yield page
+    assert errors == []
+
+
+def rows(page: Page) -> dict[str, list[str]]:
+    """Return the rows of all tables by their labels."""
+    found = page.eval_on_selector_all(
+        "#tables tbody tr", "rows => rows.map((row) => [...row.children].map((cell) => cell.textContent))"
+    )
+    return {row[0]: row[1:3] for row in found}
+
+
+def test_the_table_tells_what_the_tasks_differ_in_and_nothing_else(page: Page) -> None:
+    one, other = task("pb1.json"), task("pb1_weak_cup.json")
+    told = {pointer: values for pointer, values in rows(page).items() if pointer.startswith("/")}
+    assert told["/cup/max_force"] == [str(each["cup"]["max_force"]).removesuffix(".0") for each in (one, other)] or [
+        float(value) for value in told["/cup/max_force"]
+    ] == [each["cup"]["max_force"] for each in (one, other)]
+    assert all(left != right for left, right in told.values())
+    assert "/plate/mass" not in told or one["plate"]["mass"] != other["plate"]["mass"]
+    page.locator("#all-rows").check()
+    assert len(rows(page)) > len(told)
+    assert rows(page)["outcome"] == ["solved", "infeasible"]
+    page.locator("#all-rows").uncheck()
+
+
+def test_one_clock_moves_both(page: Page) -> None:
+    duration = page.evaluate("comparison.duration")
+    assert duration == pytest.approx(page.evaluate("comparison.sides[0].duration"))
+    page.evaluate(f"comparison.seek({0.5 * duration})")
+    assert page.locator("#time").evaluate("(slider) => slider.valueAsNumber") == pytest.approx(0.5 * duration, abs=1e-2)
+    expect(page.locator(".now").nth(0)).not_to_be_empty()
+    expect(page.locator(".now").nth(1)).to_contain_text("at its end")
+    page.locator("#speed").select_option("4")
+    page.locator("#play").click()
+    page.wait_for_function(f"comparison.time > {0.5 * duration + 0.5}")
+    page.locator("#play").click()
+    assert page.evaluate("comparison.playing") is False
+
+
+def test_the_two_are_exchanged_and_the_address_follows(page: Page, plans: list[dict[str, Any]]) -> None:
+    page.locator("#swap").click()
+    page.wait_for_function("comparison.sides.every(({ description, task }) => description && task)")
+    assert page.url.endswith(f"?plans={plans[1]['id']},{plans[0]['id']}")
+    assert page.locator("#left-plan").input_value() == plans[1]["id"]
+    page.locator("#swap").click()
+    page.wait_for_function("comparison.sides.every(({ description, task }) => description && task)")

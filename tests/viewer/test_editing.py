@@ -1,0 +1,131 @@
+"""The connection of the editor: what it begins with, draws and moves, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+import websockets
+from support.scan_frames import shipped
+from support.service import FAKE_SOLVER, ServiceProcess, running_service, task
+from websockets.sync.client import ClientConnection, connect
+
+from planners.geometry.pose import from_pose7
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER, worker_slots=1) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def client(service: ServiceProcess) -> Iterator[httpx.Client]:
+    with service.client() as client:
+        yield client
+
+
+@pytest.fixture
+def socket(service: ServiceProcess) -> Iterator[ClientConnection]:
+    address = service.address.replace("http", "ws") + "/viewer/edit"
+    with connect(address, max_size=None) as socket:
+        assert json.loads(socket.recv())["type"] == "scene"
+        yield socket
+
+
+def ask(socket: ClientConnection, **request: Any) -> dict[str, Any]:
+    socket.send(json.dumps(request))
+    return json.loads(socket.recv(timeout=60))
+
+
+def draw(socket: ClientConnection, body: Any, chosen: str | None = None) -> dict[str, Any]:
+    return ask(socket, type="draw", task=body, chosen=chosen, wrong=[], moves=0)
+
+
+def test_it_begins_with_an_example_a_plan_or_a_scene(socket: ClientConnection, client: httpx.Client) -> None:
+    assert ask(socket, type="start", of="example", name="ab1") == {"type": "draft", "task": task("ab1.json")}
+    plan = client.post("/v1/plans", json=task("pb1.json")).json()
+    of_plan = ask(socket, type="start", of="plan", name=plan["id"])["task"]
+    assert client.post("/v1/tasks/check", json=of_plan).json()["task"] == of_plan, "it is as it was accepted"
+    scene = client.post("/v1/scenes", files=shipped().form()).raise_for_status().json()
+    of_scene = ask(socket, type="start", of="scene", name=scene["id"])["task"]
+    assert len(of_scene["objects"]) == len(scene["scene"]["objects"]) > 0
+    missing = client.post("/v1/tasks/check", json=of_scene).json()["errors"]
+    assert {error["pointer"].rpartition("/")[2] for error in missing} == {"mass"}, "a camera weighs nothing"
+    weighed = {**of_scene, "objects": [{**each, "mass": 0.3} for each in of_scene["objects"]]}
+    assert client.post("/v1/tasks/check", json=weighed).json()["accepted"] is True
+
+
+@pytest.mark.parametrize("of", ["example", "plan", "scene"])
+def test_what_is_not_there_is_refused_and_the_connection_stays(socket: ClientConnection, of: str) -> None:
+    told = ask(socket, type="start", of=of, name="none")
+    assert (told["type"], told["request"]) == ("refused", "start")
+    assert "none" in told["detail"]
+    assert draw(socket, task()) == {"type": "done", "request": "draw"}
+
+
+def test_what_is_nudged_is_moved_on_its_table_and_told(socket: ClientConnection) -> None:
+    draw(socket, task("ab1.json"), "/plate_pose")
+    moved = ask(socket, type="nudge", pointer="/plate_pose", by=[0.01, -0.02], turn=0.5)
+    assert (moved["type"], moved["pointer"], moved["phase"], moved["number"]) == ("moved", "/plate_pose", "end", 1)
+    before, after = from_pose7(task("ab1.json")["plate_pose"]), from_pose7(moved["value"])
+    assert after[:3, 3] - before[:3, 3] == pytest.approx([0.01, -0.02, 0.0])
+    assert after[2, 2] == pytest.approx(1.0)
+    assert json.loads(socket.recv()) == {"type": "done", "request": "nudge"}
+
+
+def test_the_cup_is_nudged_along_the_world_on_a_plate_that_is_turned(socket: ClientConnection) -> None:
+    turned = [0.3, 0, 1.114, 0.7071067811865476, 0, 0, 0.7071067811865476]
+    draw(socket, task("ab1.json", plate_pose=turned), "/cup/position")
+    moved = ask(socket, type="nudge", pointer="/cup/position", by=[0.01, 0.0], turn=0.0)
+    assert moved["value"] == pytest.approx([0.1, -0.01]), "the plate's y is the world's -x"
+
+
+def test_what_was_moved_stays_where_it_is_in_an_older_draft_and_all_else_is_drawn(socket: ClientConnection) -> None:
+    body = task("ab1.json")
+    draw(socket, {**body, "cup": None})
+    ask(socket, type="nudge", pointer="/plate_pose", by=[0.05, 0.0], turn=0.0)
+    socket.recv()
+    draw(socket, body)  # Sent before the page heard of the move, so that its plate is where it was.
+    moved = ask(socket, type="nudge", pointer="/cup/position", by=[0.01, 0.0], turn=0.0)
+    assert moved["value"] == pytest.approx([0.11, 0.0]), "the cup is there"
+    socket.recv()
+    again = ask(socket, type="nudge", pointer="/plate_pose", by=[0.0, 0.0], turn=0.0)
+    assert again["value"][:2] == pytest.approx([body["plate_pose"][0] + 0.05, body["plate_pose"][1]])
+
+
+def test_what_is_not_drawn_is_not_moved(socket: ClientConnection) -> None:
+    draw(socket, {"kind": "plate_lift"})
+    told = ask(socket, type="nudge", pointer="/plate_pose", by=[0.01, 0.0], turn=0.0)
+    assert told == {"type": "done", "request": "nudge"}
+
+
+@pytest.mark.parametrize("body", [None, [], {}, {"kind": "dance"}, {"kind": "plate_lift", "cell": "moon_base"}])
+def test_whatever_is_to_be_drawn_is_no_fault(socket: ClientConnection, body: Any) -> None:
+    assert draw(socket, body) == {"type": "done", "request": "draw"}
+
+
+def test_without_a_path_nothing_is_judged(socket: ClientConnection) -> None:
+    assert ask(socket, type="judge", task=task()) == {"type": "judged", "feasibility": None}
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"type": "dance"},
+        {"type": "nudge", "pointer": "/plate_pose", "by": [1e9, 0.0], "turn": 0.0},
+        {"type": "start", "of": "thin air", "name": "ab1"},
+    ],
+)
+def test_a_request_that_makes_no_sense_ends_the_connection_and_nothing_else(
+    socket: ClientConnection, service: ServiceProcess, request_: dict[str, Any]
+) -> None:
+    socket.send(json.dumps(request_))
+    with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
+        socket.recv()
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1007
+    assert httpx.get(f"{service.address}/readyz").status_code == 200

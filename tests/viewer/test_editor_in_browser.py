@@ -1,0 +1,311 @@
+"""The editor in a real browser: tasks are made by mouse alone and by keyboard alone, refused, undone and planned."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, expect
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.plan_shelf import PlanShelf
+from support.service import ServiceProcess, finished, running_service, task
+
+from app.viewer.scene_servers import DRAFT_VIEW, FIELD_OF_VIEW
+from planners.geometry.pose import Array
+
+WINDOW: ViewportSize = {"width": 960, "height": 600}
+PIXELS_PER_POINT = 0.5
+"""Few: every pixel is drawn without a graphics card."""
+TABLE_TOP = 1.094
+UNDER_THE_POINTER = 0.006
+"""What is dragged stays so near to where it was grabbed: a pixel is 2 mm, and what is at rest is at whole ones [m]."""
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), shelf.solver) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with running_browser() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def open_page(browser: Browser, service: ServiceProcess) -> Iterator[Callable[[str], Page]]:
+    """Return a function that opens the editor in a window of its own; whatever its console calls an error fails all."""
+    contexts = []
+    errors: list[str] = []
+
+    def open_(query: str) -> Page:
+        contexts.append(browser.new_context(viewport=WINDOW, device_scale_factor=PIXELS_PER_POINT))
+        contexts[-1].set_default_timeout(LOADING_MILLISECONDS)
+        contexts[-1].grant_permissions(["clipboard-read", "clipboard-write"])
+        page = contexts[-1].new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        # What viser's own page says in its frame is not ours.
+        page.on("console", lambda told: errors.append(told.text) if told.type == "error" and ours(told) else None)
+        page.goto(f"{service.address}/viewer/new{query}")
+        page.wait_for_function("typeof editor !== 'undefined' && editor?.draft.task.kind")
+        return page
+
+    yield open_
+    for context in contexts:
+        context.close()
+    assert errors == []
+
+
+@pytest.fixture(scope="module")
+def loaded(open_page: Callable[[str], Page]) -> Page:
+    """Return a window with a lift, its scene drawn, for all tests that need no other one."""
+    page = open_page("?example=ab1")
+    wait_for_scene(page)
+    return page
+
+
+@pytest.fixture
+def page(loaded: Page) -> Page:
+    """Return the window with the example as it is, and nothing to undo but what the test does."""
+    loaded.evaluate(f"editor.begin({json.dumps(task('ab1.json'))})")
+    wait_for_verdict(loaded, accepted=True)
+    return loaded
+
+
+def ours(told: ConsoleMessage) -> bool:
+    """Tell whether a page of ours said something, and not viser's, nor the browser about viser's use of a wheel."""
+    return "/viewer/scene/" not in told.location["url"] and "passive event listener" not in told.text
+
+
+def wait_for_scene(page: Page) -> None:
+    """Wait until the scene is drawn in the frame."""
+    page.wait_for_selector("#scene-frame[src]")
+    page.frame_locator("#scene-frame").locator("canvas").first.wait_for()
+    page.wait_for_timeout(4000)
+
+
+def wait_for_verdict(page: Page, *, accepted: bool) -> None:
+    """Wait until the service has judged the task as it is now."""
+    page.wait_for_function("!editor.checking && !editor.asked")
+    page.wait_for_selector("#check-status.yes" if accepted else "#check-status.no")
+
+
+def wait_for_moves(page: Page, number: int) -> None:
+    page.wait_for_function(f"editor.moves >= {number}")
+
+
+def draft(page: Page) -> dict[str, Any]:
+    return page.evaluate("editor.draft.task")
+
+
+def on_screen(page: Page, point: Array) -> tuple[float, float]:
+    """Return where a point of the world (3,) is in the window, as the camera is at first."""
+    box = page.locator("#scene-frame").bounding_box()
+    assert box is not None
+    eye, target = np.array(DRAFT_VIEW.position), np.array(DRAFT_VIEW.target)
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, ahead)
+    seen = point - eye
+    per_metre = 0.5 * box["height"] / (np.tan(0.5 * FIELD_OF_VIEW) * (seen @ ahead))
+    x = box["x"] + 0.5 * box["width"] + per_metre * (seen @ right)
+    y = box["y"] + 0.5 * box["height"] - per_metre * (seen @ up)
+    return float(x), float(y)
+
+
+def drag(page: Page, begin: Array, end: Array) -> None:
+    """Drag with the mouse from one point of the world to another, both (3,) [m]."""
+    page.mouse.move(*on_screen(page, begin))
+    page.mouse.down()
+    for share in np.linspace(0.1, 1.0, 10):
+        page.mouse.move(*on_screen(page, begin + share * (end - begin)))
+        page.wait_for_timeout(80)
+    page.wait_for_timeout(300)
+    page.mouse.up()
+    page.wait_for_timeout(500)
+
+
+def plan_solved(page: Page) -> None:
+    expect(page.locator("#plan-status .badge")).to_have_text("solved", timeout=LOADING_MILLISECONDS)
+
+
+def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page: Callable[[str], Page]) -> None:
+    page = open_page("")
+    wait_for_scene(page)
+    assert draft(page) == {"kind": "plate_lift"}
+    wait_for_verdict(page, accepted=False)
+    page.locator("#add-plate").click()
+    page.locator("#add-cup").click()
+    wait_for_verdict(page, accepted=True)
+    before = np.array(draft(page)["plate_pose"])
+    corner = np.array([before[0] + 0.08, before[1] - 0.12, TABLE_TOP + 0.04])
+    moved = np.array([0.04, 0.06, 0.0])
+    drag(page, corner, corner + moved)
+    page.wait_for_function(f"Math.abs(editor.draft.task.plate_pose[0] - {before[0]}) > 0.01")
+    after = np.array(draft(page)["plate_pose"])
+    assert after[:3] - before[:3] == pytest.approx(moved, abs=UNDER_THE_POINTER)
+    assert after[3:] == pytest.approx(before[3:]), "it was not turned"
+    cup = np.array([after[0] + draft(page)["cup"]["position"][0], after[1], TABLE_TOP + 0.055])
+    drag(page, cup, cup + np.array([-0.03, 0.02, 0.0]))
+    assert draft(page)["cup"]["position"] == pytest.approx([0.07, 0.02], abs=UNDER_THE_POINTER)
+    assert np.array(draft(page)["plate_pose"]) == pytest.approx(after), "the plate stays where it is"
+    page.evaluate("editor.draft.set('/options', { simulate: false })")
+    wait_for_verdict(page, accepted=True)
+    page.locator("#plan").click()
+    plan_solved(page)
+    expect(page.locator("#feasibility")).to_contain_text("The last path still holds")
+    page.locator("#things [data-pointer='/cup/position']").click()
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function("editor.draft.task.cup.position[0] < 0.065")
+    for _ in range(6):
+        page.keyboard.press("ArrowUp")
+    expect(page.locator("#feasibility")).to_contain_text("the plate is not held")
+    page.locator("#undo").click(click_count=1)
+    page.locator("#watch").click()
+    page.frame_locator("#watch-frame").locator("#outcome.solved").wait_for()
+
+
+def tab_to(page: Page, selector: str) -> None:
+    """Press Tab until something has the focus."""
+    for _ in range(80):
+        if page.evaluate(f"document.activeElement?.matches({json.dumps(selector)})"):
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"{selector} is not reached with Tab")
+
+
+def test_a_task_is_made_by_keyboard_alone_from_an_empty_scene_and_planned(open_page: Callable[[str], Page]) -> None:
+    page = open_page("")
+    wait_for_verdict(page, accepted=False)
+    for name in ("plate", "cup"):
+        tab_to(page, f"#add-{name}")
+        page.keyboard.press("Enter")
+    page.wait_for_function("document.activeElement?.dataset.pointer === '/cup/position'")
+    moves = 2
+    wait_for_moves(page, moves)  # What was added came to lie.
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Shift+ArrowRight")
+    wait_for_moves(page, moves + 2)
+    assert draft(page)["cup"]["position"] == pytest.approx([0.09, 0.001])
+    page.keyboard.press("Shift+Tab")
+    tab_to(page, "#things [data-pointer='/plate_pose']")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Shift+Q")
+    wait_for_moves(page, moves + 3)
+    assert page.evaluate("yawOf(editor.draft.task.plate_pose) * 180 / Math.PI") == pytest.approx(1.0)
+    tab_to(page, "#field-plate-mass")
+    page.keyboard.press("ArrowDown")
+    assert draft(page)["plate"]["mass"] == pytest.approx(2.9)
+    tab_to(page, "#task-details summary")
+    page.keyboard.press("Enter")
+    tab_to(page, "#field-options-simulate")
+    page.keyboard.press("Space")
+    wait_for_verdict(page, accepted=True)
+    page.keyboard.press("Control+Enter")
+    plan_solved(page)
+
+
+def test_every_step_is_undone_and_done_again(page: Page) -> None:
+    first = draft(page)
+    page.locator("#things [data-pointer='/plate_pose']").click()
+    moves = page.evaluate("editor.moves")
+    page.keyboard.press("ArrowRight")
+    wait_for_moves(page, moves + 1)
+    page.locator("#add-obstacle").click()
+    wait_for_moves(page, moves + 2)
+    page.locator("#field-obstacles-0-shape-size-0").fill("50")
+    page.locator("#field-obstacles-0-shape-size-0").blur()
+    made = draft(page)
+    assert made["obstacles"][0]["shape"]["size"][0] == pytest.approx(0.05)
+    assert made["plate_pose"][1] == pytest.approx(0.01)
+    states = [made]
+    while draft(page) != first:
+        page.locator("#undo").click()
+        states.append(draft(page))
+        assert len(states) < 12
+    for state in reversed(states[:-1]):
+        page.keyboard.press("Control+Shift+Z")
+        assert draft(page) == state
+    assert page.locator("#redo").is_disabled()
+
+
+def test_what_is_refused_is_told_at_its_field_and_at_its_thing_in_the_services_words(page: Page) -> None:
+    page.locator("#things [data-pointer='/cup/position']").click()
+    page.locator("#field-cup-position-0").fill("160")
+    wait_for_verdict(page, accepted=False)
+    (said,) = page.evaluate("editor.errors")
+    assert said["pointer"] == "/cup/position"
+    assert "mm over the edge of the plate's top face" in said["detail"]
+    expect(page.locator("#field-cup-position-0-error")).to_have_text(said["detail"])
+    expect(page.locator("#field-cup-position-0")).to_have_attribute("aria-invalid", "true")
+    expect(page.locator("#things [data-pointer='/cup/position']")).to_have_class("cup wrong")
+    expect(page.locator("#refusals li")).to_contain_text([said["detail"]])
+    expect(page.locator("#plan")).to_be_disabled()
+    page.locator("#things [data-pointer='/plate_pose']").click()
+    page.locator("#field-plate-mass").fill("")
+    page.wait_for_function("editor.errors.some(({ pointer }) => pointer === '/plate/mass')")
+    expect(page.locator("#field-plate-mass-error")).to_contain_text("must be a number")
+    page.locator("#field-plate-mass").fill("4")
+    wait_for_verdict(page, accepted=False)
+    page.locator("#refusals button").click()
+    expect(page.locator("#field-cup-position-0")).to_be_focused()
+    page.locator("#field-cup-position-0").fill("100")
+    wait_for_verdict(page, accepted=True)
+    expect(page.locator("#field-cup-position-0-error")).to_be_empty()
+    expect(page.locator("#plan")).to_be_enabled()
+
+
+def test_the_task_is_copied_as_json_and_as_a_line_that_posts_it(page: Page, service: ServiceProcess) -> None:
+    page.evaluate("editor.draft.set('/external_id', \"it's ours\")")
+    page.locator("#copy-json").click()
+    expect(page.locator("#copy-json")).to_have_text("Copied")
+    assert json.loads(page.evaluate("navigator.clipboard.readText()")) == draft(page)
+    page.locator("#copy-curl").click()
+    expect(page.locator("#copy-curl")).to_have_text("Copied")
+    command = shlex.split(page.evaluate("navigator.clipboard.readText()"))
+    assert command[0] == "curl"
+    assert json.loads(command[command.index("-d") + 1]) == draft(page)
+    assert command[-1] == f"{service.address}/v1/plans"
+
+
+def test_every_input_has_a_name_and_every_thing_has_fields(page: Page) -> None:
+    page.evaluate(f"editor.begin({json.dumps(task('can_stack.json'))})")
+    page.evaluate("document.getElementById('task-details').open = true")
+    for pointer in page.evaluate("editor.things.map(({ pointer }) => pointer)"):
+        page.locator(f"#things [data-pointer='{pointer}']").click()
+        nameless = page.evaluate(
+            "[...document.querySelectorAll('input, select, textarea, button')].filter((each) =>"
+            " !each.labels?.length && !each.getAttribute('aria-label') && !each.textContent.trim())"
+            ".map((each) => each.outerHTML)"
+        )
+        assert nameless == []
+        assert page.locator("#thing-fields input, #thing-fields select").count() > 0
+
+
+@pytest.mark.slow
+def test_a_plan_is_changed_where_it_is_watched(open_page: Callable[[str], Page], service: ServiceProcess) -> None:
+    body = task("pb1_weak_cup.json")
+    with service.client() as client:
+        plan = finished(client, client.post("/v1/plans", json=body).json(), 300.0)
+    page = open_page("?example=pb1")
+    page.goto(service.address + plan["links"]["view"])
+    wait_for_plan(page, "pb1_weak_cup")
+    page.get_by_role("link", name="Change this task").click()
+    page.wait_for_function("typeof editor !== 'undefined' && editor?.draft.task.kind")
+    told = draft(page)
+    assert told["cup"]["max_force"] == body["cup"]["max_force"]
+    wait_for_verdict(page, accepted=True)
+
+
+def test_what_cannot_be_begun_with_is_told(open_page: Callable[[str], Page]) -> None:
+    page = open_page("?example=pb1")
+    page.evaluate("editor.connection.send({ type: 'start', of: 'example', name: 'none' })")
+    expect(page.locator("#message")).to_contain_text("there is no example 'none'")

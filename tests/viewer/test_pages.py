@@ -1,0 +1,184 @@
+"""All pages at the widths of a screen, a laptop and a phone, light and dark: readable, nothing cut off, no errors."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.plan_shelf import PlanShelf
+from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
+
+WINDOWS: tuple[ViewportSize, ...] = (
+    {"width": 1920, "height": 1080},
+    {"width": 1280, "height": 720},
+    {"width": 390, "height": 844},
+)
+SCHEMES = ("light", "dark")
+PLANS = ("ab1", "pb1_weak_cup")
+"""Shipped tasks: a lift with its simulation, and one that cannot be."""
+SERIOUS = ("serious", "critical")
+FINGER = 40
+"""Least height of what a finger must hit on a phone [px]; Chromium rounds."""
+OVERFLOWING = """() => [...document.querySelectorAll('header, header *, main, main > *, #tabs, #timeline, section')]
+    .filter((each) => each.offsetParent && getComputedStyle(each).textOverflow !== 'ellipsis')
+    .filter((each) => each.getBoundingClientRect().right > innerWidth + 1 || each.getBoundingClientRect().left < -1)
+    .map((each) => each.id || each.className || each.tagName)"""
+"""What reaches over the sides of the window."""
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    folder = tmp_path_factory.mktemp("documents")
+    for name in PLANS:
+        (folder / f"{name}.json").write_text(json.dumps(shelf.document(task(f"{name}.json"))))
+    solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
+    with running_service(tmp_path_factory.mktemp("data"), solver) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def addresses(service: ServiceProcess) -> dict[str, str]:
+    """Return where the pages are, by name."""
+    with service.client() as client:
+        plans = [finished(client, client.post("/v1/plans", json=task(external_id=name)).json()) for name in PLANS]
+    pages = {"start": "/", "reference": "/docs", "no plan": "/viewer/"}
+    pages |= {name: plan["links"]["view"] for name, plan in zip(PLANS, plans, strict=True)}
+    pages |= {"editor": f"/viewer/new?plan={plans[0]['id']}", "editor of a pile": "/viewer/new?example=can_stack"}
+    pages["comparison"] = f"/viewer/compare?plans={plans[0]['id']},{plans[1]['id']}"
+    return {name: service.address + path for name, path in pages.items()}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with running_browser() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def window(browser: Browser) -> Iterator[Page]:
+    """Return a window without the scene's picture; what its console calls an error fails the module."""
+    page = browser.new_context(device_scale_factor=0.5).new_page()
+    page.set_default_timeout(LOADING_MILLISECONDS)
+    page.route("**/viewer/scene/**", lambda route: route.fulfill(content_type="text/html", body="<title>Scene</title>"))
+    errors: list[str] = []
+
+    def listen(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            errors.append(message.text)
+
+    page.on("console", listen)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    yield page
+    assert errors == []
+
+
+def show(page: Page, name: str, address: str) -> None:
+    """Open a page and wait until it says what it has to say."""
+    page.goto(address)
+    if name in PLANS:
+        wait_for_plan(page, name)
+    elif name == "reference":
+        page.locator(".opblock").first.wait_for()
+    elif name == "no plan":
+        page.locator("#plan-list li").first.wait_for()
+    elif name.startswith("editor"):
+        page.locator("#check-status.yes").wait_for()
+        page.locator("#task-details summary").click()
+    elif name == "comparison":
+        page.locator("#tables td").first.wait_for()
+    elif name == "start":
+        page.locator("#capabilities dd").first.wait_for()
+
+
+def serious_findings(page: Page) -> list[str]:
+    """Return what axe-core calls serious or critical on a page."""
+    found: list[dict[str, Any]] = Axe().run(page).response["violations"]
+    return [
+        f"{each['id']}: {node['html'][:160]} {node['any'][0]['message'] if node['any'] else ''}"
+        for each in found
+        if each["impact"] in SERIOUS
+        for node in each["nodes"]
+    ]
+
+
+@pytest.mark.parametrize("name", ["start", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS])
+def test_a_page_is_readable_and_whole_at_every_width_in_light_and_dark(
+    name: str, window: Page, addresses: dict[str, str]
+) -> None:
+    for scheme in SCHEMES:
+        window.emulate_media(color_scheme=scheme)
+        for size in WINDOWS:
+            window.set_viewport_size(size)
+            show(window, name, addresses[name])
+            where = f"{name}, {scheme}, {size['width']} px"
+            assert serious_findings(window) == [], where
+            assert window.evaluate(OVERFLOWING) == [], where
+            for tab in window.locator("#tabs button:visible").all():
+                tab.click()
+                assert serious_findings(window) == [], f"{where}, {tab.inner_text()}"
+
+
+def test_the_page_that_asks_for_a_key_is_readable(window: Page, tmp_path: Path) -> None:
+    with running_service(tmp_path, FAKE_SOLVER, command="api", authentication="required") as locked:
+        for scheme in SCHEMES:
+            window.emulate_media(color_scheme=scheme)
+            for size in WINDOWS:
+                window.set_viewport_size(size)
+                window.goto(f"{locked.address}/viewer/")
+                assert "/viewer/login" in window.url
+                assert serious_findings(window) == []
+
+
+def test_on_a_phone_scene_timeline_and_one_of_list_curves_and_panel_are_seen_and_hit(
+    window: Page, addresses: dict[str, str]
+) -> None:
+    window.set_viewport_size(WINDOWS[-1])
+    show(window, "ab1", addresses["ab1"])
+    panes = {"Plans": "#plans", "Curves": "#charts", "About": "#panel"}
+    for name, pane in panes.items():
+        window.locator("#panes").get_by_role("button", name=name).click()
+        for shown in ("#scene", "#timeline", pane):
+            box = window.locator(shown).bounding_box()
+            assert box is not None
+            assert box["height"] > 60
+            assert box["y"] + box["height"] <= WINDOWS[-1]["height"] + 1
+        assert not any(window.locator(other).is_visible() for other in panes.values() if other != pane)
+    for button in window.locator("#transport button, #panes button, #tabs button").all():
+        box = button.bounding_box()
+        assert box is None or box["height"] >= FINGER
+
+
+@pytest.mark.parametrize("path", ["/", "/docs", "/viewer/"])
+def test_a_page_loads_nothing_from_elsewhere(
+    path: str, window: Page, service: ServiceProcess, addresses: dict[str, str]
+) -> None:
+    answer = httpx.get(service.address + path)
+    assert "default-src 'self'" in answer.headers["content-security-policy"]
+    asked: list[str] = []
+    window.on("request", lambda request: asked.append(request.url))
+    name = {"/": "start", "/docs": "reference", "/viewer/": "no plan"}[path]
+    show(window, name, addresses[name])
+    assert asked
+    assert all(url.startswith((service.address, "data:", "blob:")) for url in asked)
+
+
+def test_the_start_page_leads_to_viewer_editor_reference_and_health(window: Page, addresses: dict[str, str]) -> None:
+    for words, holds in {
+        "Viewer": "/viewer/",
+        "Editor": "/viewer/new",
+        "Interface reference": "/docs",
+        "Health": "/readyz",
+    }.items():
+        show(window, "start", addresses["start"])
+        window.get_by_role("link", name=words).click()
+        window.wait_for_url(f"**{holds}")

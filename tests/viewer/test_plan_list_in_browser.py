@@ -1,0 +1,98 @@
+"""The list of plans in a real browser: all of them, page by page, found by name, part, kind, result and day."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
+
+PAGE = 50
+"""Plans on a page of the list."""
+MANY = PAGE + 3
+POLLS_MILLISECONDS = 4e3
+"""In which the page asks for the list once more."""
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def plans(service: ServiceProcess) -> list[dict[str, Any]]:
+    """Return plans of many orders, the last ones of a tool, of a part of its own, and one that cannot be."""
+    bodies: list[tuple[dict[str, Any], dict[str, str]]] = [
+        *((task(external_id=f"order {number:03d}"), {}) for number in range(MANY)),
+        (task("domino_pile.json", external_id="dominoes"), {}),
+        (task(external_id="of a part"), {"work_master": "LID-7"}),
+        (task(external_id="infeasible"), {}),
+    ]
+    with service.client() as client:
+        posted = [client.post("/v1/plans", json=body, params=query).json() for body, query in bodies]
+        return [finished(client, plan) for plan in posted]
+
+
+@pytest.fixture
+def window(service: ServiceProcess, plans: list[dict[str, Any]]) -> Iterator[Page]:
+    """Return a window without the scene's picture, with the first page of the list."""
+    with running_browser() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(LOADING_MILLISECONDS)
+        page.route("**/viewer/scene/**", lambda route: route.abort())
+        page.goto(f"{service.address}/viewer/")
+        page.wait_for_function(f"document.querySelectorAll('[data-plan]').length === {PAGE}")
+        yield page
+
+
+def listed(page: Page, *names: str) -> None:
+    """Wait until exactly these plans are listed, in this order."""
+    page.wait_for_function(
+        "(names) => [...document.querySelectorAll('[data-plan] b')].map((name) => name.textContent).join() === names",
+        arg=",".join(names),
+    )
+
+
+def test_older_plans_come_page_by_page_and_stay(window: Page, plans: list[dict[str, Any]]) -> None:
+    window.get_by_role("button", name="Older plans").click()
+    everything = [plan["external_id"] for plan in reversed(plans)]
+    listed(window, *everything)
+    assert not window.locator("#older").is_visible()
+    window.wait_for_timeout(POLLS_MILLISECONDS)
+    listed(window, *everything)
+
+
+def test_plans_are_found_by_name_part_kind_result_and_day(window: Page) -> None:
+    search = window.get_by_role("searchbox")
+    search.fill("ORDER 00")
+    listed(window, *(f"order 00{number}" for number in range(9, -1, -1)))
+    search.fill("lid-7")
+    listed(window, "of a part")
+    assert "LID-7" in window.locator("[data-plan]").inner_text()
+    search.fill("no such plan")
+    window.locator("#plan-list .none", has_text="none that fits").wait_for()
+    search.fill("")
+    window.get_by_text("Filter", exact=True).click()
+    window.get_by_label("Kind").select_option("suction_tool")
+    listed(window, "dominoes")
+    window.get_by_label("Kind").select_option("")
+    window.get_by_label("Result").select_option("outcome=infeasible")
+    listed(window, "infeasible")
+    today = datetime.now().date()
+    window.get_by_label("Until").fill(str(today - timedelta(days=1)))
+    listed(window)
+    window.get_by_label("Until").fill(str(today))
+    listed(window, "infeasible")
+    assert window.locator(".day").all_inner_texts() == ["Today"]
+
+
+def test_what_is_typed_into_the_search_moves_nothing_else(window: Page) -> None:
+    window.get_by_role("searchbox").press_sequentially("order 1 p")
+    assert window.get_by_role("searchbox").input_value() == "order 1 p"
