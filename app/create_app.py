@@ -25,13 +25,28 @@ from app.openapi import install_openapi
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
 from app.resources.scene_collection import SceneCollection
+from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
-from app.routes import audit, capabilities, login, meshes, plans, probes, scenes, viewer, webhooks
+from app.routes import (
+    audit,
+    capabilities,
+    editor,
+    login,
+    meshes,
+    pages,
+    plans,
+    probes,
+    scenes,
+    studies,
+    tasks,
+    viewer,
+    webhooks,
+)
 from app.settings import ServiceSettings
 from app.task_intake import accept_task
 from app.uploads.uploads import UploadLimits
 from app.viewer.scene_servers import SceneServers
-from planners.cell.cell import Cell, known_cells, load_cell
+from planners.cell.cell import Cell, load_cells
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.engine.supervisor import Supervisor
@@ -41,11 +56,12 @@ from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
+from workers.stores.study_store import StudyStore
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.target import TargetRules
 
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
-PARTS = (plans, scenes, meshes, webhooks, login, viewer, audit, capabilities, probes)
+PARTS = (pages, plans, studies, tasks, scenes, meshes, webhooks, login, editor, viewer, audit, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
@@ -72,7 +88,9 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.plans = PlanCollection(store, queue, settings.max_queued, settings.max_delayed)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
             app.state.webhooks = WebhookCollection(WebhookStore(database), rules, settings.max_webhooks)
-            app.state.feed = PlanFeed(store, queue)
+            studies = StudyStore(database, store, queue)
+            app.state.studies = StudyCollection(studies, queue, app.state.plans, settings)
+            app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
             app.state.scene_servers = SceneServers(app.state.cells, settings.data_dir / "drawings")
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
@@ -81,6 +99,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             to_close.push_async_callback(app.state.scene_servers.close)
             to_close.push_async_callback(supervisor.stop)
             supervisor.repeat("feed", app.state.feed.look, POLL_SECONDS)
+            supervisor.repeat("study feed", app.state.study_feed.look, POLL_SECONDS)
             if worker is not None:
                 await worker.start()
             yield
@@ -117,7 +136,7 @@ def _authenticator(settings: ServiceSettings, database: Database) -> Authenticat
 
 def _load_assets() -> tuple[dict[str, Cell], dict[str, SuctionTool]]:
     """Load cells and tools, and check a task of each kind, so that no request waits for files or compiled kernels."""
-    cells = {name: load_cell(name) for name in known_cells()}
+    cells = load_cells()
     tools = load_tools()
     for name in REFERENCE_TASKS:
         sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())

@@ -24,6 +24,8 @@ STARTUP_SECONDS = 900.0
 """The first start compiles the kernels [s]."""
 TASK = Path("assets/tasks/ab1.json")
 SCAN = Path("assets/scans/tissue_boxes")
+LOG = "service.log"
+"""File of the data directory that the service logs to."""
 SCANS_TASK = "task.json"
 """File beside a scan that says what is to become of its objects."""
 
@@ -104,25 +106,36 @@ def _service(data_dir: Path) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
         port = probe.getsockname()[1]
     address = f"http://127.0.0.1:{port}"
     command = [sys.executable, "-m", "app.cli.main", "serve", "--port", str(port), "--data-dir", str(data_dir)]
-    service = subprocess.Popen(command)
+    data_dir.mkdir(parents=True, exist_ok=True)
+    log = data_dir / LOG
+    _tell_line("service", f"{address}, which logs to {log}")
+    # Not onto the screen, where it would break the progress of what is planned.
+    with log.open("wb") as stream:
+        service = subprocess.Popen(command, stderr=stream)
     try:
-        _wait_until_ready(service, address)
+        _wait_until_ready(service, address, log)
         yield service, address
     finally:
         service.send_signal(signal.SIGTERM)
         service.wait()
 
 
-def _wait_until_ready(service: subprocess.Popen[bytes], address: str) -> None:
-    deadline = time.monotonic() + STARTUP_SECONDS
-    while time.monotonic() < deadline:
-        if service.poll() is not None:
-            sys.exit(f"the service ended with exit code {service.returncode}")
-        with suppress(httpx.TransportError):
-            if httpx.get(f"{address}/readyz").is_success:
-                return
-        time.sleep(0.2)
-    sys.exit(f"the service was not ready within {STARTUP_SECONDS:g} s")
+def _wait_until_ready(service: subprocess.Popen[bytes], address: str, log: Path) -> None:
+    """Wait, and print what is waited for whenever that changes."""
+    deadline, told = time.monotonic() + STARTUP_SECONDS, ""
+    with httpx.Client(base_url=address) as client:
+        while time.monotonic() < deadline:
+            if service.poll() is not None:
+                sys.stderr.write(log.read_text(errors="replace"))
+                sys.exit(f"the service ended with exit code {service.returncode}")
+            with suppress(httpx.TransportError):
+                answer = client.get("/readyz")
+                if answer.is_success:
+                    return
+                if (detail := answer.json()["detail"]) != told:
+                    _tell_line("waiting", told := detail)
+            time.sleep(0.2)
+    sys.exit(f"the service was not ready within {STARTUP_SECONDS:g} s; its log is {log}")
 
 
 def _wait_for_interrupt(service: subprocess.Popen[bytes]) -> None:

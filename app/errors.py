@@ -22,6 +22,7 @@ from planners.contract.strict_json import NotJson
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.scan_files import ScanRefused
+from planners.study.study import NotAStudy
 from workers.stores.database_loss import DATABASE_GONE, said_by
 from workers.webhooks.target import TargetRefused
 
@@ -99,6 +100,25 @@ class PlanNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such pla
 
     def __init__(self, plan_id: str) -> None:
         super().__init__(f"there is no plan {plan_id[:100]!r}")
+
+
+class StudyNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such study"):
+    """No study has that id."""
+
+    def __init__(self, study_id: str) -> None:
+        super().__init__(f"there is no study {study_id[:100]!r}")
+
+
+class PointNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such point"):
+    """A study has no point of that number, or none that could be planned."""
+
+
+class TooManyStudies(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many studies"):
+    """There are too many unfinished studies."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} studies are under way already; 0 to {limit} may be")
+        self.headers = {"Retry-After": "30"}
 
 
 class WebhookNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such webhook"):
@@ -271,6 +291,7 @@ FOREIGN: Mapping[type[Exception], ErrorKind] = {
     TargetRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
     ValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
+    NotAStudy: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The study is not valid"),
     MeshRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
     ScanRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     RequestValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
@@ -351,6 +372,8 @@ def _answer_to(error: Exception) -> ErrorKind:
 def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, ValidationError | SceneError):
         return problems_of(error)
+    if isinstance(error, NotAStudy):
+        return error.problems
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):

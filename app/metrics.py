@@ -25,6 +25,7 @@ COUNTERS = {
     totals.DOCUMENT: ("liftwright_documents_made", "Plan documents made", "outcome"),
     totals.FAILURE: ("liftwright_failed_jobs", "Jobs that ended without a document", "why"),
     totals.SOLVER_DEATH: ("liftwright_solver_deaths", "Solver processes that ended without an answer", None),
+    totals.STUDY_POINT: ("liftwright_study_points", "Points of studies examined", "outcome"),
     totals.TAKEOVER: ("liftwright_jobs_begun_anew", "Jobs whose worker had died or lost them", None),
 }
 

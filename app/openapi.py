@@ -13,11 +13,16 @@ from app.access.access_control import needed_scope
 from app.access.authenticator import COOKIE
 from app.errors import MEDIA_TYPE as PROBLEM_MEDIA_TYPE
 from planners.contract.scan_spec import scan_schema
+from planners.contract.study_spec import StudySpec
 from planners.contract.task_spec import task_schema
 from planners.plan.plan import plan_schema
 
 COMPONENTS = "#/components/schemas/"
 EXAMPLE_TASK = "ab1.json"
+EXAMPLE_AXES = [
+    {"pointer": "/cup/position/0", "min": -0.12, "max": 0.12, "count": 5},
+    {"pointer": "/lifter_model", "values": ["paper", "cable", "dexnet"]},
+]
 ALWAYS_ANSWERED = "/livez"
 SECURITY_SCHEMES = {
     "key": {"type": "http", "scheme": "bearer", "description": "A key of `liftwright keys issue`"},
@@ -41,7 +46,13 @@ def _describe(app: FastAPI) -> dict[str, Any]:
         title=app.title, version=app.version, description=app.description, routes=app.routes, tags=app.openapi_tags
     )
     schemas = description.setdefault("components", {}).setdefault("schemas", {})
-    for name, schema in (("PlanDocument", plan_schema()), ("TaskSpec", task_schema()), ("ScanSpec", scan_schema())):
+    stated = {
+        "PlanDocument": plan_schema(),
+        "TaskSpec": task_schema(),
+        "ScanSpec": scan_schema(),
+        "StudySpec": StudySpec.model_json_schema(),
+    }
+    for name, schema in stated.items():
         component = _into_components(schema)
         schemas.update(component.pop("$defs", {}))
         schemas[name] = component
@@ -77,9 +88,12 @@ def _complete(method: str, path: str, operation: dict[str, Any]) -> None:
 
 
 def _show_example(path: str, bodies: dict[str, Any]) -> None:
-    if path == "/v1/plans":
+    if path in ("/v1/plans", "/v1/tasks/check"):
         task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
         bodies["application/json"]["example"] = json.loads(task)
+    elif path == "/v1/studies":
+        task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
+        bodies["application/json"]["example"] = {"task": json.loads(task), "axes": EXAMPLE_AXES}
     elif path == "/v1/webhooks":
         bodies["application/json"]["example"] = {"url": "https://mes.example.com/liftwright", "plans": "all"}
 

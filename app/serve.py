@@ -6,31 +6,40 @@ import asyncio
 import os
 import signal
 import socket
-from contextlib import ExitStack, closing
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, closing, suppress
 from errno import EADDRINUSE
 from types import FrameType
+from typing import TYPE_CHECKING
 
 import structlog
 import uvicorn
+from starlette.responses import JSONResponse
+from starlette.types import Receive, Scope, Send
+from starlette.websockets import WebSocketClose
 
 from app.access.key_store import KeyStore
-from app.create_app import create_app
+from app.errors import NotReady, error_response
 from app.logs import set_up_logs
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.engine.executor_lock import FileLock
 from workers.engine.supervisor import Supervisor
-from workers.engine.worker import Worker
 from workers.settings import WorkerSettings
-from workers.solver.warm_up import is_warm, warm_up
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
+
+if TYPE_CHECKING:
+    from fastapi import FastAPI
 
 LONGEST_GOODBYE_SECONDS = 3
 """So long open event streams may hold up a stop [s]."""
 LARGEST_WATCHER_MESSAGE_BYTES = 1 << 20
 """What a viewer's page sends are clicks and camera poses."""
+TRY_AGAIN_LATER = 1013
+"""Close code of RFC 6455's registry."""
 
 log = structlog.get_logger(__name__)
 
@@ -104,10 +113,20 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
     if with_worker:
         _refuse_second_worker(settings)
     sockets = bind(settings.host, settings.port)
-    if with_worker:
-        _warm_up_once(settings)
+
+    def load(tell: Callable[[str], None]) -> FastAPI:
+        if with_worker:
+            tell("loading kernels and handovers; the first start compiles and computes them, which takes a minute")
+            _warm_up_once(settings)
+        tell("loading planners, cells and tools")
+        # Here, because it takes seconds in which probes are answered already.
+        from app.create_app import create_app
+
+        return create_app(settings, with_worker=with_worker)
+
+    service = LoadedWhileServing(load)
     config = uvicorn.Config(
-        create_app(settings, with_worker=with_worker),
+        service,
         host=settings.host,
         port=settings.port,
         http="h11",
@@ -120,7 +139,9 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
     )
     # The server raises the signal that ended it once more, when everything is in order.
     signal.signal(signal.SIGTERM, _end)
-    asyncio.run(_Server(config, "keys" if keys_needed else "none").serve(sockets))
+    asyncio.run(_Server(config, "keys" if keys_needed else "none", service).serve(sockets))
+    if service.failure is not None:
+        raise service.failure
 
 
 def work(settings: WorkerSettings) -> None:
@@ -138,6 +159,8 @@ def work(settings: WorkerSettings) -> None:
 
 def _warm_up_once(settings: WorkerSettings) -> None:
     """Spare a start after the first one the seconds that it takes to find that everything is there."""
+    from workers.solver.warm_up import is_warm, warm_up
+
     if not is_warm(settings):
         warm_up(settings)
 
@@ -166,12 +189,100 @@ def _end(number: int, frame: FrameType | None) -> None:
     os._exit(0)
 
 
-class _Server(uvicorn.Server):
-    """Says where it listens once it does."""
+class LoadedWhileServing:
+    """ASGI application: a service that is loaded while connections are taken already.
 
-    def __init__(self, config: uvicorn.Config, authentication: str) -> None:
+    Until it is there `/livez` says that the process lives, and everything else is 503 with what is waited for.
+    """
+
+    def __init__(self, load: Callable[[Callable[[str], None]], FastAPI]) -> None:
+        """Take what returns the service, from a thread of its own; it is given what to tell how far it is."""
+        self._load, self._doing = load, "reading its settings"
+        self._service: FastAPI | None = None
+        self.failure: BaseException | None = None
+        """Why there will be no service."""
+        self.on_failure: Callable[[], None] = lambda: None
+        """Called when that is known."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one connection, or the server's own begin and end."""
+        if scope["type"] == "lifespan":
+            await self._live(receive, send)
+        elif self._service is not None:
+            await self._service(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await WebSocketClose(TRY_AGAIN_LATER)(scope, receive, send)
+        elif scope["path"] == "/livez":
+            await JSONResponse({"status": "alive"})(scope, receive, send)
+        else:
+            await error_response(NotReady(f"the service is starting: {self._doing}"))(scope, receive, send)
+
+    async def _live(self, receive: Receive, send: Send) -> None:
+        await receive()
+        stop = asyncio.Event()
+        life = asyncio.create_task(self._run(stop))
+        await send({"type": "lifespan.startup.complete"})
+        await receive()
+        stop.set()
+        if self._service is None:
+            life.cancel()
+        with suppress(asyncio.CancelledError):
+            await life
+        await send({"type": "lifespan.shutdown.complete"})
+
+    async def _run(self, stop: asyncio.Event) -> None:
+        """Load the service, and have it live until it is to stop."""
+        try:
+            service = await _in_a_thread(lambda: self._load(self._tell))
+            self._tell("opening the database and starting what works in the background")
+            async with service.router.lifespan_context(service):
+                self._service = service
+                log.info("ready")
+                await stop.wait()
+        except Exception as error:  # noqa: BLE001 - whoever serves raises it again
+            self.failure = error
+            self.on_failure()
+
+    def _tell(self, doing: str) -> None:
+        self._doing = doing
+
+
+async def _in_a_thread(work: Callable[[], FastAPI]) -> FastAPI:
+    """Return what `work` returns. Its thread holds up no end of the process, as those of an executor do."""
+    loop, done = asyncio.get_running_loop(), asyncio.Future["FastAPI"]()
+
+    def settle(result: FastAPI | None, error: Exception | None) -> None:
+        if done.cancelled():
+            return
+        if result is None:
+            done.set_exception(error or RuntimeError("nothing was loaded"))
+        else:
+            done.set_result(result)
+
+    def run() -> None:
+        result, failure = None, None
+        try:
+            result = work()
+        except Exception as error:  # noqa: BLE001 - whoever waits raises it again
+            failure = error
+        # Who waits may have stopped waiting, and its loop with it.
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(settle, result, failure)
+
+    threading.Thread(target=run, name="loading", daemon=True).start()
+    return await done
+
+
+class _Server(uvicorn.Server):
+    """Says where it listens once it does, and ends when there will be nothing to serve."""
+
+    def __init__(self, config: uvicorn.Config, authentication: str, service: LoadedWhileServing) -> None:
         super().__init__(config)
         self._authentication = authentication
+        service.on_failure = self._end
+
+    def _end(self) -> None:
+        self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         try:
@@ -186,6 +297,8 @@ class _Server(uvicorn.Server):
 
 
 async def _work(settings: WorkerSettings) -> None:
+    from workers.engine.worker import Worker
+
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)

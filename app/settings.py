@@ -33,6 +33,10 @@ class ServiceSettings(WorkerSettings):
     """So many mesh files are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished that may be begun, a new one is refused [1]."""
+    max_study_points: int = Field(default=1000, ge=1)
+    """A study with more is refused [1]."""
+    max_studies: int = Field(default=20, ge=1)
+    """With this many studies unfinished, a new one is refused [1]."""
     max_delayed: int = Field(default=200, ge=0)
     """With this many jobs of one owner that wait for their start, another such one is refused [1]."""
     max_webhooks: int = Field(default=20, ge=0)

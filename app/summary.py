@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import groupby
 
-import numpy as np
-
-from planners.geometry.pose import Array
+from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.segment import ContactState
 from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
-from planners.plan.verdicts import Cause, LeastReserve
+from planners.plan.verdicts import Cause, LeastReserve, Remedy
 
 MILLIMETRES = 1e3
 """In a metre: lengths are told as on drawings."""
@@ -71,17 +68,29 @@ def summarise(plan: Plan) -> str:
     return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
 
 
+def outcome_line(plan: Plan) -> str:
+    """Return the outcome in one line: what comes of it, or why there is no plan."""
+    if plan.outcome != "solved":
+        return f"{plan.outcome}: {plan.explanation.summary}"
+    force, arm = largest_load(plan)
+    bears = f", at most {force:.1f} N on the {arm} hand" if arm else ""
+    certified = "certified" if is_certified(plan) else "not certified"
+    return f"solved: {len(plan.segments)} segments, {plan.duration:.1f} s of motion{bears}, {certified}"
+
+
 def is_certified(plan: Plan) -> bool:
     """Tell whether something was planned, and a certificate of it passed."""
     return plan.outcome == "solved" and plan.certificate is not None and plan.certificate.passed
 
 
 def _certificate(plan: Plan, seconds: float) -> str:
-    """Return how the second opinion went, and how long it took."""
+    """Return what the second opinion was asked, how it went, and how long it took."""
     if plan.certificate is None:
         return "none, not certified" if plan.outcome == "solved" else "none, nothing to certify: no plan"
     verdict = "passed" if plan.certificate.passed else "FAILED"
-    return f"{verdict}, {len(plan.certificate.checks)} checks in {seconds:.2f} s"
+    # Without a plan nothing is approved but the proof that there is none.
+    asked = "" if plan.outcome == "solved" else " of the proof that no plan exists"
+    return f"{verdict}, {len(plan.certificate.checks)} checks{asked} in {seconds:.2f} s"
 
 
 def _reserve(plan: Plan) -> dict[str, str]:
@@ -128,14 +137,6 @@ def contact_states(plan: Plan) -> list[str]:
     return [word for word, _ in groupby(words)]
 
 
-def largest_load(plan: Plan) -> tuple[float, str]:
-    """Return the most that a hand bears [N], and which arm's it is; without any, 0 N and no arm.
-
-    Of a gripper it is the net force of both fingers, which its squeeze cancels in; of a stick its normal force.
-    """
-    return max(_loads(plan), default=(0.0, ""))
-
-
 def contact_word(state: ContactState) -> str:
     """Return one contact state of a plan in words."""
     if state.element == "none":
@@ -144,28 +145,34 @@ def contact_word(state: ContactState) -> str:
     return state.element + ("" if index is None else f" {index}") + ("" if body is None else f" on {body}")
 
 
-def _loads(plan: Plan) -> Iterator[tuple[float, str]]:
-    for segment in plan.segments:
-        nets: dict[tuple[str, str, int], Array] = {}
-        for contact in segment.contacts:
-            arm, force = contact.by, contact.wrench[:3]
-            if arm is None or arm not in plan.cell.arms:
-                continue
-            if contact.kind == "point":
-                yield float(force @ contact.normal), arm
-            else:
-                key = arm, contact.body, contact.sample
-                nets[key] = nets.get(key, 0.0) + force
-        for (arm, _, _), net in nets.items():
-            yield float(np.linalg.norm(net)), arm
-
-
 def _explain(plan: Plan) -> str:
     lines = [f"{'outcome:':<16}{plan.outcome}", f"{'why:':<16}{plan.explanation.summary}"]
     lines += [f"{'':<16}- {_cause(cause)}" for cause in plan.explanation.causes]
-    if plan.certificate is None:
-        lines.append(f"{'certificate:':<16}{_certificate(plan, 0.0)}")
+    lines += _remedies(plan)
+    seconds = dict(plan.statistics.times).get("certify", 0.0)
+    lines.append(f"{'certificate:':<16}{_certificate(plan, seconds)}")
     return "\n".join(lines)
+
+
+def _remedies(plan: Plan) -> list[str]:
+    """Return what helps where there is no plan, a line each, numbered as `--apply` takes them."""
+    remedies = plan.explanation.remedies
+    if remedies is None:
+        return []
+    if not remedies:
+        return [f"{'what helps:':<16}none of the changes that were tried"]
+    heads = ("what helps:", *[""] * len(remedies))
+    return [
+        f"{head:<16}{number}. {remedy.sentence} Then: {_came_of(remedy)}."
+        for number, (head, remedy) in enumerate(zip(heads, remedies, strict=False), start=1)
+    ]
+
+
+def _came_of(remedy: Remedy) -> str:
+    """Return what came of planning the changed task."""
+    force = "" if remedy.largest_force is None else f", at most {remedy.largest_force:.1f} N on a hand"
+    kept = "" if remedy.reserve is None else f", {100 * remedy.reserve:.0f} % of every limit kept back"
+    return f"{remedy.outcome}{' and certified' if remedy.certified else ''}{kept}{force}"
 
 
 def _cause(cause: Cause) -> str:

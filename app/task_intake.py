@@ -49,12 +49,17 @@ def accept_task(
     Raises:
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
-    task = read_task(_with_scene(sent, cells, scenes))
+    task = read_task(with_scene(sent, cells, scenes))
     scene = build_scene(task, cells, uploads=uploads, tools=tools)
     return write_task(with_centres(task, scene))
 
 
-def _with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:
+def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:
+    """Return a task as sent with what it takes from a perceived scene, if it names one.
+
+    Raises:
+        SceneError: There is no such scene.
+    """
     if not isinstance(body, dict) or body.get("kind") != "suction_tool":
         return body
     scene_id = body.get("scene_id")

@@ -20,10 +20,12 @@ from app.access.caller import Caller, Scope
 from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response
 
 LOGIN = "/viewer/login"
-PUBLIC = frozenset({"/livez", "/readyz", LOGIN, "/viewer/viewer.css"})
+PUBLIC = frozenset({"/livez", "/readyz", LOGIN, "/viewer/style.css"})
 """What a machine that has no key may ask for: whether the service lives, and how to show a key."""
 ADMIN = frozenset({"/v1/audit"})
 SAFE = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
+ASKING = frozenset({"/v1/tasks/check"})
+"""What changes nothing though it is posted: the question is too long for an address."""
 POLICY_VIOLATION = 1008
 """Close code of RFC 6455."""
 log = structlog.get_logger(__name__)
@@ -35,7 +37,12 @@ def needed_scope(method: str, path: str) -> Scope | None:
         return None
     if path in ADMIN:
         return Scope.ADMIN
-    return Scope.READ if method in SAFE else Scope.WRITE
+    return Scope.WRITE if changes_something(method, path) else Scope.READ
+
+
+def changes_something(method: str, path: str) -> bool:
+    """Tell whether a request does more than look, and so is kept in the audit log."""
+    return method not in SAFE and path not in ASKING
 
 
 class AccessControl:
@@ -61,7 +68,7 @@ class AccessControl:
             await _refuse(request, method, error, receive, send)
             return
         connection.setdefault("state", {})["caller"] = caller
-        if caller is not None and method not in SAFE:
+        if caller is not None and changes_something(method, request.url.path):
             send = _audited(authenticator, caller, request, method, send)
         await self._app(connection, receive, send)
 
@@ -87,7 +94,7 @@ async def admit(request: HTTPConnection) -> Caller | None:
         return None
     caller = await authenticator.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
     if not caller.scope.allows(needed):
-        if method not in SAFE:
+        if changes_something(method, request.url.path):
             await write_audit(
                 authenticator, caller, request, method, error_response(ScopeNeeded(needed.value)).status_code
             )

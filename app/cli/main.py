@@ -8,15 +8,17 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from app.cli.output import BAD_INPUT, BadInput
+from app.cli.output import BAD_INPUT, BadInput, said_of
 from app.example_tasks import example_tasks
-from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
-from workers.settings import WorkerSettings
+
+if TYPE_CHECKING:
+    from app.settings import ServiceSettings
+    from workers.settings import WorkerSettings
 
 FAILED = 1
 SCOPES = ("read", "write", "admin")
@@ -24,12 +26,39 @@ EXAMPLES = """\
 examples:
   liftwright plan assets/tasks/ab1.json --out plan.json     one task, no server: both arms lift a plate
   liftwright plan assets/tasks/domino_pile.json             a suction tool piles up three dominoes
+  liftwright plan assets/tasks/*.json --out plans           all of them, with a line for each
+  liftwright study assets/tasks/ab1.json --axis /lifter_model=paper,cable,dexnet    the same task, varied
   liftwright scene assets/scans/tissue_boxes                what cameras saw: the tool, and boxes to be moved
   liftwright serve                                          the service on http://127.0.0.1:8040
   liftwright keys issue --owner mes --scope write           a key, once others are to reach it
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
 
 Every option of serve, api and worker can also be given as an environment variable, LIFTWRIGHT_PORT=8041.
+"""
+
+
+PLAN_DESCRIPTION = """\
+Plan tasks, one after the other; of several each is told in a line.
+Exit code 0: solved; 2: no plan, and why; 3: bad input, and where; 1: a fault of ours, or of the service.
+Of several tasks it is that of the worst, in this order.
+"""
+STUDY_DESCRIPTION = """\
+Examine a task at many values of one or two of its members, on all cores, and show where it is solved, how much of every
+limit is kept back there, and which point is best. Points are searched with the task's own densities and not certified,
+unless --certify is given. Exit code 0: a point is solved; 2: none is; 3: bad input, and where.
+
+an axis:
+  /cup/position/0=-0.12:0.12:12      a range: 12 values from -0.12 to 0.12, both among them, in the member's own unit
+  /lifter_model=paper,cable,dexnet   a list of values; JSON, or words
+  /plate_pose@yaw=-1.57:1.57:7       a pose, turned about the vertical through its origin [rad]
+The part before = is a JSON pointer into the task (RFC 6901): names and places of items, each after a slash.
+docs/task.md lists the members; an item of a list is named by its place from 0, as in /objects/0/pose/1.
+"""
+STUDY_EXAMPLES = """\
+examples:
+  liftwright study assets/tasks/ab1.json --axis /cup/position/0=-0.12:0.12:12 --axis /cup/position/1=-0.12:0.12:12
+  liftwright study assets/tasks/ab2.json --axis /cup/max_force=10:30:9 --png force.png
+  liftwright study assets/tasks/ab1.json --axis /plate_pose@yaw=-1.57:1.57:7 --certify --out map.json
 """
 
 
@@ -42,6 +71,13 @@ parts of a scan:
   colour  colour.png or .jpg: a picture of the tool's markers
   depth   depth.png with 16 bits, or depth.npy: distances along the camera's z
   cloud   cloud.ply, .pcd or .npy: points, in place of depth
+"""
+PLAN_EXAMPLES = """\
+examples:
+  liftwright plan assets/tasks/ab1.json --out plan.json
+  liftwright plan mine.yaml other.json --out plans                 documents plans/mine.json and plans/other.json
+  liftwright plan mine.json --apply 1                              no plan? writes mine.remedy-1.json, which has one
+  ./make_task | liftwright plan - --service http://127.0.0.1:8040  standard input, planned by a service
 """
 SCENE_EXAMPLES = """\
 examples:
@@ -61,8 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"liftwright: {error}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, BadInput) else FAILED
     except OSError as error:
-        print(f"liftwright: {error}", file=sys.stderr)
-        return BAD_INPUT if parsed.command in ("plan", "scene") else FAILED
+        print(f"liftwright: {said_of(error)}", file=sys.stderr)
+        return BAD_INPUT if parsed.command in ("plan", "study", "scene") else FAILED
     except ValidationError as error:
         for fault in error.errors():
             print(
@@ -87,9 +123,18 @@ def _parser() -> argparse.ArgumentParser:
     _add_plan(
         commands.add_parser(
             "plan",
-            help="plan one task, without a server or by one",
-            description="Plan one task. Exit code 0: solved; 2: no plan, and why; 3: bad input, and where.",
+            help="plan tasks, without a server or by one",
+            description=PLAN_DESCRIPTION,
             epilog=_plan_epilog(),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
+    _add_study(
+        commands.add_parser(
+            "study",
+            help="where may the cup sit: examine a task at many values of up to two of its members",
+            description=STUDY_DESCRIPTION,
+            epilog=STUDY_EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
@@ -135,8 +180,24 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_plan(command: argparse.ArgumentParser) -> None:
-    command.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
-    command.add_argument("--out", type=Path, metavar="FILE", help="where the plan document goes; without it, nowhere")
+    command.add_argument(
+        "files",
+        nargs="+",
+        metavar="FILE",
+        help="a task as JSON, or as YAML in a file named *.yaml; -: standard input; assets/tasks has examples",
+    )
+    command.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="where the plan document goes; of several tasks a folder, with NAME.json for each; without it, nowhere",
+    )
+    command.add_argument(
+        "--apply",
+        type=int,
+        metavar="N",
+        help="if there is no plan, write the task with the N-th change that helps beside it, as NAME.remedy-N.json",
+    )
     where = command.add_mutually_exclusive_group()
     where.add_argument(
         "--scene",
@@ -153,6 +214,37 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
         "there is one; without, they are computed anew each time, in some seconds",
     )
     command.set_defaults(run=_plan)
+
+
+def _add_study(command: argparse.ArgumentParser) -> None:
+    command.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
+    command.add_argument(
+        "--axis",
+        action="append",
+        required=True,
+        type=_axis,
+        metavar="/POINTER=VALUES",
+        help="what is varied; once or twice: the first goes to the right in the map, the second upwards",
+    )
+    command.add_argument("--certify", action="store_true", help="plan and certify every point; several times as long")
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the map goes, as JSON")
+    command.add_argument("--png", type=Path, metavar="FILE", help="where a picture of the map goes")
+    where = command.add_mutually_exclusive_group()
+    _add_service(where, "examines it, and plans the best point")
+    where.add_argument("--processes", type=int, metavar="N", help="so many points at the same time; default: all cores")
+    command.add_argument(
+        "--data-dir", type=Path, metavar="DIR", help="where handovers are kept; as for `liftwright plan`"
+    )
+    command.set_defaults(run=_study)
+
+
+def _axis(text: str) -> dict[str, Any]:
+    from app.cli.study_command import read_axis
+
+    try:
+        return read_axis(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _add_scene(command: argparse.ArgumentParser) -> None:
@@ -178,7 +270,7 @@ def _add_service(command: argparse.ArgumentParser | argparse._MutuallyExclusiveG
 
 def _plan_epilog() -> str:
     examples = "\n".join(f"  {kind:<13} {', '.join(names)}" for kind, names in example_tasks().items())
-    return f"kinds of tasks, and examples of each, files assets/tasks/NAME.json:\n{examples}\n"
+    return f"{PLAN_EXAMPLES}\nkinds of tasks, and examples of each, files assets/tasks/NAME.json:\n{examples}\n"
 
 
 def _add_keys(command: argparse.ArgumentParser) -> None:
@@ -219,15 +311,49 @@ def _options(parsed: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(parsed, name, None)) is not None}
 
 
-# Each command loads what it needs when it runs: the planners take a second, which `--help` has no use for.
+# Each command loads what it needs when it runs: the planners take a second, which neither `--help` has a use for nor a
+# task that is refused.
+
+
+def _service_settings(parsed: argparse.Namespace) -> ServiceSettings:
+    from app.settings import ServiceSettings
+
+    return ServiceSettings(**_options(parsed))
+
+
+def _worker_settings(parsed: argparse.Namespace) -> WorkerSettings:
+    from workers.settings import WorkerSettings
+
+    return WorkerSettings(**_options(parsed))
 
 
 def _plan(parsed: argparse.Namespace) -> int:
-    from app.cli.plan_command import plan_file, post_file
+    from app.cli.plan_command import TaskPlanner, plan_files
 
+    def here() -> TaskPlanner:
+        from app.cli.local_planner import LocalPlanner
+
+        return LocalPlanner(_worker_settings(parsed), parsed.scene)
+
+    def by_service() -> TaskPlanner:
+        from app.cli.service_client import ServicePlanner
+
+        return ServicePlanner(parsed.service)
+
+    # A scene may complete the tasks, and a service may be of a newer version, which knows tasks that this one does not.
+    check = parsed.scene is None and parsed.service is None
+    planner = here if parsed.service is None else by_service
+    return plan_files(parsed.files, parsed.out, planner, check=check, apply=parsed.apply)
+
+
+def _study(parsed: argparse.Namespace) -> int:
+    from app.cli.study_command import post_study, study_file
+
+    outputs = parsed.out, parsed.png
     if parsed.service is not None:
-        return post_file(parsed.file, parsed.out, parsed.service)
-    return plan_file(parsed.file, parsed.out, ServiceSettings(**_options(parsed)), parsed.scene)
+        return post_study(parsed.file, parsed.axis, outputs, parsed.service, certify=parsed.certify)
+    settings = _worker_settings(parsed)
+    return study_file(parsed.file, parsed.axis, outputs, settings, certify=parsed.certify, processes=parsed.processes)
 
 
 def _scene(parsed: argparse.Namespace) -> int:
@@ -239,14 +365,14 @@ def _scene(parsed: argparse.Namespace) -> int:
 def _serve(parsed: argparse.Namespace, *, with_worker: bool) -> int:
     from app.serve import serve
 
-    serve(ServiceSettings(**_options(parsed)), with_worker=with_worker)
+    serve(_service_settings(parsed), with_worker=with_worker)
     return 0
 
 
 def _work(parsed: argparse.Namespace) -> int:
     from app.serve import work
 
-    work(ServiceSettings(**_options(parsed)))
+    work(_service_settings(parsed))
     return 0
 
 
@@ -254,7 +380,7 @@ def _issue_key(parsed: argparse.Namespace) -> int:
     from app.access.caller import Scope
     from app.cli.keys_command import issue_key
 
-    print(issue_key(WorkerSettings(**_options(parsed)), parsed.owner, Scope(parsed.scope), parsed.days))
+    print(issue_key(_worker_settings(parsed), parsed.owner, Scope(parsed.scope), parsed.days))
     print("liftwright: keep it, it cannot be shown again; a service that runs without keys: restart", file=sys.stderr)
     return 0
 
@@ -262,29 +388,29 @@ def _issue_key(parsed: argparse.Namespace) -> int:
 def _list_keys(parsed: argparse.Namespace) -> int:
     from app.cli.keys_command import list_keys
 
-    print(list_keys(WorkerSettings(**_options(parsed))))
+    print(list_keys(_worker_settings(parsed)))
     return 0
 
 
 def _revoke_key(parsed: argparse.Namespace) -> int:
     from app.cli.keys_command import revoke_key
 
-    revoke_key(WorkerSettings(**_options(parsed)), parsed.key_id)
+    revoke_key(_worker_settings(parsed), parsed.key_id)
     return 0
 
 
 def _check_worker(parsed: argparse.Namespace) -> int:
     from workers.engine.executor_lock import worker_lives
 
-    return 0 if worker_lives(ServiceSettings(**_options(parsed))) else FAILED
+    return 0 if worker_lives(_service_settings(parsed)) else FAILED
 
 
-def _warm_up(_: argparse.Namespace) -> int:
+def _warm_up(parsed: argparse.Namespace) -> int:
     from app.logs import set_up_logs
     from workers.solver.warm_up import warm_up
 
     set_up_logs()
-    warm_up(ServiceSettings())
+    warm_up(_service_settings(parsed))
     return 0
 
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from errno import ENOENT
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TextIO
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-
+from app.stage_words import stage_words
 from planners.errors import LiftwrightError
 
 BAD_INPUT = 3
@@ -24,22 +22,60 @@ class BadInput(LiftwrightError):
     """A file is not what a command takes; the message names it."""
 
 
-def refuse(problems: Iterable[Mapping[str, Any]], file: str) -> int:
-    """Print every problem of a file, as `planners.contract.problems` lists them, and return the exit code."""
+def said_of(error: OSError) -> str:
+    """Return which file the system means, and what it says of it."""
+    return str(error) if error.filename is None else f"{error.filename}: {error.strerror}"
+
+
+class Refused(LiftwrightError):
+    """What a file says cannot be done."""
+
+    def __init__(self, problems: Sequence[Mapping[str, Any]]) -> None:
+        self.problems = problems
+        """As `planners.contract.problems` lists them."""
+        super().__init__("; ".join(problem["detail"] for problem in problems))
+
+
+def refuse(problems: Iterable[Mapping[str, Any]], file: str, line_of: Callable[[str], int | None] | None = None) -> int:
+    """Print every problem of a file, as `planners.contract.problems` lists them, and return the exit code.
+
+    Args:
+        problems: what is wrong.
+        file: what problems of the whole of it are said of.
+        line_of: finds the line of a JSON pointer, where lines are known.
+    """
     for problem in problems:
-        choices = problem.get("allowed")
-        allowed = f" (one of: {', '.join(choices)})" if choices else ""
-        sys.stderr.write(f"{problem['pointer'] or file}: {problem['detail']}{allowed}\n")
+        sys.stderr.write(f"{_told(problem, file, line_of)}\n")
     return BAD_INPUT
+
+
+def warn(problems: Iterable[Mapping[str, Any]], file: str, line_of: Callable[[str], int | None] | None = None) -> None:
+    """Print what may be wrong with a file that is taken all the same; arguments as of `refuse`."""
+    for problem in problems:
+        sys.stderr.write(f"warning: {_told(problem, file, line_of)}\n")
+
+
+def _told(problem: Mapping[str, Any], file: str, line_of: Callable[[str], int | None] | None) -> str:
+    pointer, choices = problem["pointer"], problem.get("allowed")
+    allowed = f" (one of: {', '.join(choices)})" if choices else ""
+    line = None if line_of is None else line_of(pointer)
+    where = f" (line {line})" if line is not None and pointer else ""
+    return f"{pointer or file}{where}: {problem['detail']}{allowed}"
 
 
 class ProgressBar:
     """Shows one job; nothing but its end is left on a screen that is no terminal."""
 
-    def __init__(self) -> None:
-        columns = (TextColumn("{task.description:<12}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    def __init__(self, job: str = "") -> None:
+        """Take what the job is called, where there are several."""
+        # Here, because a task that is refused needs none of it.
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+        self._name = f"{job}: " if job else ""
+        columns = (TextColumn("{task.description:<36}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
         self._bar = Progress(*columns, console=Console(stderr=True))
-        self._job = self._bar.add_task("waiting", total=1.0)
+        self._job = self._bar.add_task(f"{self._name}waiting", total=1.0)
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -51,8 +87,8 @@ class ProgressBar:
         self._bar.stop()
 
     def show(self, stage: str, fraction: float) -> None:
-        """Show the stage and how much of the whole is done, 0 … 1."""
-        self._bar.update(self._job, description=stage, completed=fraction)
+        """Show the stage, as a plan names it, and how much of the whole is done, 0 … 1."""
+        self._bar.update(self._job, description=self._name + stage_words(stage), completed=fraction)
 
     def say(self, sentence: str) -> None:
         """Print a line over the bar, on any screen."""

@@ -1,193 +1,206 @@
-"""`liftwright plan FILE`: one task, planned on this machine or by a service."""
+"""`liftwright plan FILE…`: tasks, planned on this machine or by a service."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Protocol
 
-from pydantic import ValidationError
+from app.cli.output import BAD_INPUT, BadInput, Refused, refuse, said_of, warn, written_whole
+from app.cli.task_file import STDIN, TaskFile
+from planners.contract.problems import doubts_of
+from planners.errors import LiftwrightError
 
-from app.cli.output import BadInput, ProgressBar, refuse, written_whole
-from app.cli.service_client import ServiceClient, ServiceRefused
-from app.summary import summarise
-from app.task_intake import NeedsScene, accept_task
-from planners.contract.problems import problems_of
-from planners.contract.scene_document import SceneDocument
-from planners.contract.strict_json import NotJson, parse_json
-from planners.errors import SceneError
-from planners.geometry.solid_mesh import SolidMesh
-from planners.plan.plan import Plan
-from planners.progress import Report
-from workers.settings import WorkerSettings
-from workers.solver.pipeline import Pipeline
-from workers.solver.progress import ProgressScale
+if TYPE_CHECKING:
+    from planners.plan.plan import Plan
 
-SOLVED, NO_PLAN = 0, 2
-JOB_FAILED = 1
-HANDOVERS = "handovers"
-"""Stage that is reported only where handovers are not found in the data directory."""
-SCENES = "`liftwright scene --out FILE` writes one"
+SOLVED, FAILED, NO_PLAN = 0, 1, 2
+"""Exit codes, as is `BAD_INPUT`."""
+FROM_BEST_TO_WORST = (SOLVED, NO_PLAN, BAD_INPUT, FAILED)
 
 
-def plan_file(path: Path, out: Path | None, settings: WorkerSettings, scene: Path | None = None) -> int:
-    """Plan the task in a file, print what came of it, and return the exit code.
+@dataclass(frozen=True)
+class Planned:
+    """What came of a task."""
+
+    plan: Plan
+    viewer: str | None = None
+    """Where a service shows it."""
+
+
+class TaskPlanner(Protocol):
+    """Plans tasks, here or elsewhere."""
+
+    def begin(self, file: TaskFile) -> Callable[[], Planned]:
+        """Accept a task, and return what plans it, or waits until that is done.
+
+        Raises:
+            Refused: It is not one that can be planned.
+        """
+        ...
+
+
+@dataclass
+class _Job:
+    """One file and what becomes of it."""
+
+    named: str
+    title: str | None
+    """What begins its line of outcome; None: it is the only one, and is told of in full."""
+    out: Path | None
+    file: TaskFile | None = None
+    plan: Callable[[], Planned] | None = None
+    refusal: str = ""
+    code: int | None = None
+
+
+def plan_files(
+    named: Sequence[str],
+    out: Path | None,
+    load_planner: Callable[[], TaskPlanner],
+    *,
+    check: bool = True,
+    apply: int | None = None,
+) -> int:
+    """Plan the tasks in files, print what came of each, and return the exit code, of several the worst.
 
     Args:
-        path: of the task.
-        out: where the plan document goes.
-        settings: name the data directory, where handovers are kept.
-        scene: of a SceneDocument that `liftwright scene` wrote; the task's objects are those perceived in it.
+        named: files, or "-" for standard input.
+        out: where the plan document goes; of several tasks a folder, which is made if it is not there.
+        load_planner: called only if there is a task to plan.
+        check: whether tasks are read before that, so that what is none is refused at once.
+        apply: number of the remedy with which a task that has no plan is written anew, beside it; None: none.
 
     Raises:
-        BadInput: A file is not a task, or not a scene.
-        CertificateFailed: A plan was found that must not be used.
-        OSError: A file cannot be read or written.
+        BadInput: Two tasks would have one name, or a document would replace its task.
+        LiftwrightError: Whoever plans cannot.
+        OSError: A document cannot be written.
     """
-    sent = read_task_file(path)
-    perceived = None if scene is None else read_scene_file(scene)
-    # A command that only reads a file makes no data directory of its own.
-    keeps = settings.data_dir.is_dir() or "data_dir" in settings.model_fields_set
-    pipeline = Pipeline.load(settings.handovers_dir if keeps else None)
+    if apply is not None and len(named) > 1:
+        raise BadInput("--apply takes one task: its remedies are its own")
+    titles = [f"{name:<{max(map(len, named))}}  " if len(named) > 1 else None for name in named]
+    jobs = [_Job(*of_one) for of_one in zip(named, titles, _places(named, out), strict=True)]
+    for job in jobs:
+        _read(job, check=check)
+    planner = load_planner() if any(job.code is None for job in jobs) else None
+    for job in jobs:
+        if planner is not None and job.file is not None and job.code is None:
+            _begin(job, job.file, planner)
+    for job in jobs:
+        if job.plan is None:
+            _tell_line(job, job.refusal)
+        else:
+            planned = _plan(job, job.plan)
+            if apply is not None and planned is not None and job.file is not None:
+                _apply(apply, planned.plan, job.file)
+    return max((job.code or SOLVED for job in jobs), key=FROM_BEST_TO_WORST.index)
+
+
+def _places(named: Sequence[str], out: Path | None) -> list[Path | None]:
+    """Return where the document of each task goes."""
+    if len(set(named)) < len(named):
+        twice = next(name for name in named if named.count(name) > 1)
+        raise BadInput(f"{twice} is given twice")
+    if out is None:
+        return [None] * len(named)
+    places = [out]
+    if len(named) > 1:
+        out.mkdir(exist_ok=True)
+        places = [out / f"{'stdin' if name == STDIN else Path(name).stem}.json" for name in named]
+    for name, place in zip(named, places, strict=True):
+        if places.count(place) > 1:
+            raise BadInput(f"two tasks would be written to {place}; rename one, or plan them one after the other")
+        if name != STDIN and place.exists() and place.samefile(name):
+            raise BadInput(f"{place} is a task; write its plan elsewhere")
+    return list(places)
+
+
+def _read(job: _Job, *, check: bool) -> None:
     try:
-        task = _accept(sent, perceived, pipeline)
-    except (ValidationError, SceneError) as error:
-        return refuse(problems_of(error), str(path))
-    kept = f"kept in {settings.handovers_dir}" if keeps else f"not kept: no {settings.data_dir} here, and no --data-dir"
-    with written_whole(out) as file:
-        plan = _solve(pipeline, path.stem, task, kept)
-        if file is not None:
-            json.dump(plan.document(), file, allow_nan=False)
-    return _tell(plan)
+        job.file = TaskFile.read(job.named)
+        if check:
+            job.file.check()
+        if doubts := doubts_of(job.file.task):
+            _name_it(job)
+            warn(doubts, job.named, job.file.line_of)
+    except (BadInput, OSError) as error:
+        sys.stderr.write(f"liftwright: {said_of(error) if isinstance(error, OSError) else error}\n")
+        job.code, job.refusal = BAD_INPUT, "refused, no task"
+    except Refused as error:
+        _refuse(job, error)
 
 
-def post_file(path: Path, out: Path | None, service: str) -> int:
-    """Have a service plan the task in a file, print what came of it, and return the exit code.
-
-    Raises:
-        BadInput: The file is not a task.
-        KeyMissing, ServiceAway, ServiceRefused, NotUnderstood: The service cannot do it, and not because of the task.
-        OSError: A file cannot be read or written.
-    """
-    body = json.dumps(read_task_file(path)).encode()
-    client = ServiceClient(service)
-    with written_whole(out) as file:
-        try:
-            job = client.follow(client.post_plan(body))
-        except ServiceRefused as error:
-            if not error.is_about_the_input:
-                raise
-            return refuse(error.problems, str(path))
-        if job["state"] != "succeeded":
-            sys.stderr.write(f"liftwright: the job {job['state']}: {(job['error'] or {}).get('detail', '')}\n")
-            return JOB_FAILED
-        plan = client.plan(job["links"]["document"])
-        if file is not None:
-            json.dump(plan.document(), file, allow_nan=False)
-    code = _tell(plan)
-    sys.stdout.write(f"{'viewer:':<16}{client.address}{job['links']['view']}\n")
-    return code
-
-
-def _tell(plan: Plan) -> int:
-    sys.stdout.write(summarise(plan) + "\n")
-    return SOLVED if plan.outcome == "solved" else NO_PLAN
-
-
-def _accept(sent: Any, scene: SceneDocument | None, pipeline: Pipeline) -> dict[str, Any]:
-    """Return the task with every default filled in.
-
-    Raises:
-        pydantic.ValidationError, SceneError: What is wrong with it.
-    """
-    if scene is not None:
-        return accept_task(
-            _named(sent, scene), pipeline.solver.cells, _upload_elsewhere, lambda _: scene, pipeline.solver.tools
-        )
+def _begin(job: _Job, file: TaskFile, planner: TaskPlanner) -> None:
     try:
-        return accept_task(sent, pipeline.solver.cells, _upload_elsewhere, _scene_elsewhere, pipeline.solver.tools)
-    except NeedsScene as error:
-        detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
-        raise SceneError(error.pointer, detail) from error
+        job.plan = planner.begin(file)
+    except Refused as error:
+        _refuse(job, error)
 
 
-def _scene_elsewhere(scene_id: str) -> SceneDocument | None:
-    detail = (
-        f"the scene {scene_id} is kept by a service, not here; plan with --service http://…, "
-        "or give what `liftwright scene --out` wrote as --scene"
-    )
-    raise SceneError("/scene_id", detail)
+def _refuse(job: _Job, error: Refused) -> None:
+    _name_it(job)
+    job.code = refuse(error.problems, job.named, None if job.file is None else job.file.line_of)
+    count = len(error.problems)
+    job.refusal = f"refused, {count} problem{'s' if count > 1 else ''}"
 
 
-def _upload_elsewhere(upload: str) -> SolidMesh | None:
-    raise SceneError("", f"the upload {upload} is kept by a service, not here; plan with --service http://…")
+def _name_it(job: _Job) -> None:
+    """Say of which of several files the next lines are."""
+    if job.title is not None:
+        sys.stderr.write(f"{job.named}:\n")
 
 
-def _named(sent: Any, scene: SceneDocument) -> dict[str, Any]:
-    """Return a task that names a scene, if it did not before.
-
-    Raises:
-        SceneError: Tasks of this kind have none.
-    """
-    if not isinstance(sent, dict) or sent.get("kind") != "suction_tool":
-        raise SceneError("/kind", "only tasks of suction tools take their objects from a scene", ["suction_tool"])
-    name = hashlib.sha256(scene.model_dump_json().encode()).hexdigest()[:32]
-    return {**sent, "scene_id": sent.get("scene_id") or name}
-
-
-def _solve(pipeline: Pipeline, name: str, task: dict[str, Any], handovers_kept: str) -> Plan:
-    with ProgressBar() as bar:
-        scale, begun = ProgressScale.of(task), set[str]()
-
-        def show(report: Report, /) -> None:
-            if report.stage == HANDOVERS and report.stage not in begun:
-                bar.say(f"liftwright: computing handovers of the tool, which takes some seconds; {handovers_kept}")
-            begun.add(report.stage)
-            bar.show(report.name, scale.advance(report))
-
-        plan = pipeline.solve({"id": name, "task": task}, show)
-        bar.show("done", 1.0)
-    return plan
-
-
-def read_task_file(path: Path) -> Any:
-    """Return the JSON data of a file that may be a task.
+def _apply(number: int, plan: Plan, file: TaskFile) -> None:
+    """Write the task with a remedy applied beside it, as JSON.
 
     Raises:
-        BadInput: It is not JSON, or what another command or the service has written.
-        OSError: It cannot be read.
+        BadInput: There is no such remedy.
     """
-    sent = _read_json(path)
-    members: Mapping[str, Any] = sent if isinstance(sent, dict) else {}
-    if {"segments", "certificate", "task"} <= members.keys():
-        raise BadInput(f'{path} is a plan document, not a task; the one it was planned from is its member "task"')
-    if {"table", "unrecognised"} <= members.keys():
-        raise BadInput(
-            f"{path} is a scene, not a task; give it as --scene {path}, beside a task that names its objects"
-        )
-    return sent
+    from planners.contract.task_change import changed
+
+    if plan.outcome == "solved":
+        sys.stdout.write(f"{'changed task:':<16}none, the task has a plan as it is\n")
+        return
+    remedies = plan.explanation.remedies or []
+    if not 1 <= number <= len(remedies):
+        there = f"choose from 1 to {len(remedies)}" if remedies else "none was found"
+        raise BadInput(f"there is no remedy {number} to apply: {there}")
+    path = Path(file.named).with_name(f"{file.stem}.remedy-{number}.json")
+    with written_whole(path) as written:
+        assert written is not None
+        json.dump(changed(file.task, remedies[number - 1].patch), written, indent=2, allow_nan=False)
+    sys.stdout.write(f"{'changed task:':<16}{path}\n")
 
 
-def read_scene_file(path: Path) -> SceneDocument:
-    """Return the scene in a file.
+def _plan(job: _Job, plan: Callable[[], Planned]) -> Planned | None:
+    """Plan, tell what came of it, and return it; None where it failed."""
+    # Here, because a task that is refused needs nothing of it.
+    from app.summary import outcome_line, summarise
 
-    Raises:
-        BadInput: There is none.
-        OSError: It cannot be read.
-    """
     try:
-        return SceneDocument.model_validate_json(json.dumps(_read_json(path)))
-    except ValidationError as error:
-        first = problems_of(error)[0]
-        where = f"{first['pointer']} " if first["pointer"] else ""
-        raise BadInput(f"{path} is not a scene ({where}{first['detail']}); {SCENES}") from error
+        with written_whole(job.out) as file:
+            planned = plan()
+            if file is not None:
+                json.dump(planned.plan.document(), file, allow_nan=False)
+    except LiftwrightError as error:
+        sys.stderr.write(f"liftwright: {error if job.title is None else f'{job.named}: {error}'}\n")
+        job.code = FAILED
+        _tell_line(job, "failed")
+        return None
+    job.code = SOLVED if planned.plan.outcome == "solved" else NO_PLAN
+    _tell_line(job, outcome_line(planned.plan))
+    if job.title is None:
+        sys.stdout.write(summarise(planned.plan) + "\n")
+        if planned.viewer is not None:
+            sys.stdout.write(f"{'viewer:':<16}{planned.viewer}\n")
+    return planned
 
 
-def _read_json(path: Path) -> Any:
-    try:
-        return parse_json(path.read_bytes(), "the file")
-    except NotJson as error:
-        raise BadInput(f"{path}: {error}") from error
+def _tell_line(job: _Job, outcome: str) -> None:
+    """Print the outcome of one of several tasks."""
+    if job.title is not None:
+        sys.stdout.write(f"{job.title}{outcome}\n")
+        sys.stdout.flush()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
@@ -13,7 +13,9 @@ import httpx
 from httpx_sse import connect_sse
 from pydantic import ValidationError
 
-from app.cli.output import ProgressBar
+from app.cli.output import ProgressBar, Refused
+from app.cli.plan_command import Planned
+from app.cli.task_file import TaskFile
 from planners.contract.problems import problems_of
 from planners.errors import LiftwrightError
 from planners.plan.plan import Plan
@@ -60,6 +62,13 @@ class NotUnderstood(LiftwrightError):
     def __init__(self, address: str, error: ValidationError) -> None:
         first = problems_of(error)[0]
         super().__init__(f"the plan document of {address} is of another version: {first['pointer']} {first['detail']}")
+
+
+class JobWithoutDocument(LiftwrightError):
+    """A job that a service had accepted came to no document."""
+
+    def __init__(self, job: Mapping[str, Any]) -> None:
+        super().__init__(f"the job {job['state']}: {(job['error'] or {}).get('detail', '')}")
 
 
 class ServiceClient:
@@ -110,6 +119,32 @@ class ServiceClient:
         with self._connected() as client:
             return self._accepted(client.post("/v1/plans", content=task, headers=JSON)).json()
 
+    def post_study(self, study: bytes) -> dict[str, Any]:
+        """Post a study and return it as accepted.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
+        """
+        with self._connected() as client:
+            return self._accepted(client.post("/v1/studies", content=study, headers=JSON)).json()
+
+    def follow_study(self, study: Mapping[str, Any]) -> dict[str, Any]:
+        """Show how many points of a study are known until it has ended, and return it as it is then.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
+        """
+        known, count = 0, study["count"]
+        events = study["links"]["events"]
+        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
+            self._accepted(source.response)
+            for event in source.iter_sse():
+                if event.event == "finished":
+                    return event.json()
+                known += 1
+                bar.show(f"{known} of {count} points", known / count)
+        raise ServiceAway(self.address, "it closed the event stream before the study ended")
+
     def post_scene(self, description: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
         """Post a scan, its description and its files by their parts, and return the scene it became.
 
@@ -119,14 +154,18 @@ class ServiceClient:
         with self._connected() as client:
             return self._accepted(client.post("/v1/scenes", files={"scan": description, **files})).json()
 
-    def follow(self, plan: Mapping[str, Any]) -> dict[str, Any]:
+    def follow(self, plan: Mapping[str, Any], called: str = "") -> dict[str, Any]:
         """Show a job's progress until it has ended, and return the plan as it is then.
+
+        Args:
+            plan: as it was posted.
+            called: what the job is called, where there are several.
 
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
         events = plan["links"]["events"]
-        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
+        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar(called) as bar:
             self._accepted(source.response)
             for event in source.iter_sse():
                 data = event.json()
@@ -153,6 +192,34 @@ class ServiceClient:
         if answer.status_code == httpx.codes.UNAUTHORIZED and self._key is None:
             raise KeyMissing(self.address)
         raise ServiceRefused(answer.status_code, _problem(answer.read()))
+
+
+class ServicePlanner:
+    """Has a service plan the tasks of files, which it may work on at the same time."""
+
+    def __init__(self, address: str) -> None:
+        self._client = ServiceClient(address)
+
+    def begin(self, file: TaskFile) -> Callable[[], Planned]:
+        """Post a task, and return what waits for its plan.
+
+        Raises:
+            Refused: The service says what is wrong with it.
+            KeyMissing, ServiceAway, ServiceRefused: The service cannot do it, and not because of the task.
+        """
+        try:
+            posted = self._client.post_plan(json.dumps(file.task).encode())
+        except ServiceRefused as error:
+            if not error.is_about_the_input:
+                raise
+            raise Refused(error.problems) from error
+        return lambda: self._wait(file, posted)
+
+    def _wait(self, file: TaskFile, posted: Mapping[str, Any]) -> Planned:
+        job = self._client.follow(posted, file.stem)
+        if job["state"] != "succeeded":
+            raise JobWithoutDocument(job)
+        return Planned(self._client.plan(job["links"]["document"]), self._client.address + job["links"]["view"])
 
 
 def _problem(content: bytes) -> Mapping[str, Any]:

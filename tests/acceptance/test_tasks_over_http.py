@@ -170,8 +170,8 @@ def test_handovers_of_the_shipped_tools_are_there_before_the_first_job_and_are_n
     client: httpx.Client, data_dir: Path
 ) -> None:
     kept = handovers_of(data_dir)
-    # Of each of the two tools, standing and lying; those of tools that have changed since may lie beside them.
-    assert len(kept) >= 4
+    # Of each of the two tools, standing and lying.
+    assert len(kept) == 4
     plan, _ = solve(client, task("can_stack.json"))
     events = client.get(plan["links"]["events"]).text
     assert '"stage":"handovers"' not in events.replace(" ", "")

@@ -21,9 +21,10 @@ from app.cli.keys_command import issue_key
 from app.cli.main import main
 from app.cli.service_client import KEY_VARIABLE, ServiceClient
 from app.settings import ServiceSettings
-from app.summary import contact_states, is_certified, largest_load, summarise
+from app.summary import contact_states, is_certified, summarise
 from planners.cell.cell import load_cell
 from planners.contract.scene_document import SceneDocument
+from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from tests.support.scan_frames import SHIPPED
 from workers.solver.pipeline import Pipeline
@@ -210,6 +211,16 @@ def _unsolved(outcome: str, cause: dict[str, Any]) -> Plan:
     return _plan(outcome=outcome, segments=[], explanation={"summary": "There is none.", "causes": [cause]})
 
 
+@pytest.mark.parametrize("passed", [True, False])
+def test_without_a_plan_checks_are_said_to_be_of_the_proof_and_not_of_a_plan(passed: bool) -> None:
+    certificate = {"passed": passed, "checks": []}
+    statistics = _statistics(1.0, {"certify": 0.25})
+    plan = _plan(outcome="infeasible", segments=[], certificate=certificate, statistics=statistics)
+    verdict = "passed" if passed else "FAILED"
+    assert f"certificate:    {verdict}, 0 checks of the proof that no plan exists in 0.25 s" in summarise(plan)
+    assert not is_certified(plan)
+
+
 def test_an_explanation_names_what_is_needed_and_what_there_is() -> None:
     cause = {"reason": "the plate is too heavy", "needed": 62.8, "available": 54.0, "unit": "N", "where": "no contact"}
     told = summarise(_unsolved("infeasible", cause))
@@ -313,6 +324,32 @@ def test_a_scan_is_perceived_by_a_service_whose_scene_a_task_then_names(
     file.write_text(json.dumps({**task, "scene_id": "unknown"}))
     assert main(["plan", str(file), "--service", service]) == 3
     assert "/scene_id" in capsys.readouterr().err
+
+
+def test_a_service_has_all_of_several_tasks_before_the_first_is_waited_for(
+    service: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    for name in ("post_plan", "follow"):
+        method = getattr(ServiceClient, name)
+
+        def noted(*arguments: Any, name: str = name, method: Any = method) -> Any:
+            done.append(name)
+            return method(*arguments)
+
+        monkeypatch.setattr(ServiceClient, name, noted)
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.json").write_text(json.dumps(task(external_id="fail")))
+    (tmp_path / "c.json").write_text(json.dumps(task(cell="moon_base")))
+    files = [str(tmp_path / f"{name}.json") for name in ("a", "b", "c")]
+    assert main(["plan", *files, "--service", service]) == 1
+    assert done == ["post_plan", "post_plan", "post_plan", "follow", "follow"]
+    told = capsys.readouterr()
+    outcomes = dict(zip(files, ("failed", "failed", "refused, 1 problem"), strict=True))
+    # The service logs to the same screen here.
+    lines = [line for line in told.out.splitlines() if line.startswith(str(tmp_path))]
+    assert lines == [f"{file}  {outcome}" for file, outcome in outcomes.items()]
+    assert "/cell: there is no cell moon_base" in told.err
 
 
 def test_a_service_that_refuses_the_key_or_is_away_is_1(

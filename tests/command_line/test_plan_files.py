@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
+from support.documents import plan_of
+from support.lift_documents import lift_document, segment
 from support.service import ROOT, task
 
 from app.cli.main import main
 from app.cli.service_client import NotUnderstood, ServiceClient
+from app.cli.task_file import TaskFile
+from app.stage_words import stage_words
+from planners.cell.cell import load_cell
+from planners.errors import LiftwrightError
 from planners.plan.plan import Plan
-from planners.plan.verdicts import Explanation
 from planners.progress import Progress
+from planners.regrasp.graph.object_progress import ObjectStage
 from planners.scene.suction_tool import load_tool
 from tests.support.scan_frames import SHIPPED
 from tests.support.tool_plans import FEW
 from workers.solver.pipeline import Pipeline
+from workers.solver.progress import STAGE_SHARES
 
 Said = Callable[..., str]
 SCANS_TASK = SHIPPED / "tissue_boxes" / "task.json"
@@ -95,7 +106,177 @@ def test_a_task_with_an_upload_is_told_that_a_service_keeps_it(tmp_path: Path, r
 
 def test_a_place_that_cannot_be_written_is_called_as_it_was_given(refusal: Said) -> None:
     told = refusal(ROOT / "assets/tasks/ab1.json", "--out", "/proc/x.json")
-    assert told.endswith("'/proc/x.json'")
+    assert told.startswith("liftwright: /proc/x.json: ")
+
+
+UNPLANNED = {"numba", "trimesh", "scipy", "pinocchio", "pybullet", "cvxpy", "rich", "httpx", "fastapi", "sqlalchemy"}
+"""What takes long to load, and only planning has a use for."""
+
+
+@pytest.mark.parametrize("body", [{}, {"kind": "plate_lift"}, {"kind": "suction_tool", "objects": []}])
+def test_what_is_no_task_is_refused_before_anything_is_loaded_that_plans(tmp_path: Path, body: Any) -> None:
+    path = _written(tmp_path / "task.json", body)
+    code = (
+        "import sys; from app.cli.main import main; code = main(['plan', sys.argv[1]]);"
+        "print(code, *sorted({name.partition('.')[0] for name in sys.modules}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, path], cwd=ROOT, capture_output=True, text=True, check=True)
+    code, *loaded = done.stdout.split()
+    assert code == "3"
+    assert UNPLANNED.isdisjoint(loaded)
+    assert done.stderr.startswith("/")
+
+
+def test_a_task_may_be_written_in_yaml_and_faults_name_its_lines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "task.yaml"
+    path.write_text("kind: plate_lift\nplate:\n  mass: heavy\n  colour: red\n")
+    assert main(["plan", str(path)]) == 3
+    told = capsys.readouterr().err.splitlines()
+    assert any(line.startswith("/plate/mass (line 3): must be a number") for line in told)
+    assert any(line.startswith("/plate/colour (line 4): is not known here") for line in told)
+    assert any(line.startswith("/plate/shape (line 2): is required") for line in told)
+    assert any(line.startswith("/cup (line 1): is required") for line in told)
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".yml", ""])
+def test_a_task_is_the_same_in_yaml_from_a_file_or_from_standard_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    body = task()
+    for text in (yaml.safe_dump(body), json.dumps(body), json.dumps(body, indent=1)):
+        path = tmp_path / f"task{ending}"
+        path.write_text(text)
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        assert TaskFile.read(str(path) if ending else "-").task == body
+
+
+def _ending(outcomes: dict[str, str]) -> Callable[..., Plan]:
+    """Return what plans tasks by their names, with these outcomes."""
+
+    def solve(_: Pipeline, request: Mapping[str, Any], __: Progress) -> Plan:
+        outcome = outcomes[request["id"]]
+        if outcome == "fault":
+            raise LiftwrightError("it does not stand its check")
+        segments = [segment(0.0, 2)] if outcome == "solved" else []
+        explanation = {"summary": f"why {request['id']} is so"}
+        stated = {"outcome": outcome, "segments": segments, "explanation": explanation}
+        return plan_of({**lift_document(load_cell("dual_ur3e_lift")), **stated})
+
+    return solve
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "code"),
+    [
+        ({"a": "solved", "b": "solved"}, 0),
+        ({"a": "solved", "b": "not_found"}, 2),
+        ({"a": "infeasible", "refused": "", "b": "solved"}, 3),
+        ({"refused": "", "a": "fault", "b": "solved"}, 1),
+    ],
+)
+def test_several_tasks_have_a_line_and_a_document_each_and_end_with_the_worst(
+    outcomes: dict[str, str],
+    code: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Pipeline, "solve", _ending(outcomes))
+    files = [_written(tmp_path / f"{name}.json", {} if name == "refused" else task()) for name in outcomes]
+    out = tmp_path / "plans"
+    assert main(["plan", *map(str, files), "--out", str(out)]) == code
+    told = capsys.readouterr().out.splitlines()
+    assert sorted(line.split()[0] for line in told) == sorted(map(str, files))
+    for line in told:
+        name, words = Path(line.split()[0]).stem, " ".join(line.split()[1:])
+        expected = {"solved": "solved: ", "": "refused, 1 problem", "fault": "failed"}
+        assert words.startswith(expected.get(outcomes[name], f"{outcomes[name]}: why {name} is so"))
+    planned = {f"{name}.json" for name, outcome in outcomes.items() if outcome not in ("", "fault")}
+    assert {path.name for path in out.iterdir()} == planned
+
+
+REMEDIES = [
+    {
+        "kind": "cup_force", "sentence": f"Pull with {force} N.", "outcome": "solved", "certified": True,
+        "patch": [{"op": "add", "path": "/cup/max_force", "value": force}], "reserve": 0.1, "largest_force": 12.0,
+    }
+    for force in (31.0, 32.0)
+]  # fmt: skip
+
+
+def _without_a_plan(*_: Any) -> Plan:
+    explanation = {"summary": "why it is so", "remedies": REMEDIES}
+    stated = {"outcome": "not_found", "segments": [], "explanation": explanation}
+    return plan_of({**lift_document(load_cell("dual_ur3e_lift")), **stated})
+
+
+def test_remedies_are_told_with_their_numbers_and_one_is_applied(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pipeline, "solve", _without_a_plan)
+    file = _written(tmp_path / "mine.json", task())
+    assert main(["plan", str(file), "--apply", "2"]) == 2
+    told = capsys.readouterr().out
+    assert "1. Pull with 31.0 N. Then: solved and certified, 10 % of every limit kept back" in told
+    changed = tmp_path / "mine.remedy-2.json"
+    assert str(changed) in told
+    assert json.loads(changed.read_bytes()) == {**task(), "cup": {**task()["cup"], "max_force": 32.0}}
+    assert json.loads(file.read_bytes()) == task()
+
+
+@pytest.mark.parametrize(("number", "said"), [("3", "choose from 1 to 2"), ("0", "choose from 1 to 2")])
+def test_a_remedy_that_is_not_there_is_told(
+    number: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pipeline, "solve", _without_a_plan)
+    assert main(["plan", str(_written(tmp_path / "mine.json", task())), "--apply", number]) == 3
+    assert said in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_nothing_is_applied_to_a_task_that_has_a_plan_or_to_several(
+    tmp_path: Path, refusal: Said, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pipeline, "solve", _ending({"a": "solved"}))
+    one = _written(tmp_path / "a.json", task())
+    assert main(["plan", str(one), "--apply", "1"]) == 0
+    assert "none, the task has a plan" in capsys.readouterr().out
+    assert "one task" in refusal(one, _written(tmp_path / "b.json", task()), "--apply", "1")
+
+
+def test_no_document_takes_the_place_of_its_task_or_of_another_document(tmp_path: Path, refusal: Said) -> None:
+    one = _written(tmp_path / "one.json", task())
+    other = tmp_path / "other"
+    other.mkdir()
+    same = _written(other / "one.json", task())
+    assert f"{one} is a task" in refusal(one, "--out", one)
+    assert "one.json is a task" in refusal(one, _written(tmp_path / "two.json", task()), "--out", tmp_path)
+    assert "two tasks would be written to" in refusal(one, same, "--out", tmp_path / "plans")
+    assert f"{one} is given twice" in refusal(one, one)
+    assert json.loads(one.read_text()) == task()
+
+
+def test_a_quaternion_with_w_last_is_warned_of_and_planned_as_it_stands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pipeline, "solve", _ending({"task": "solved"}))
+    body = task()
+    meant = body["plate_pose"][:3]
+    for quaternion, warned in (([0, 0, 0, 1], True), ([1, 0, 0, 0], False), ([0.8, 0, 0, 0.6], False)):
+        path = _written(tmp_path / "task.json", {**body, "plate_pose": [*meant, *quaternion]})
+        code = main(["plan", str(path)])
+        told = capsys.readouterr().err
+        assert ("warning: /plate_pose: 0, 0, 0, 1 is half a turn about z" in told) == warned
+        assert code == 0 or "/plate_pose" in told
+
+
+def test_stages_are_told_in_words_with_the_object_they_are_about() -> None:
+    for stage in {name for shares in STAGE_SHARES.values() for name in shares} | {each.value for each in ObjectStage}:
+        words = stage_words(stage)
+        assert words != stage
+        assert stage_words(f"{stage} box_1") == f"{words} (box_1)"
+    assert stage_words("polish") == "polish"
 
 
 def test_a_plan_that_only_another_version_can_read_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,8 +291,7 @@ def needs_handovers(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def solve(pipeline: Pipeline, _: object, progress: Progress) -> Plan:
         pipeline.solver.handovers(pipeline.solver.cells["dual_ur3e_tool"], load_tool("long_symmetric"), FEW, progress)
-        explanation = Explanation(summary="none", causes=[])
-        return Plan.model_construct(outcome="not_found", explanation=explanation, certificate=None)
+        return plan_of({**lift_document(load_cell("dual_ur3e_lift")), "outcome": "not_found", "segments": []})
 
     monkeypatch.setattr(Pipeline, "solve", solve)
 

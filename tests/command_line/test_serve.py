@@ -14,6 +14,7 @@ import structlog
 
 from app import serve
 from app.cli.main import main
+from app.logs import set_up_logs
 from app.serve import CannotListen, bind
 from workers.settings import WorkerSettings
 from workers.solver import warm_up
@@ -81,3 +82,29 @@ def test_warming_up_is_told_as_json(
     assert main(["warmup"]) == 0
     told = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
     assert any(each.get("handovers") == str(WorkerSettings().handovers_dir) for each in told)
+
+
+def test_logs_are_json_unless_a_person_reads_them_on_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    for terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
+        set_up_logs()
+        structlog.get_logger("ours").warning("disk is full", job_id="p1")
+        logging.getLogger("theirs").warning("beware of %s", "dogs")
+        try:
+            raise ValueError("out of order")
+        except ValueError:
+            structlog.get_logger("ours").exception("background work failed")
+        lines = capsys.readouterr().err.splitlines()
+        if terminal:
+            assert not any(line.startswith("{") for line in lines)
+            assert any("disk is full" in line and "job_id=p1" in line for line in lines)
+            assert any("beware of dogs" in line for line in lines)
+            assert any(line.startswith("ValueError: out of order") for line in lines)
+        else:
+            ours, theirs, failed = map(json.loads, lines)
+            assert (ours["event"], ours["job_id"], ours["level"]) == ("disk is full", "p1", "warning")
+            assert (theirs["event"], theirs["logger"]) == ("beware of dogs", "theirs")
+            assert "ValueError: out of order" in failed["exception"]

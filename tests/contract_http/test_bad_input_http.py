@@ -36,7 +36,7 @@ MEANINGLESS: dict[str, tuple[Any, str]] = {
     "a plate in the air": (task(plate_pose=[0.3, 0, 1.5, 1, 0, 0, 0]), "/plate_pose"),
     "a cup off the plate": (task(cup={**task()["cup"], "position": [0.4, 0]}), "/cup/position"),
     "an unknown cell": (task(cell="moon_base"), "/cell"),
-    "a lifter model of later": (task(lifter_model="dexnet"), "/lifter_model"),
+    "an unknown lifter model": (task(lifter_model="balloon"), "/lifter_model"),
     "a quaternion that is none": (task(plate_pose=[0.3, 0, 1.114, 0.5, 0, 0, 0]), "/plate_pose"),
     "a support in the air": (
         task(support={"shape": {"type": "box", "size": [0.4, 0.5, 0.044]}, "pose": [0.3, 0, 1.3, 1, 0, 0, 0]}),

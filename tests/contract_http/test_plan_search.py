@@ -7,7 +7,7 @@ from typing import Any
 import httpx
 import pytest
 from support.places import on_both_databases
-from support.service import finished, task
+from support.service import finished, task, wait_for
 
 from app.resources.queries import PlanQuery
 from planners.contract.task_spec import KINDS
@@ -70,6 +70,54 @@ def test_a_query_finds_what_a_look_at_all_plans_finds(
     assert {plan["id"] for plan in plans} <= {plan["id"] for plan in everything}
     fitting = [plan["id"] for plan in everything if all(plan[name] == wish for name, wish in query.items())]
     assert [plan["id"] for plan in found(client, **query)] == fitting
+
+
+@on_both_databases
+@pytest.mark.parametrize("name", ["order", "ORDER-7", "r-8", "%", "_", "no such name"])
+def test_a_part_of_a_name_finds_what_a_look_at_all_plans_finds(
+    client: httpx.Client, plans: list[dict[str, Any]], name: str
+) -> None:
+    everything = found(client)
+    told = {plan["id"]: f"{plan['external_id']}\n{plan['work_master']}".lower() for plan in everything}
+    fitting = [plan["id"] for plan in everything if name.lower() in told[plan["id"]]]
+    assert [plan["id"] for plan in found(client, name=name)] == fitting
+    assert {plan["id"] for plan in plans} <= set(told)
+
+
+@on_both_databases
+def test_the_beginning_of_an_id_finds_its_plan(client: httpx.Client, plans: list[dict[str, Any]]) -> None:
+    assert [plan["id"] for plan in found(client, name=plans[0]["id"][:12].upper())] == [plans[0]["id"]]
+
+
+@on_both_databases
+def test_times_divide_all_plans_into_those_before_and_those_from_then_on(
+    client: httpx.Client, plans: list[dict[str, Any]]
+) -> None:
+    moment = plans[2]["created_at"]
+    before, since = found(client, created_until=moment), found(client, created_from=moment)
+    assert [plan["id"] for plan in since + before] == [plan["id"] for plan in found(client)]
+    assert plans[2]["id"] in {plan["id"] for plan in since}
+    assert plans[1]["id"] in {plan["id"] for plan in before}
+
+
+@on_both_databases
+def test_who_waits_is_told_a_place_and_the_next_one_comes_after(
+    client: httpx.Client, plans: list[dict[str, Any]]
+) -> None:
+    slots = client.get("/v1/capabilities").json()["limits"]["worker_slots"]
+    in_the_way = [client.post("/v1/plans", json=task(external_id="hang")).json() for _ in range(slots)]
+    for plan in in_the_way:
+        wait_for(lambda plan=plan: client.get(plan["links"]["self"]).json()["state"] == "running", 30.0)
+    late, early = (
+        client.post("/v1/plans", json=task(external_id="waits"), params={"priority": priority}).json()
+        for priority in (0, 5)
+    )
+    places = [client.get(plan["links"]["self"]).json()["queue_position"] for plan in (early, late)]
+    assert places == [places[0], places[0] + 1]
+    assert plans[0]["queue_position"] is None
+    for plan in (late, early, *in_the_way):
+        client.post(plan["links"]["cancel"])
+    assert client.get(late["links"]["self"]).json()["queue_position"] is None
 
 
 def test_every_kind_and_state_of_a_plan_can_be_asked_for() -> None:

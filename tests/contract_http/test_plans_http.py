@@ -8,8 +8,13 @@ import json
 from datetime import datetime
 
 import httpx
+import numpy as np
 import pytest
 from support.service import finished, task, wait_for
+
+from planners.cell.cell import known_cells, load_cell
+from planners.contract.shapes import Box
+from planners.kinematics.forward import flange_pose
 
 ODD_TOKENS = [b"", b"[1" + b"0" * 30 + b', "a"]', b"[" * 3000, b'[1, "\\ud800"]', b"\xff", b"9" * 19 + b"-" + b"a" * 32]
 
@@ -198,13 +203,39 @@ def test_capabilities_name_what_can_be_planned(client: httpx.Client) -> None:
     assert told["kinds"] == ["plate_lift", "suction_tool"]
     assert told["shapes"] == ["box", "cylinder", "prism", "mesh"]
     assert "dual_ur3e_lift" in told["cells"]
-    assert told["lifter_models"] == ["paper", "cable"]
+    assert told["lifter_models"] == ["paper", "cable", "dexnet"]
     assert told["tools"] == ["long_symmetric", "short_asymmetric"]
     assert "can" in told["meshes"]
     assert {"ab1", "pb1"} < set(told["example_tasks"]["plate_lift"])
     assert {"domino_pile", "can_stack"} < set(told["example_tasks"]["suction_tool"])
     assert told["limits"]["max_body_bytes"] == 2_000_000
     assert told["software"]["name"] == "liftwright"
+
+
+def test_capabilities_tell_where_the_table_is_and_what_each_arm_reaches_and_bears(client: httpx.Client) -> None:
+    told = client.get("/v1/capabilities").json()
+    assert sorted(told["cell_limits"]) == told["cells"] == sorted(known_cells())
+    for name, limits in told["cell_limits"].items():
+        cell = load_cell(name)
+        # The certificate's own statement of the cell is the other authority.
+        bodies, stated = cell.body_documents(), cell.document()
+        table = bodies["table"]
+        assert isinstance(table.shape, Box)
+        for axis, place in (("x", 0), ("y", 1)):
+            low, high = limits["table"][axis]
+            assert high - low == pytest.approx(table.shape.size[place])
+            assert 0.5 * (low + high) == pytest.approx(table.pose[place])
+        assert limits["table"]["top"] == pytest.approx(table.pose[2] + 0.5 * table.shape.size[2])
+        assert set(limits["arms"]) == set(stated.arms)
+        for arm, told_of_arm in limits["arms"].items():
+            hand = stated.hands[arm]
+            assert told_of_arm["payload"] == stated.arms[arm].payload
+            assert told_of_arm["spare_payload"] == pytest.approx(told_of_arm["payload"] - hand.mass, abs=1e-4)
+            openings = None if hand.kind != "gripper" else [hand.tcp[:, 0].min(), hand.tcp[:, 0].max()]
+            assert told_of_arm["stroke"] == (None if openings is None else pytest.approx(openings))
+            of_arm = cell.arms[arm]
+            at_home = flange_pose(of_arm.dh, of_arm.T_world_base, of_arm.home)[:3, 3]
+            assert np.linalg.norm(at_home - told_of_arm["shoulder"]) < told_of_arm["reach"]
 
 
 def test_probes_answer_and_metrics_count(client: httpx.Client) -> None:

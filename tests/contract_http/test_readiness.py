@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from support.service import FAKE_SOLVER, task, wait_for
+import uvicorn
+from fastapi import FastAPI
+from support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
 from support.serving import served
 
+from app.create_app import create_app
 from app.resources.plan_feed import PlanFeed
+from app.serve import LoadedWhileServing
 from app.settings import ServiceSettings
+from planners.errors import LiftwrightError
 from workers.engine import supervisor, worker
 from workers.engine.takeover import Takeover
 from workers.engine.worker import Worker
@@ -37,10 +44,15 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
         monkeypatch.setattr(owner, name, breakable(getattr(owner, name)))
     monkeypatch.setattr(supervisor, "STUCK_SECONDS", 0.0)
     settings = ServiceSettings(
-        data_dir=tmp_path, solver_command=FAKE_SOLVER, worker_slots=1, watch_seconds=0.1, retention_days=1.0
+        data_dir=tmp_path,
+        solver_command=FAKE_SOLVER,
+        study_command=FAKE_EXAMINER,
+        worker_slots=1,
+        watch_seconds=0.1,
+        retention_days=1.0,
     )
-    with served(settings) as address, httpx.Client(base_url=address) as client:
-        names = {"feed", "jobs", "fleet", "webhooks", "expiry", "failures", "retention"}
+    with served(settings) as address, httpx.Client(base_url=address, timeout=60.0) as client:
+        names = {"feed", "study feed", "jobs", "fleet", "webhooks", "expiry", "failures", "retention"}
 
         def told() -> str:
             answer = client.get("/readyz")
@@ -48,7 +60,76 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
 
         wait_for(lambda: all(name in told() for name in names), 20)
         broken = False
-        # Nobody follows a plan: what looks for news has nothing to do well yet.
+        # Nobody follows a plan or a study: what looks for news has nothing to do well yet.
+        axes = [{"pointer": "/cup/max_force", "values": [15, 20]}]
+        study = client.post("/v1/studies", json={"task": task(), "axes": axes}, headers={"Prefer": "wait=20"})
+        assert study.is_success
         plan = client.post("/v1/plans", json=task(external_id="now"), headers={"Prefer": "wait=20"}).json()
         assert plan["state"] == "succeeded"
         wait_for(lambda: told() == "", 20)
+
+
+@contextmanager
+def loading(load: Callable[[Callable[[str], None]], Any]) -> Iterator[tuple[httpx.Client, LoadedWhileServing]]:
+    """Serve what is still loaded, in a thread of the test."""
+    service = LoadedWhileServing(load)
+    config = uvicorn.Config(service, port=0, http="h11", log_level="warning", timeout_graceful_shutdown=1)
+    server = uvicorn.Server(config)
+    service.on_failure = lambda: setattr(server, "should_exit", True)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    wait_for(lambda: server.started, 20)
+    address = f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
+    try:
+        with httpx.Client(base_url=address) as client:
+            yield client, service
+    finally:
+        server.should_exit = True
+        thread.join(timeout=30)
+        assert not thread.is_alive()
+
+
+def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for(tmp_path: Path) -> None:
+    loaded = threading.Event()
+
+    def load(tell: Callable[[str], None]) -> FastAPI:
+        tell("compiling for a minute")
+        loaded.wait(60)
+        return create_app(ServiceSettings(data_dir=tmp_path), with_worker=False)
+
+    with loading(load) as (client, _):
+        wait_for(lambda: "compiling for a minute" in client.get("/readyz").json()["detail"], 20)
+        assert client.get("/livez").json() == {"status": "alive"}
+        for method, path in (("GET", "/readyz"), ("GET", "/v1/plans"), ("POST", "/v1/plans"), ("GET", "/viewer/")):
+            answer = client.request(method, path)
+            assert (answer.status_code, answer.headers["content-type"]) == (503, "application/problem+json")
+            assert "Retry-After" in answer.headers
+        loaded.set()
+        wait_for(lambda: client.get("/readyz").status_code == 200, 60)
+        assert client.get("/v1/plans").json()["plans"] == []
+
+
+def test_a_service_that_can_never_be_loaded_ends_with_the_reason() -> None:
+    tried = threading.Event()
+
+    def load(_: Callable[[str], None]) -> Any:
+        tried.wait(60)
+        raise LiftwrightError("the solver does not work")
+
+    with loading(load) as (_, service):
+        tried.set()
+        wait_for(lambda: service.failure is not None, 20)
+        assert str(service.failure) == "the solver does not work"
+
+
+def test_a_service_that_still_loads_stops_when_it_is_told_to() -> None:
+    loaded = threading.Event()
+
+    def load(_: Callable[[str], None]) -> Any:
+        loaded.wait(60)
+        raise LiftwrightError("nobody waits for that any more")
+
+    with loading(load) as (client, service):
+        assert client.get("/readyz").status_code == 503
+    loaded.set()
+    assert service.failure is None

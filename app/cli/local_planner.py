@@ -1,0 +1,137 @@
+"""Plans the tasks of files on this machine."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from app.cli.output import BadInput, ProgressBar, Refused
+from app.cli.plan_command import Planned
+from app.cli.task_file import TaskFile
+from app.task_intake import NeedsScene, accept_task
+from planners.cell.cell import load_cells
+from planners.contract.problems import problems_of
+from planners.contract.scene_document import SceneDocument
+from planners.contract.strict_json import NotJson, parse_json
+from planners.errors import SceneError
+from planners.geometry.solid_mesh import SolidMesh
+from planners.progress import Report
+from planners.scene.suction_tool import load_tools
+from workers.settings import WorkerSettings
+from workers.solver.progress import ProgressScale
+
+HANDOVERS = "handovers"
+"""Stage that is reported only where handovers are not found in the data directory."""
+SCENES = "`liftwright scene --out FILE` writes one"
+
+
+class LocalPlanner:
+    """Plans without a server."""
+
+    def __init__(self, settings: WorkerSettings, scene: Path | None = None) -> None:
+        """Load cells and tools.
+
+        Args:
+            settings: name the data directory, where handovers are kept.
+            scene: of a SceneDocument that `liftwright scene` wrote; tasks' objects are those perceived in it.
+
+        Raises:
+            BadInput: There is no scene in that file.
+            OSError: It cannot be read.
+        """
+        self._scene = None if scene is None else read_scene_file(scene)
+        self._settings, self._cells, self._tools = settings, load_cells(), load_tools()
+
+    def begin(self, file: TaskFile) -> Callable[[], Planned]:
+        """Accept a task, and return what plans it.
+
+        Raises:
+            Refused: It is not one that can be planned.
+        """
+        try:
+            task = self._accept(file.task)
+        except (ValidationError, SceneError) as error:
+            raise Refused(problems_of(error)) from error
+        return lambda: self._plan(file, task)
+
+    def _accept(self, sent: Any) -> dict[str, Any]:
+        """Return the task with every default filled in.
+
+        Raises:
+            pydantic.ValidationError, SceneError: What is wrong with it.
+        """
+        scene = self._scene
+        if scene is not None:
+            return accept_task(_named(sent, scene), self._cells, _upload_elsewhere, lambda _: scene, self._tools)
+        try:
+            return accept_task(sent, self._cells, _upload_elsewhere, _scene_elsewhere, self._tools)
+        except NeedsScene as error:
+            detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
+            raise SceneError(error.pointer, detail) from error
+
+    def _plan(self, file: TaskFile, task: dict[str, Any]) -> Planned:
+        # Here, because what it loads takes longer than it takes to refuse a task.
+        from workers.solver.pipeline import Pipeline
+
+        # A command that only reads a file makes no data directory of its own.
+        folder, handovers = self._settings.data_dir, self._settings.handovers_dir
+        keeps = folder.is_dir() or "data_dir" in self._settings.model_fields_set
+        kept = f"kept in {handovers}" if keeps else f"not kept: no {folder} here, and no --data-dir"
+        pipeline = Pipeline.load(handovers if keeps else None)
+        with ProgressBar(file.stem) as bar:
+            scale, begun = ProgressScale.of(task), set[str]()
+
+            def show(report: Report, /) -> None:
+                if report.stage == HANDOVERS and report.stage not in begun:
+                    bar.say(f"liftwright: computing handovers of the tool, which takes some seconds; {kept}")
+                begun.add(report.stage)
+                bar.show(report.name, scale.advance(report))
+
+            plan = pipeline.solve({"id": file.stem, "task": task}, show)
+            bar.show("done", 1.0)
+        return Planned(plan)
+
+
+def read_scene_file(path: Path) -> SceneDocument:
+    """Return the scene in a file.
+
+    Raises:
+        BadInput: There is none.
+        OSError: It cannot be read.
+    """
+    try:
+        return SceneDocument.model_validate(parse_json(path.read_bytes(), "the file"))
+    except NotJson as error:
+        raise BadInput(f"{path}: {error}") from error
+    except ValidationError as error:
+        first = problems_of(error)[0]
+        where = f"{first['pointer']} " if first["pointer"] else ""
+        raise BadInput(f"{path} is not a scene ({where}{first['detail']}); {SCENES}") from error
+
+
+def _scene_elsewhere(scene_id: str) -> SceneDocument | None:
+    detail = (
+        f"the scene {scene_id} is kept by a service, not here; plan with --service http://…, "
+        "or give what `liftwright scene --out` wrote as --scene"
+    )
+    raise SceneError("/scene_id", detail)
+
+
+def _upload_elsewhere(upload: str) -> SolidMesh | None:
+    raise SceneError("", f"the upload {upload} is kept by a service, not here; plan with --service http://…")
+
+
+def _named(sent: Any, scene: SceneDocument) -> dict[str, Any]:
+    """Return a task that names a scene, if it did not before.
+
+    Raises:
+        SceneError: Tasks of this kind have none.
+    """
+    if not isinstance(sent, dict) or sent.get("kind") != "suction_tool":
+        raise SceneError("/kind", "only tasks of suction tools take their objects from a scene", ["suction_tool"])
+    name = hashlib.sha256(scene.model_dump_json().encode()).hexdigest()[:32]
+    return {**sent, "scene_id": sent.get("scene_id") or name}

@@ -1,0 +1,89 @@
+"""Files of tasks, JSON or YAML, and what is wrong with them that can be told without planning."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+from app.cli.output import BadInput, Refused
+from planners.contract.problems import problems_of
+from planners.contract.strict_json import NotJson, parse_json
+from planners.contract.strict_yaml import NotYaml, parse_yaml
+from planners.contract.task_spec import read_task
+
+STDIN = "-"
+YAML_SUFFIXES = frozenset({".yaml", ".yml"})
+
+
+@dataclass(frozen=True)
+class TaskFile:
+    """What may be a task, as somebody wrote it."""
+
+    named: str
+    """As on the command line."""
+    task: Any
+    """JSON data."""
+    lines: Mapping[str, int] = field(default_factory=dict)
+    """By JSON pointer, where members stand in YAML."""
+
+    @classmethod
+    def read(cls, named: str) -> Self:
+        """Read a file, or standard input, which is YAML unless it begins as a JSON object does.
+
+        Raises:
+            BadInput: It is neither, or what another command or the service has written.
+            OSError: It cannot be read.
+        """
+        path, lines = Path(named), {}
+        content = sys.stdin.buffer.read() if named == STDIN else path.read_bytes()
+        is_yaml = path.suffix.lower() in YAML_SUFFIXES or (named == STDIN and not content.lstrip().startswith(b"{"))
+        called = "standard input" if named == STDIN else named
+        try:
+            if is_yaml:
+                task, lines = parse_yaml(content)
+            else:
+                task = parse_json(content, "the file")
+        except (NotJson, NotYaml) as error:
+            raise BadInput(f"{called}: {error}") from error
+        members: Mapping[str, Any] = task if isinstance(task, dict) else {}
+        if {"segments", "certificate", "task"} <= members.keys():
+            raise BadInput(f'{called} is a plan document, not a task; the one it was planned from is its member "task"')
+        if {"table", "unrecognised"} <= members.keys():
+            raise BadInput(
+                f"{called} is a scene, not a task; give it as --scene {named}, beside a task that names its objects"
+            )
+        return cls(named, task, lines)
+
+    @property
+    def stem(self) -> str:
+        """Its name without folder and ending."""
+        return "stdin" if self.named == STDIN else Path(self.named).stem
+
+    def check(self) -> None:
+        """Refuse what is no task, before anything is loaded that plans: people wait for this answer.
+
+        What takes its objects from a scene that a service keeps is not complete yet, and is not looked at.
+
+        Raises:
+            Refused: It is none.
+        """
+        if isinstance(self.task, dict) and self.task.get("kind") == "suction_tool":
+            objects = self.task.get("objects")
+            detects = isinstance(objects, list) and any(isinstance(one, dict) and "detection" in one for one in objects)
+            if detects or "scene_id" in self.task:
+                return
+        try:
+            read_task(self.task)
+        except ValidationError as error:
+            raise Refused(problems_of(error)) from error
+
+    def line_of(self, pointer: str) -> int | None:
+        """Return where a member stands, or what it is missing in; None where lines are not known."""
+        while pointer not in self.lines and pointer:
+            pointer = pointer.rpartition("/")[0]
+        return self.lines.get(pointer)
