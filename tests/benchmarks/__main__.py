@@ -17,6 +17,7 @@ from tests.benchmarks import (
     random_lift_part,
     reserve_part,
     service_part,
+    study_part,
     suction_part,
 )
 from tests.benchmarks.attempt_file import Unfinished
@@ -33,6 +34,7 @@ PARTS = {
         Part("lifts", "Plate lifts: simulated", lift_part.measure),
         Part("lifters", "Plate lifts: lifters of all speeds", lifter_part.measure),
         Part("reserve", "Plate lifts: what a reserve is worth", reserve_part.measure),
+        Part("studies", "Plate lifts: studies", study_part.measure),
         Part("suction", "The suction tool", suction_part.measure),
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),

@@ -11,7 +11,7 @@ from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 
-from planners.cell.cell import Cell, known_cells, load_cell
+from planners.cell.cell import load_cells
 from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.pile_attempt import PileAttempt, PileWorker
 from tests.benchmarks.random_piles import PILES, Pile, refusal
@@ -125,7 +125,7 @@ def _refusals(processes: Executor, pile: Pile) -> Iterator[tuple[int, str | None
 
 def _refusal(pile: Pile, seed: int) -> str | None:
     """Return why a seed gives no layout, with equal words for equal objects; None where it gives one."""
-    reason = refusal(pile, seed, _cells())
+    reason = refusal(pile, seed, load_cells())
     if reason is None:
         return None
     reason = re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", reason))
@@ -134,11 +134,6 @@ def _refusal(pile: Pile, seed: int) -> str | None:
 
 def _attempt(databases: Path, pile: Pile, seed: int) -> PileAttempt:
     return _warm_worker(databases, pile).attempt(pile, seed)
-
-
-@cache
-def _cells() -> dict[str, Cell]:
-    return {name: load_cell(name) for name in known_cells()}
 
 
 @cache

@@ -11,7 +11,7 @@ from itertools import count
 from multiprocessing import get_context
 from pathlib import Path
 
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import load_cells
 from tests.benchmarks import lift_attempt
 from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.lift_attempt import INFEASIBLE, NOT_FOUND, LiftAttempt
@@ -100,7 +100,7 @@ def measure(
 
 def _seeds(lifts: int) -> tuple[list[int], Counter[str]]:
     """Take one seed after the other until there are as many lifts as wanted; count the others by reason."""
-    cells = {name: load_cell(name) for name in known_cells()}
+    cells = load_cells()
     good: list[int] = []
     refused: Counter[str] = Counter()
     for seed in count():

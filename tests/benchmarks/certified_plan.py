@@ -29,13 +29,13 @@ class CertifiedPlan:
 
 
 def certified_plan(pipeline: Pipeline, body: Mapping[str, Any]) -> CertifiedPlan:
-    """Plan and certify a task, and do not simulate it.
+    """Plan and certify a task; do not simulate it, and look for no remedies.
 
     Raises:
         SceneError: the task is refused.
     """
     certifier = TimedCertifier(pipeline.solver.certify)
-    task = {**body, "options": {**body.get("options", {}), "simulate": False}}
+    task = {**body, "options": {**body.get("options", {}), "simulate": False, "remedies": False}}
     pipeline = replace(pipeline, solver=replace(pipeline.solver, certify=certifier, clock=process_time))
     begun, reason, outcome = clocks(), "", ""
     try:

@@ -64,6 +64,8 @@ class Effort:
     """That make attempts at random lifts and at the reserve study, at a time."""
     most_attempts: int | None = None
     """Of these, to make before the run stops; the next one goes on. None: all."""
+    study_places: int = 12
+    """Of the cup along each axis of the plate, in the map of a study."""
     frames: int = 200
     """Of each kind, for perception."""
     scan_share: float = 1.0
@@ -75,6 +77,6 @@ QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
-    fuzz_cases=0, random_lifts=2, reserve_runs=1,
+    fuzz_cases=0, random_lifts=2, reserve_runs=1, study_places=2,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

@@ -16,6 +16,8 @@ from tests.benchmarks.part import Limit
 
 WRONG_SHARE = 0.02
 """Of the lifts that are not found, at most, for which a denser search finds a plan [1]."""
+HELPED_SHARE, HELPED_SECONDS = 0.8, 30.0
+"""Of the lifts without a plan, at least, that are told what to change [1], and how long that may take [s]."""
 RESERVE = 0.1
 """What tasks ask for by default [1]."""
 
@@ -24,18 +26,52 @@ def limits(figures: RandomLiftFigures) -> list[Limit]:
     """Return what was aimed at beside what was reached."""
     wrong, looks = len(figures.wrongly_not_found), len(figures.second_looks)
     broken = len(figures.broken)
+    asked = _asked(figures)
+    helped, slowest = sum(map(bool, (each.remedies for each in asked))), _slowest(asked)
     return [
         Limit("random lifts that fail their certificate or end with an error", "0", broken, broken == 0),
         Limit(
             "lifts not found for which a denser search finds a plan, of all not found", f"≤ {100 * WRONG_SHARE:g} %",
             f"{100 * figures.wrong_share:.1f} % ({wrong} of {looks})", figures.wrong_share <= WRONG_SHARE,
         ),
+        Limit(
+            "lifts without a plan that are told a certified change", f"≥ {100 * HELPED_SHARE:g} %",
+            f"{helped} of {len(asked)}", helped >= HELPED_SHARE * len(asked),
+        ),
+        Limit(
+            "looking for such changes, 90 % of these lifts", f"≤ {HELPED_SECONDS:g} s",
+            f"{slowest:.1f} s", slowest <= HELPED_SECONDS,
+        ),
     ]  # fmt: skip
 
 
 def sections(figures: RandomLiftFigures) -> list[str]:
     """Return the sections of this part."""
-    return [_outcomes(figures), _second_looks(figures), _unsolved(figures)]
+    return [_outcomes(figures), _remedies(figures), _second_looks(figures), _unsolved(figures)]
+
+
+def _asked(figures: RandomLiftFigures) -> list[LiftAttempt]:
+    return [attempt for attempt in figures.attempts if attempt.remedies is not None]
+
+
+def _slowest(asked: Sequence[LiftAttempt]) -> float:
+    return float(np.percentile([each.remedies_seconds for each in asked], 90)) if asked else 0.0
+
+
+def _remedies(figures: RandomLiftFigures) -> str:
+    asked = _asked(figures)
+    counts = Counter(each.remedies for each in asked)
+    rows = [(str(count), lifts) for count, lifts in sorted(counts.items(), key=lambda pair: pair[0] or 0)]
+    helpless = ", ".join(str(each.seed) for each in asked if not each.remedies)
+    return "\n\n".join(
+        [
+            "### What helps where there is no plan",
+            "Remedies are changes of the task that were planned and certified before they are told. The 90 % of the "
+            f"seconds that looking for them took is {_slowest(asked):.1f}.",
+            *([table(("remedies", "lifts without a plan"), rows)] if rows else ["All lifts have a plan."]),
+            *([f"Without any: seeds {helpless}."] if helpless else []),
+        ]
+    )
 
 
 def _outcomes(figures: RandomLiftFigures) -> str:
