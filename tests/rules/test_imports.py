@@ -72,7 +72,9 @@ LAYERS = {
         ("cell", "graph", "motion"),
         ("scene", "hands"),
         ("manipulation", "regrasp", "perception", "certify"),
-        ("lifting", "planning"),
+        ("lifting", "remedies"),
+        ("planning",),
+        ("study",),
     ),
     "workers": (("settings", "software"), ("simulation", "stores"), ("solver", "webhooks"), ("engine",)),
 }
