@@ -198,7 +198,7 @@ class LiftChanges:
 
     def _cup_places(self) -> Iterator[TaskChange]:
         """Places where the relaxed programs want the cup, and around the stated one and the centre of mass."""
-        stated, com = np.array(self.task.cup.position), self.scene.plate.com[:2]
+        stated, com = np.array(self.task.cup.place), self.scene.plate.com[:2]
         offset = stated - com
         wanted = [relaxed(program).cup_shift for program in self._cut]
         shifts = [scale * np.array(shift) for shift in wanted if shift is not None for scale in (1.0, 1.3)]

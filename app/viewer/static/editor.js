@@ -482,6 +482,7 @@ class Fields {
 
   field(field) {
     switch (field.type) {
+      case "act": return this.act(field);
       case "words": return [element("p", { textContent: field.words })];
       case "number": return [this.number(field)];
       case "text": return [this.text(field)];
@@ -574,6 +575,12 @@ class Fields {
     this.refresh(input, () => (input.checked = this.value(pointer) ?? preset));
     input.onchange = () => this.draft.set(pointer, input.checked);
     return this.row(label, input, pointer, { className: "tick" });
+  }
+
+  act({ label, pointer, act }) {
+    const error = element("p", { className: "error" });
+    error.dataset.pointer = pointer;
+    return [element("div", { className: "field-row" }, element("button", { id: `field${pointer}`.replaceAll("/", "-"), textContent: label, onclick: act })), error];
   }
 
   outline({ label, pointer }) {

@@ -107,9 +107,15 @@ function fieldsOf(thing, draft, capabilities) {
       ];
     case "cup":
       return [
-        { title: "Place on the plate, from its origin", fields: [
-          number("x, along the plate", "/cup/position/0", MM), number("y, across the plate", "/cup/position/1", MM),
-        ] },
+        { title: "Place on the plate, from its origin", fields: draft.get("/cup/position")
+          ? [
+              number("x, along the plate", "/cup/position/0", MM), number("y, across the plate", "/cup/position/1", MM),
+              { type: "act", label: "Find the best place", pointer: "/cup/position", act: () => draft.remove("/cup/position") },
+            ]
+          : [
+              { type: "words", words: "It is left open: planning finds where most of every limit is kept back, and says so." },
+              { type: "act", label: "Put it on the plate", pointer: "/cup/position", act: () => draft.set("/cup/position", [0, 0]) },
+            ] },
         { title: "Suction", fields: [
           number("Radius of the pad", "/cup/radius", MM, { step: 0.5 }), number("Largest force", "/cup/max_force", NEWTON),
           number("Friction of the pad", "/cup/mu", RATIO, { optional: true }), number("Bending, kappa", "/cup/kappa", { ...NEWTON, step: 0.001 }, { optional: true }),
