@@ -36,7 +36,7 @@ from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.remedies.change import Effort
-from planners.remedies.find_remedies import MOST_STEPS, find_remedies, with_cup_at
+from planners.remedies.find_remedies import MOST_STEPS, STEPS_OF_PAIRS, find_remedies, with_cup_at
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.lift_scene import PlateLiftScene
@@ -296,11 +296,17 @@ class TaskSolver:
             passed = certificate is not None and certificate.passed
             return plan.model_copy(update={"certificate": certificate}) if passed else None
 
+        more = Effort(STEPS_OF_PAIRS, plan=6 if isinstance(task, PlateLiftTask) else 4)
         if isinstance(task, PlateLiftTask):
-            changes = LiftChanges(task, build, lift_settings(task.options), effort, quiet).by_kind()
+            lift = LiftChanges(task, build, lift_settings(task.options), effort, quiet)
+            changes, pairs = lift.by_kind(), partial(lift.in_pairs, more)
         else:
-            changes = ToolChanges(task, build, found).by_kind()
+            tool = ToolChanges(task, build, found)
+            changes, pairs = tool.by_kind(), tool.in_pairs
         remedies = find_remedies(changes, attempt, task, effort, on_progress)
+        if not remedies:
+            effort = more
+            remedies = find_remedies(pairs(), attempt, task, more, on_progress)
         if found.explanation.cup_place is not None:
             # They are for the cup where it was put, which the task as posted leaves open.
             remedies = [with_cup_at(found.explanation.cup_place.position, remedy) for remedy in remedies]

@@ -47,7 +47,18 @@ def test_the_task_that_is_told_is_the_one_that_is_planned(client: httpx.Client) 
     told = client.post("/v1/tasks/check", json=task()).json()["task"]
     assert told["options"]["reserve"] == 0.1, "defaults are filled in"
     again = client.post("/v1/tasks/check", json=told).json()
-    assert again == {"accepted": True, "errors": [], "task": told}
+    assert again == {"accepted": True, "errors": [], "warnings": [], "task": told}
+
+
+def test_what_was_most_probably_not_meant_is_told_by_check_and_post(client: httpx.Client) -> None:
+    turned = task(plate_pose=[0.3, 0, 1.114, 0, 0, 0, 1])
+    checked = client.post("/v1/tasks/check", json=turned).json()
+    posted = client.post("/v1/plans", json=turned)
+    assert (checked["accepted"], posted.status_code) == (True, 202)
+    assert checked["warnings"] == posted.json()["warnings"]
+    assert [each["pointer"] for each in checked["warnings"]] == ["/plate_pose"]
+    assert client.post("/v1/plans", json=task()).json()["warnings"] == []
+    assert "warnings" not in client.get(posted.json()["links"]["self"]).json()
 
 
 def test_what_is_left_open_is_told_as_open(client: httpx.Client) -> None:
