@@ -12,7 +12,7 @@ from planners.remedies.change import AnyTask, Effort, TaskChange, put
 
 MOST_STEPS = 100
 """Of all that is tried for one task: some 20 s on a common core."""
-STEPS_OF_PAIRS = 60
+STEPS_OF_PAIRS = 36
 """Of what is tried besides, two changes at once, where no single one helps."""
 MOST_REMEDIES = 5
 """In all ..."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -30,12 +30,10 @@ from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
 """How far things are moved [m]."""
-_SHARES = (0.1, 0.25, 0.5, 0.8)
-"""How far towards the place in front of the robot that both arms reach best, as shares of the way there [1]."""
 _BEST_REACH = 0.35
-"""How far in front of the shoulders that place is [m]."""
-_NEAR = 0.15
-"""What is nearer to it than that is not moved towards it [m]."""
+"""How far in front of the shoulders the place is that both arms reach best [m]."""
+_NEARER = (0.5, 0.4, 0.3, 0.15)
+"""How near to that place things are moved that are farther off, the least way first [m]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (45, 90) for sign in (1, -1))
 _FIRST = 2
 """Changes of a kind that are tried together with those of another."""
@@ -75,6 +73,13 @@ class ToolChanges:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
         cup = [self._cup_force(), self._cup_radius()]
         places = [self._goals_turned(), self._starts(), self._goals(), self._starts_turned()]
+        poses = [(each.pose, each.goal_pose) for _, each in self._objects]
+        starts, goals = (
+            max(np.linalg.norm(self._way_to_best(pose)) for pose in member) for member in zip(*poses, strict=True)
+        )
+        if max(starts, goals) > _NEARER[0]:
+            # What is far off has to come nearer, whatever else is changed.
+            return [self._goals()] if goals >= starts else [self._starts(), self._goals()]
         rest = [self._tool(), self._limits(), self._aside()]
         first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
@@ -106,18 +111,22 @@ class ToolChanges:
     def _moved(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
         """Move start or goal: towards the place that both arms reach best, and a little everywhere."""
         along = self._directions
-        best = self._middle + _BEST_REACH * along.away
-        for share in _SHARES:
+        for near in _NEARER:
             for index, each in self._objects:
-                way = best - np.array(getattr(each, member)[:2])
-                if np.linalg.norm(way) > _NEAR:
-                    yield self._shifted(index, each, member, kind, sentence, np.round(share * way, 2))
+                way = self._way_to_best(getattr(each, member))
+                distance = float(np.linalg.norm(way))
+                if distance > near:
+                    yield self._shifted(index, each, member, kind, sentence, np.round(way * (1.0 - near / distance), 2))
         for length in _WAYS:
             for index, each in self._objects:
                 off = np.array(getattr(each, member)[:2]) - self._middle
                 inwards = -along.left * math.copysign(1.0, float(off @ along.left))
                 for way in (inwards, -along.away, along.away, -inwards):
                     yield self._shifted(index, each, member, kind, sentence, length * way)
+
+    def _way_to_best(self, pose: Sequence[float]) -> Array:
+        """Return the way (2,) from a pose to the place that both arms reach best [m]."""
+        return self._middle + _BEST_REACH * self._directions.away - np.array(pose[:2])
 
     def _shifted(self, index: int, each: ObjectToMove, member: str, kind: str, sentence: str, way: Array) -> TaskChange:
         told = sentence.format(each.name, self._directions.say(way))
