@@ -579,9 +579,7 @@ class Fields {
   }
 
   act({ label, pointer, act }) {
-    const error = element("p", { className: "error" });
-    error.dataset.pointer = pointer;
-    return [element("div", { className: "field-row" }, element("button", { id: `field${pointer}`.replaceAll("/", "-"), textContent: label, onclick: act })), error];
+    return [element("div", { className: "field-row" }, element("button", { id: `field${pointer}`.replaceAll("/", "-"), textContent: label, onclick: act }))];
   }
 
   outline({ label, pointer }) {
