@@ -22,7 +22,6 @@ from planners.cell.asset_files import (
     RobotFile,
     read_hand_file,
     read_robot_file,
-    shipped_shelf,
 )
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
@@ -286,8 +285,8 @@ class RobotDrawing:
     """All arms of a cell under one node of the scene tree."""
 
     def __init__(self, scene: SceneApi, cell: Cell, meshes: LinkMeshes, root: str, detail: Detail) -> None:
-        shelf = shipped_shelf()
         drawn = Drawings(meshes, detail)
+        shelf = cell.shelf
         self.arms = {name: ArmDrawing(scene, arm, drawn, shelf, f"{root}/{name}") for name, arm in cell.arms.items()}
 
     def pose(self, positions: Array, widths: Mapping[str, float]) -> None:
