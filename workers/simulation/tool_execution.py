@@ -17,7 +17,7 @@ from planners.scene.moved_object import MovedObject
 from planners.scene.solid import ExtrudedSolid
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
-from workers.simulation.holds import CupHold, CupLoad, FingerHold, exert, leaves_behind, misses_tool
+from workers.simulation.holds import Chain, CupHold, CupLoad, FingerHold, leaves_behind, misses_tool
 from workers.simulation.recording import MOTION_EVERY, TOOL_UNITS, Failure, Recorder, Track
 from workers.simulation.settings import ToolSimulationSettings, WatchSettings
 from workers.simulation.timeline import PlannedMoment, SampledTimeline
@@ -49,9 +49,13 @@ class ToolExecution:
         self._moment = self.timeline.at(self.time)
         self._fingers: dict[str, FingerHold] = {}
         self._cup: CupHold | None = None
+        self._chain = Chain([])
         self._positions = {name: self.timeline.poses(name, plan.bodies[name].pose)[:, :3] for name in world.bodies}
         """By body: (n, 3) where its origin should be, by sample [m]."""
         self._suction = [riding_on(TOOL_NAME, plan.segments, index) for index in range(len(plan.segments))]
+        around = [self._suction[max(index - 1, 0) : index + 2] for index in range(len(plan.segments))]
+        self._passes = [frozenset(each[0] for each in near if each is not None) for near in around]
+        """By segment: what the cup may touch."""
         self._moved: list[tuple[float, Array]] = []
         """Time and joint positions, at some of the recorder's times."""
         self._tracks = {name: Track() for name in world.bodies}
@@ -92,12 +96,11 @@ class ToolExecution:
     # One step.
 
     def _step(self) -> ToolFailure | None:
-        timeline = self.timeline
         failure = self._take_and_let_go(self._moment)
         if failure is not None:
             return failure
-        self._moment = ahead = timeline.at(self.time + self.settings.step)
-        self._advance(ahead.between(timeline.positions), ahead.between(timeline.velocities))
+        self._moment = ahead = self.timeline.at(self.time + self.settings.step)
+        self._advance(ahead.positions, ahead.velocities)
         if self._steps % self._look == 0:
             failure = self._give_way() or self._standing.look(self._held(), self.time)
         if failure is not None or self._steps % self._record == 0:
@@ -107,14 +110,16 @@ class ToolExecution:
     def _advance(self, positions: Array, velocities: Array) -> None:
         """Let holds act for one step while the joints are driven to positions (12,)."""
         world, step = self.world, self.settings.step
-        holds = list(self._fingers.values())
+        holds = self._fingers.values()
         for hold in holds:
             hold.bond.follow(*world.hand(hold.arm, hold.T_flange_tcp))
         bonds = [hold.bond for hold in holds]
         if self._cup is not None:
             self._cup.bond.follow(world.tool.T_world_body)
             bonds.append(self._cup.bond)
-        exert(bonds, step, self.scene.cell.gravity)
+        if self._chain.bonds != bonds:
+            self._chain = Chain(bonds)
+        self._chain.exert(step, self.scene.cell.gravity)
         for hold in holds:
             world.push_hand(hold.arm, -hold.bond.wrench, hold.bond.point)
         world.drive(positions, velocities)
@@ -180,8 +185,9 @@ class ToolExecution:
 
     def _let_pass(self, index: int) -> None:
         """Let the cup touch what it sucks in a segment, before it or after it: its lip is no rigid body."""
-        near = self._suction[max(index - 1, 0) : index + 2]
-        passing = frozenset(each[0] for each in near if each is not None)
+        passing = self._passes[index]
+        if passing == self._passing:
+            return
         for name in passing ^ self._passing:
             self.world.tool.let_touch(self.world.bodies[name], touches=name not in passing)
         self._passing = passing
