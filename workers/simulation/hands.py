@@ -10,8 +10,9 @@ from numba import njit
 
 from planners.cell.arm import Arm
 from planners.cell.hand import Gripper, Pusher
+from planners.geometry.linear import solve
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, transform
-from planners.kinematics.forward import flange_pose, jacobian
+from planners.kinematics.forward import frame_motion, jacobian
 from planners.plan.segment import Push, Segment, SegmentKind
 from workers.simulation.settings import SensorSettings, SimulationSettings
 from workers.simulation.timeline import PlannedMoment
@@ -21,6 +22,8 @@ from workers.simulation.world import Motion
 _FADE = 0.05
 """How fast a feed-forward correction is taken on [s]."""
 _NEWTON_STEPS = 3
+_LEAST_STEP = 1e-5
+"""Damps Newton's method where an arm is nearly stretched [m^2]."""
 _CLEAR = 0.004
 """A stick further than this from the plate has left it [m]."""
 
@@ -47,7 +50,7 @@ class ForceSensor:
 
     def read(self, wrench: Array) -> Array:
         """Return the (6,) reading for a true wrench (6,) of the hand on what it touches, world axes [N, Nm]."""
-        return wrench + self._offset + self._rng.normal(scale=self._noise) - self._tare
+        return wrench + self._offset + self._noise * self._rng.standard_normal(6) - self._tare
 
 
 class SimulatedHand(ABC):
@@ -253,32 +256,42 @@ def moved_joints(arm: Arm, T_flange_hand: Transform, positions: Array, away: Arr
 
 
 @njit(cache=True, nogil=True)
-def _moved_joints(dh, T_world_base, T_flange_hand, positions, away, turn):
-    q = positions.copy()
-    T = flange_pose(dh, T_world_base, q) @ T_flange_hand
-    wanted, place = turn @ np.ascontiguousarray(T[:3, :3]), T[:3, 3] + away[:3]
-    way, turned = np.empty(6), np.empty((3, 3))
-    for _ in range(_NEWTON_STEPS):
+def _moved_joints(dh, T_world_base, T_flange_hand, positions, away, turn):  # noqa: C901 - one compiled pass
+    q, still, normal, way = positions.copy(), np.zeros(6), np.empty((6, 6)), np.empty(6)
+    place, wanted, turned = np.empty(3), np.zeros((3, 3)), np.empty((3, 3))
+    for number in range(_NEWTON_STEPS):
+        T, _ = frame_motion(dh, T_world_base, T_flange_hand, q, still)
+        if number == 0:
+            for i in range(3):
+                place[i] = T[i, 3] + away[i]
+                for j in range(3):
+                    wanted[i, j] = turn[i, 0] * T[0, j] + turn[i, 1] * T[1, j] + turn[i, 2] * T[2, j]
         for i in range(3):
             way[i] = place[i] - T[i, 3]
             for j in range(3):
                 turned[i, j] = wanted[i, 0] * T[j, 0] + wanted[i, 1] * T[j, 1] + wanted[i, 2] * T[j, 2]
-        way[3] = 0.5 * (turned[2, 1] - turned[1, 2])
-        way[4] = 0.5 * (turned[0, 2] - turned[2, 0])
-        way[5] = 0.5 * (turned[1, 0] - turned[0, 1])
-        J = jacobian(dh, T_world_base, q, np.ascontiguousarray(T[:3, 3]))
-        q += J.T @ np.linalg.solve(J @ J.T + 1e-5 * np.eye(6), way)
-        T = flange_pose(dh, T_world_base, q) @ T_flange_hand
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            way[3 + i] = 0.5 * (turned[k, j] - turned[j, k])
+        J = jacobian(dh, T_world_base, q, T[:3, 3].copy())
+        for i in range(6):
+            for j in range(6):
+                normal[i, j] = _LEAST_STEP if i == j else 0.0
+                for k in range(6):
+                    normal[i, j] += J[i, k] * J[j, k]
+        weights = solve(normal, way)
+        for i in range(6):
+            for j in range(6):
+                q[j] += J[i, j] * weights[i]
     return q
 
 
 def _give_way(compliance: Array, wrench: Array, R_world_plate: Array) -> Array:
     """Return the (6,) small motion by which a compliance gives way to a wrench, world axes."""
-    R = np.zeros((6, 6))
-    R[:3, :3] = R[3:, 3:] = R_world_plate
-    return R @ (compliance @ (R.T @ wrench))
+    turned = (wrench.reshape(2, 3) @ R_world_plate).reshape(6)
+    return ((compliance @ turned).reshape(2, 3) @ R_world_plate.T).reshape(6)
 
 
 def _at_most(largest: float, vector: Array) -> Array:
-    size = float(np.linalg.norm(vector))
+    size = math.sqrt(vector @ vector)
     return vector * (largest / size) if size > largest else vector

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from planners.contract.quantities import SOFT_FINGER_EPS
+from planners.geometry.linear import solve
 from planners.geometry.pose import Array, Transform, inverse, rotation_angle
 from planners.plan.segment import Grip
 from planners.regrasp.statics.finger_forces import least_squeeze
@@ -144,7 +145,7 @@ def _wrenches(chain, states, places, twists, step, gained):
                     if body != _HAND and body == ties[j, other]:
                         sign = step if one == other else -step
                         _add_mobility(states[body], inertias[body], places[i], places[j], sign, give[i], step, block)
-    return np.linalg.solve(matrix, right).reshape(count, 6)
+    return solve(matrix, right).reshape(count, 6)
 
 
 @njit(cache=True, nogil=True)
