@@ -10,11 +10,12 @@ import numpy as np
 import trimesh
 from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import FULL, Detail, LinkMeshes
+from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
 from planners.cell.asset_files import (
     AssetShelf,
+    CylinderLinkFile,
     GripperFile,
     LinkFile,
     MeshFile,
@@ -271,7 +272,9 @@ class Drawings:
     detail: Detail
 
     def link(self, link: LinkFile) -> bytes:
-        """Return a link's drawing as binary glTF."""
+        """Return a link's drawing as binary glTF: of the maker's mesh, or of the cylinders that stand in for it."""
+        if isinstance(link, CylinderLinkFile):
+            return write_cylinders([(each.start, each.end, each.radius) for each in link.cylinders])
         return self.meshes.glb(link.mesh, link.transform(), self.detail.links)
 
     def hand(self, mesh: MeshFile) -> bytes:
