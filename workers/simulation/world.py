@@ -86,7 +86,7 @@ class CellWorld:
 
     def drive(self, positions: Array, velocities: Array) -> None:
         """Set the (12,) targets of all joints for the next step [rad, rad/s]."""
-        # PyBullet reads lists in a fifth of the time that it takes for arrays.
+        # PyBullet reads lists several times as fast as arrays.
         all_positions, all_velocities = positions.tolist(), velocities.tolist()
         gains, ones = self._servo_gains
         for body, part, most in self._servos:
@@ -285,7 +285,7 @@ class FreeBody:
 
 def _push(body: int, link: int, wrench: Array, place: Array, client: int) -> None:
     """Exert a (6,) wrench on a link during the next step: world axes, about a point (3,) of the world."""
-    # PyBullet reads lists in a fifth of the time that it takes for arrays.
+    # PyBullet reads lists several times as fast as arrays.
     values = wrench.tolist()
     bullet.applyExternalForce(body, link, values[:3], place.tolist(), bullet.WORLD_FRAME, client)
     bullet.applyExternalTorque(body, link, values[3:], bullet.WORLD_FRAME, client)
