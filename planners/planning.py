@@ -217,7 +217,8 @@ class TaskSolver:
         return found.model_copy(update={"simulation": simulation, "statistics": statistics})
 
     def _certificate_of(self, plan: Plan) -> Certificate | None:
-        return self.certify(plan.write(), _surfaces(), _reference(self.cells[plan.cell.name]))
+        cell = self.cells[plan.cell.name]
+        return self.certify(plan.write(), _surfaces(cell), _reference(cell))
 
     def _with_best_cup_place(
         self, task: PlateLiftTask, scene: PlateLiftScene, uploads: Uploads, on_progress: Progress
@@ -339,8 +340,12 @@ def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | Non
 
 
 _shipped_tools = cache(load_tools)
-_surfaces = cache(load_surfaces)
-"""The robots' meshes, which the certificate checks against."""
+
+
+@cache
+def _surfaces(cell: Cell) -> RobotSurfaces:
+    """Read the shapes of a cell's arms and hands, which the certificate checks against."""
+    return load_surfaces({name: (arm.robot.name, arm.hand.name) for name, arm in cell.arms.items()}, cell.shelf.folders)
 
 
 def _reference(cell: Cell) -> CellReference:
