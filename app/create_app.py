@@ -54,7 +54,8 @@ from workers.engine.worker import Worker
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PlanStore, Room
+from workers.stores.plan_writer import PlanWriter
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
 from workers.stores.webhook_store import WebhookStore
@@ -85,7 +86,10 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.scenes = SceneCollection(SceneStore(database), store, queue)
             app.state.scan_limits = UploadLimits(settings.max_scans_held, settings.max_perceived)
             app.state.mesh_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
-            app.state.plans = PlanCollection(store, queue, settings.max_queued, settings.max_delayed)
+            room = Room(settings.max_queued, settings.max_delayed)
+            writer = PlanWriter(store, queue, room)
+            to_close.push_async_callback(run_in_threadpool, writer.close)
+            app.state.plans = PlanCollection(store, queue, writer, room)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
             app.state.webhooks = WebhookCollection(WebhookStore(database), rules, settings.max_webhooks)
             studies = StudyStore(database, store, queue)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
+from app.access.access_control import KEPT, address_of
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
 from app.resources.schemas import PROBLEM, PlanList, PlanResource, StudyResource
@@ -27,7 +29,7 @@ BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
 
 
-def _order(query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
+async def _order(query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
     return query.order
 
 
@@ -71,17 +73,13 @@ async def post_plan(
     body = await read_body(request, settings.max_body_bytes, settings)
     intake, webhooks = intake_of(request), webhooks_of(request)
 
-    def submit() -> PlanResource:
-        sent = parse_json(body)
+    def accepted(sent: Any) -> dict[str, Any]:
+        if order.webhook_id is not None:
+            webhooks.require_usable(order.webhook_id)
+        return intake(sent)
 
-        def accepted() -> dict[str, Any]:
-            if order.webhook_id is not None:
-                webhooks.require_usable(order.webhook_id)
-            return intake(sent)
-
-        return plans.submit(sent, accepted, key, order)
-
-    plan = await run_in_threadpool(submit)
+    plan, is_new = await plans.submit(partial(parse_json, body), accepted, key, order, address_of(request))
+    setattr(request.state, KEPT, is_new)
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
