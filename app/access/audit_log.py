@@ -31,7 +31,7 @@ class AuditEntry:
     target: str
     """The address of what it was done to."""
     status: int
-    """How it was answered."""
+    """How it was answered; 202 for a task that was accepted, also where the answer waited for its plan."""
 
 
 def audit_row(caller: Caller, address: str | None, action: str, target: str, status: int) -> dict[str, Any]:

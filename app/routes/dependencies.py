@@ -50,7 +50,8 @@ def webhooks_of(connection: HTTPConnection) -> WebhookCollection:
 def intake_of(connection: HTTPConnection) -> Callable[[Any], dict[str, Any]]:
     """Return what turns a caller's JSON data into a task that can be begun, or raises what is wrong with it."""
     state, scenes = connection.app.state, scenes_of(connection).document
-    return partial(accept_task, cells=state.cells, uploads=state.meshes.get, scenes=scenes, tools=state.tools)
+    found = {"cells": state.cells, "uploads": state.meshes.get, "scenes": scenes, "tools": state.tools}
+    return partial(accept_task, **found, known=state.known_tasks)
 
 
 def _authenticator(connection: HTTPConnection) -> Authenticator:
