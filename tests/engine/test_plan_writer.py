@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
+from sqlalchemy.exc import OperationalError
 from support.postgres import needs_postgres, running_postgres
 from support.service import task
 
@@ -131,11 +132,11 @@ def test_a_plan_that_cannot_be_stored_leaves_no_job_and_no_entry(
     database: Database, store: PlanStore, queue: JobQueue, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(transaction: sa.Connection, plans: object) -> None:
-        raise sa.exc.OperationalError("", {}, Exception("the disk is full"))
+        raise OperationalError("", {}, Exception("the disk is full"))
 
     monkeypatch.setattr("workers.stores.plan_store.expect_deliveries", fail)
     writer = PlanWriter(store, queue, ROOM)
-    with pytest.raises(sa.exc.OperationalError):
+    with pytest.raises(OperationalError):
         writer.submit(submission()).result(60.0)
     monkeypatch.undo()
     assert queue.depth(100).due == 0
