@@ -17,7 +17,7 @@ from planners.scene.scene import build_scene, with_centres
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
 
-AnyTask = PlateLiftTask | SuctionToolTask
+AcceptedTask = PlateLiftTask | SuctionToolTask
 PLACING_NOTHING = MappingProxyType({"external_id": None, "seed": 0})
 """Members of tasks on which it does not depend whether they can be begun, and what stands for them all."""
 SceneFinder = Callable[[str], SceneDocument | None]
@@ -40,9 +40,9 @@ class KnownTasks:
 
     def __init__(self, most: int = 1000) -> None:
         """Remember so many tasks, those that came last [1]."""
-        self._most, self._tasks, self._lock = most, dict[bytes, AnyTask](), threading.Lock()
+        self._most, self._tasks, self._lock = most, dict[bytes, AcceptedTask](), threading.Lock()
 
-    def completed(self, task: AnyTask, complete: Callable[[AnyTask], AnyTask]) -> AnyTask:
+    def completed(self, task: AcceptedTask, complete: Callable[[AcceptedTask], AcceptedTask]) -> AcceptedTask:
         """Return what `complete` makes of a task, or has made of one that differs in nothing that places something.
 
         Raises:
@@ -88,7 +88,7 @@ def accept_task(
     """
     task = read_task(with_scene(sent, cells, scenes))
 
-    def complete(unnamed: AnyTask) -> AnyTask:
+    def complete(unnamed: AcceptedTask) -> AcceptedTask:
         return with_centres(unnamed, build_scene(unnamed, cells, uploads=uploads, tools=tools))
 
     return write_task(complete(task) if known is None else known.completed(task, complete))

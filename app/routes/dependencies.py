@@ -19,7 +19,7 @@ from app.resources.webhook_collection import WebhookCollection
 from app.settings import ServiceSettings
 from app.task_intake import accept_task
 
-Found = TypeVar("Found")
+Dependency = TypeVar("Dependency")
 
 
 def caller_of(connection: HTTPConnection) -> Caller:
@@ -70,10 +70,10 @@ def _settings(connection: HTTPConnection) -> ServiceSettings:
     return connection.app.state.settings
 
 
-def _at_once(found: Callable[[HTTPConnection], Found]) -> Callable[[HTTPConnection], Awaitable[Found]]:
+def _at_once(found: Callable[[HTTPConnection], Dependency]) -> Callable[[HTTPConnection], Awaitable[Dependency]]:
     """Return what the framework calls as it is: what is no coroutine function it would have a thread call."""
 
-    async def find(connection: HTTPConnection) -> Found:
+    async def find(connection: HTTPConnection) -> Dependency:
         return found(connection)
 
     return find

@@ -222,19 +222,29 @@ class SolverPool:
         self._waiting.clear()
         await asyncio.gather(*map(_give_up, waiting))
 
-    async def solve(self, request: SolverRequest, on_report: OnReport) -> PackedDocument:
+    async def solve(
+        self, request: SolverRequest, on_report: OnReport, most_seconds: float | None = None
+    ) -> PackedDocument:
         """Solve one request in a process that works on nothing else; when this is cancelled, the process is gone.
+
+        Args:
+            request: what is to be solved.
+            on_report: told of progress.
+            most_seconds: so long the solver may take, from when it is ready [s]; None: as long as it likes.
 
         Raises:
             SolverDied: The process ended before.
             SolverFault: The solver says why there is no document.
+            TimeoutError: It took too long, and its process is gone.
         """
         self._working += 1
         child: SolverProcess | None = None
         answered = False
         try:
             child = await self._take()
-            document = await child.solve(request, on_report)
+            await child.ready()
+            async with asyncio.timeout(most_seconds):
+                document = await child.solve(request, on_report)
             answered = True
             return document
         except SolverFault:
