@@ -27,6 +27,7 @@ SECTIONS = {
     "Plate lifts: random": (
         "Aimed at and reached",
         "Random lifts",
+        "What helps where there is no plan",
         "Not found, and wrongly so",
         "Lifts that are not solved",
     ),
@@ -37,6 +38,7 @@ SECTIONS = {
     ),
     "Plate lifts: lifters of all speeds": ("Aimed at and reached", "Lifters that can be followed"),
     "Plate lifts: what a reserve is worth": ("Aimed at and reached", "What the reserve is worth"),
+    "Plate lifts: studies": ("Aimed at and reached", "Three models of the lifter", "Where the cup may sit"),
     "The suction tool": (
         "Aimed at and reached",
         "Random layouts",

@@ -330,7 +330,7 @@ def test_what_was_considered_is_told_and_drawn_on_demand(
     page.keyboard.press("Escape")
     assert not page.locator("#graph").is_visible()
     page.get_by_role("tab", name="View").click()
-    page.get_by_role("button", name="Close").click()
+    page.get_by_role("button", name="Close", exact=True).click()
     for layer in ("places", "grasps"):
         plain = settled(page)
         page.locator(f"#layer-{layer}").click()

@@ -242,7 +242,7 @@ class SolverPool:
         answered = False
         try:
             child = await self._take()
-            await child.ready()
+            await _wait_until_ready(child)
             async with asyncio.timeout(most_seconds):
                 document = await child.solve(request, on_report)
             answered = True
@@ -307,15 +307,22 @@ class SolverPool:
 async def _becomes_ready(child: SolverProcess) -> bool:
     """Wait until a child is ready; one that fails to be is gone."""
     try:
-        async with asyncio.timeout(READY_SECONDS):
-            await child.ready()
-    except (SolverDied, SolverFault, TimeoutError):
+        await _wait_until_ready(child)
+    except (SolverDied, SolverFault):
         await child.kill()
         return False
     except asyncio.CancelledError:
         await child.kill()
         raise
     return True
+
+
+async def _wait_until_ready(child: SolverProcess) -> None:
+    try:
+        async with asyncio.timeout(READY_SECONDS):
+            await child.ready()
+    except TimeoutError:
+        raise SolverDied(f"the solver process was not ready after {READY_SECONDS:g} s") from None
 
 
 async def _give_up(waiting: asyncio.Task[SolverProcess | None]) -> None:
