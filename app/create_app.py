@@ -43,7 +43,7 @@ from app.routes import (
     webhooks,
 )
 from app.settings import ServiceSettings
-from app.task_intake import accept_task
+from app.task_intake import KnownTasks, accept_task
 from app.uploads.uploads import UploadLimits
 from app.viewer.scene_servers import SceneServers
 from planners.cell.cell import Cell, load_cells
@@ -54,7 +54,8 @@ from workers.engine.worker import Worker
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PlanStore, Room
+from workers.stores.plan_writer import PlanWriter
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
 from workers.stores.webhook_store import WebhookStore
@@ -81,18 +82,23 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             to_close.callback(queue.close)
             app.state.supervisor = supervisor
             app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
+            app.state.known_tasks = KnownTasks()
             app.state.meshes = MeshStore(database)
             app.state.scenes = SceneCollection(SceneStore(database), store, queue)
             app.state.scan_limits = UploadLimits(settings.max_scans_held, settings.max_perceived)
             app.state.mesh_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
-            app.state.plans = PlanCollection(store, queue, settings.max_queued, settings.max_delayed)
+            room = Room(settings.max_queued, settings.max_delayed)
+            writer = PlanWriter(store, queue, room)
+            to_close.push_async_callback(run_in_threadpool, writer.close)
+            app.state.plans = PlanCollection(store, queue, writer, room)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
             app.state.webhooks = WebhookCollection(WebhookStore(database), rules, settings.max_webhooks)
             studies = StudyStore(database, store, queue)
             app.state.studies = StudyCollection(studies, queue, app.state.plans, settings)
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
-            app.state.scene_servers = SceneServers(app.state.cells, settings.data_dir / "drawings")
+            folders = settings.data_dir / "drawings", settings.data_dir / "watched"
+            app.state.scene_servers = SceneServers(app.state.cells, *folders)
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)

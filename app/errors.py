@@ -80,10 +80,11 @@ class WrongHost(ServiceError, status=HTTPStatus.MISDIRECTED_REQUEST, title="Not 
 
 
 class TooManyRequests(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many requests"):
-    """A key is used too often."""
+    """A key is used too often, or too many wrong ones are tried."""
 
-    def __init__(self, seconds: float) -> None:
-        super().__init__("too many requests in too short a time")
+    def __init__(self, seconds: float, limit: str) -> None:
+        """`limit` says how many there may be, of what."""
+        super().__init__(f"too many requests in too short a time: {limit}, at each process of the service")
         self.headers = {"Retry-After": str(math.ceil(seconds))}
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 
 from prometheus_client import GC_COLLECTOR, PLATFORM_COLLECTOR, PROCESS_COLLECTOR, Histogram
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 
 from workers.stores import totals
@@ -20,7 +22,8 @@ REQUEST_SECONDS = Histogram(
     registry=None,
 )
 """Event streams and requests that wait for a job take as long as these do."""
-PROCESS_METRICS: tuple[Collector, ...] = (REQUEST_SECONDS, PROCESS_COLLECTOR, PLATFORM_COLLECTOR, GC_COLLECTOR)
+SHARED_VARIABLE = "PROMETHEUS_MULTIPROC_DIR"
+"""Names a folder in which the processes of one service keep what they count; set before this module is loaded."""
 COUNTERS = {
     totals.DOCUMENT: ("liftwright_documents_made", "Plan documents made", "outcome"),
     totals.FAILURE: ("liftwright_failed_jobs", "Jobs that ended without a document", "why"),
@@ -28,6 +31,14 @@ COUNTERS = {
     totals.STUDY_POINT: ("liftwright_study_points", "Points of studies examined", "outcome"),
     totals.TAKEOVER: ("liftwright_jobs_begun_anew", "Jobs whose worker had died or lost them", None),
 }
+
+
+def process_metrics() -> tuple[Collector, ...]:
+    """Return what is told of requests, by all processes of the service together, and of this process."""
+    requests: Collector = REQUEST_SECONDS
+    if SHARED_VARIABLE in os.environ:
+        requests = MultiProcessCollector(None)
+    return (requests, PROCESS_COLLECTOR, PLATFORM_COLLECTOR, GC_COLLECTOR)
 
 
 class ServiceMetrics(Collector):

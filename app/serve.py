@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 import socket
+import subprocess
+import sys
 import threading
-from collections.abc import Callable
-from contextlib import ExitStack, closing, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
 from errno import EADDRINUSE
+from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import TYPE_CHECKING
 
 import structlog
 import uvicorn
 from starlette.responses import JSONResponse
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from app.access.key_store import KeyStore
@@ -38,6 +42,10 @@ LONGEST_GOODBYE_SECONDS = 3
 """So long open event streams may hold up a stop [s]."""
 LARGEST_WATCHER_MESSAGE_BYTES = 1 << 20
 """What a viewer's page sends are clicks and camera poses."""
+PROCESS_LOOK_SECONDS = 0.5
+"""How often it is looked whether a further process has ended [s]."""
+SHARED_COUNTS = "PROMETHEUS_MULTIPROC_DIR"
+"""As in `app.metrics`, which is loaded after it is set."""
 TRY_AGAIN_LATER = 1013
 """Close code of RFC 6455's registry."""
 
@@ -125,7 +133,17 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         return create_app(settings, with_worker=with_worker)
 
     service = LoadedWhileServing(load)
-    config = uvicorn.Config(
+    server = _Server(_config(service, settings), "keys" if keys_needed else "none", service)
+    # The server raises the signal that ended it once more, when everything is in order.
+    signal.signal(signal.SIGTERM, _end)
+    with _further_processes(settings, sockets):
+        asyncio.run(server.serve(sockets))
+    if service.failure is not None:
+        raise service.failure
+
+
+def _config(service: ASGIApp, settings: ServiceSettings) -> uvicorn.Config:
+    return uvicorn.Config(
         service,
         host=settings.host,
         port=settings.port,
@@ -137,11 +155,72 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         server_header=False,
         timeout_graceful_shutdown=LONGEST_GOODBYE_SECONDS,
     )
-    # The server raises the signal that ended it once more, when everything is in order.
+
+
+@contextmanager
+def _further_processes(settings: ServiceSettings, sockets: Sequence[socket.socket]) -> Iterator[None]:
+    """Have `api_processes` - 1 further processes answer on the same sockets for the time of a block.
+
+    One that ends before is started anew. Whichever the kernel gives a connection to answers it; none of them works on
+    jobs.
+    """
+    ending = threading.Event()
+    with ExitStack() as stack:
+        if settings.api_processes > 1:
+            os.environ[SHARED_COUNTS] = stack.enter_context(TemporaryDirectory(prefix="liftwright-metrics-"))
+        keepers = [
+            threading.Thread(
+                target=_keep_process, args=(settings, sockets, ending), name=f"API process {n}", daemon=True
+            )
+            for n in range(1, settings.api_processes)
+        ]
+        for keeper in keepers:
+            keeper.start()
+        try:
+            yield
+        finally:
+            ending.set()
+            for keeper in keepers:
+                keeper.join(2 * LONGEST_GOODBYE_SECONDS)
+
+
+def _keep_process(settings: ServiceSettings, sockets: Sequence[socket.socket], ending: threading.Event) -> None:
+    descriptors = [each.fileno() for each in sockets]
+    command = (sys.executable, "-m", "app.serve", *map(str, descriptors))
+    while not ending.is_set():
+        process = subprocess.Popen(command, pass_fds=descriptors, stdin=subprocess.PIPE)
+        assert process.stdin is not None
+        # It ends when its stdin does: with this process, however that ends.
+        with suppress(BrokenPipeError):
+            process.stdin.write(settings.model_dump_json().encode() + b"\n")
+            process.stdin.flush()
+        while process.poll() is None and not ending.wait(PROCESS_LOOK_SECONDS):
+            pass
+        if ending.is_set():
+            with suppress(BrokenPipeError):
+                process.stdin.close()
+            process.wait()
+        else:
+            log.error("an API process has ended, and is started anew", exit_code=process.returncode)
+
+
+def _serve_along(descriptors: Sequence[int]) -> None:
+    """Answer requests on sockets of the process that has started this one, until it ends."""
+    set_up_logs()
+    settings = ServiceSettings(**json.loads(sys.stdin.buffer.readline()))
+    from app.create_app import create_app
+
+    server = uvicorn.Server(_config(create_app(settings, with_worker=False), settings))
+
+    def end_with_the_first() -> None:
+        sys.stdin.buffer.read()
+        server.should_exit = True
+
+    threading.Thread(target=end_with_the_first, name="end", daemon=True).start()
     signal.signal(signal.SIGTERM, _end)
-    asyncio.run(_Server(config, "keys" if keys_needed else "none", service).serve(sockets))
-    if service.failure is not None:
-        raise service.failure
+    asyncio.run(server.serve([socket.socket(fileno=descriptor) for descriptor in descriptors]))
+    # As a worker ends: threads of the engine that wait for a database which is away would keep the process.
+    os._exit(0)
 
 
 def work(settings: WorkerSettings) -> None:
@@ -318,3 +397,7 @@ async def _work(settings: WorkerSettings) -> None:
     log.info("worker has ended", worker=settings.worker_name)
     # Everything is given back. Threads of the engine that wait for a database which is away would keep the process.
     os._exit(0)
+
+
+if __name__ == "__main__":
+    _serve_along([int(word) for word in sys.argv[1:]])

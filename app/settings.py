@@ -17,6 +17,8 @@ class ServiceSettings(WorkerSettings):
     """Another than this machine's own needs keys (`liftwright keys issue`)."""
     port: int = Field(default=8040, ge=0, le=65535)
     """0: any free one."""
+    api_processes: int = Field(default=1, ge=1, le=64)
+    """So many processes answer requests at this address; all but the first end with it [1]."""
     max_body_bytes: int = Field(default=2_000_000, ge=1000)
     """A larger body is refused [bytes]."""
     max_mesh_bytes: int = Field(default=20_000_000, ge=1000)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
+import threading
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
-from planners.contract.task_spec import read_task, write_task
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
 from planners.perception.scene_task import fill_from_scene
 from planners.scene.scene import build_scene, with_centres
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
 
+AcceptedTask = PlateLiftTask | SuctionToolTask
+PLACING_NOTHING = MappingProxyType({"external_id": None, "seed": 0})
+"""Members of tasks on which it does not depend whether they can be begun, and what stands for them all."""
 SceneFinder = Callable[[str], SceneDocument | None]
 """Finds what was perceived in a scene, by its id; None if there is none."""
 
@@ -23,6 +29,35 @@ class NeedsScene(SceneError):
 
     def __init__(self) -> None:
         super().__init__("/scene_id", 'is required: an object has a "detection", which is looked up in a scene')
+
+
+class KnownTasks:
+    """Tasks in which everything was found to rest and to be clear of the rest, with their centres of mass.
+
+    Callers post the same part again and again, under another name or with another seed; neither places anything. Safe
+    to share between threads.
+    """
+
+    def __init__(self, most: int = 1000) -> None:
+        """Remember so many tasks, those that came last [1]."""
+        self._most, self._tasks, self._lock = most, dict[bytes, AcceptedTask](), threading.Lock()
+
+    def completed(self, task: AcceptedTask, complete: Callable[[AcceptedTask], AcceptedTask]) -> AcceptedTask:
+        """Return what `complete` makes of a task, or has made of one that differs in nothing that places something.
+
+        Raises:
+            SceneError: What is wrong with it, as `complete` says.
+        """
+        named = {name: getattr(task, name) for name in PLACING_NOTHING}
+        unnamed = task.model_copy(update=PLACING_NOTHING)
+        key = hashlib.sha256(unnamed.model_dump_json().encode()).digest()
+        known = self._tasks.get(key) or complete(unnamed)
+        with self._lock:
+            self._tasks.pop(key, None)
+            self._tasks[key] = known
+            if len(self._tasks) > self._most:
+                del self._tasks[next(iter(self._tasks))]
+        return known.model_copy(update=named)
 
 
 def no_scenes(scene_id: str) -> SceneDocument | None:
@@ -36,6 +71,7 @@ def accept_task(
     uploads: Uploads = no_uploads,
     scenes: SceneFinder = no_scenes,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
+    known: KnownTasks | None = None,
 ) -> dict[str, Any]:
     """Return a task with every default filled in, once it is known that it can be begun.
 
@@ -45,13 +81,17 @@ def accept_task(
         uploads: finds meshes.
         scenes: finds perceived scenes, which a task may name in place of poses.
         tools: that were loaded before, by name; others are read from their files.
+        known: tasks that were found right with the same cells, uploads and tools; None: each is looked at anew.
 
     Raises:
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
     task = read_task(with_scene(sent, cells, scenes))
-    scene = build_scene(task, cells, uploads=uploads, tools=tools)
-    return write_task(with_centres(task, scene))
+
+    def complete(unnamed: AcceptedTask) -> AcceptedTask:
+        return with_centres(unnamed, build_scene(unnamed, cells, uploads=uploads, tools=tools))
+
+    return write_task(complete(task) if known is None else known.completed(task, complete))
 
 
 def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:

@@ -26,6 +26,8 @@ ADMIN = frozenset({"/v1/audit"})
 SAFE = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
 ASKING = frozenset({"/v1/tasks/check"})
 """What changes nothing though it is posted: the question is too long for an address."""
+KEPT = "kept"
+"""Member of a request's state: whether what it did is in the audit log already, in the transaction that did it."""
 POLICY_VIOLATION = 1008
 """Close code of RFC 6455."""
 log = structlog.get_logger(__name__)
@@ -128,7 +130,7 @@ def _audited(authenticator: Authenticator, caller: Caller, request: HTTPConnecti
     """Keep what a request did before the caller learns of it."""
 
     async def send_and_keep(message: Message) -> None:
-        if message["type"] == "http.response.start":
+        if message["type"] == "http.response.start" and not getattr(request.state, KEPT, False):
             made = Headers(raw=message["headers"]).get("location", "")
             await write_audit(authenticator, caller, request, method, message["status"], made)
         await send(message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import sqlalchemy as sa
 
@@ -30,7 +31,20 @@ class AuditEntry:
     target: str
     """The address of what it was done to."""
     status: int
-    """How it was answered."""
+    """How it was answered; 202 for a task that was accepted, also where the answer waited for its plan."""
+
+
+def audit_row(caller: Caller, address: str | None, action: str, target: str, status: int) -> dict[str, Any]:
+    """Return the row that says that somebody did something now."""
+    return {
+        "at_us": now_us(),
+        "key_id": caller.key_id,
+        "owner": caller.owner,
+        "address": None if address is None else address[:LONGEST_ADDRESS],
+        "action": action[:LONGEST_ACTION],
+        "target": target[:LONGEST_TARGET],
+        "status": status,
+    }
 
 
 class AuditLog:
@@ -41,16 +55,7 @@ class AuditLog:
 
     def add(self, caller: Caller, address: str | None, action: str, target: str, status: int) -> None:
         """Keep that somebody did something."""
-        row = {
-            "at_us": now_us(),
-            "key_id": caller.key_id,
-            "owner": caller.owner,
-            "address": None if address is None else address[:LONGEST_ADDRESS],
-            "action": action[:LONGEST_ACTION],
-            "target": target[:LONGEST_TARGET],
-            "status": status,
-        }
-        self._database.write(sa.insert(AUDIT).values(row))
+        self._database.write(sa.insert(AUDIT).values(audit_row(caller, address, action, target, status)))
 
     def newest(self, most: int, before: int | None) -> list[AuditEntry]:
         """Return at most `most` entries, newest first, from behind number `before`."""

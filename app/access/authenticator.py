@@ -77,12 +77,13 @@ class Authenticator:
         """
         record = await self._record(credentials)
         if record is not None:
-            wait = self._limiter.take(record.id)
+            wait, limit = self._limiter.take(record.id), f"a key may be used {self._limiter.told}"
         else:
             # By address, and only here: wrong keys cost those nothing who come from the same address with good ones.
             wait = self._failures.take(address) if credentials.any else 0.0
+            limit = f"wrong keys may come from one address {self._failures.told}"
         if wait > 0.0:
-            raise TooManyRequests(wait)
+            raise TooManyRequests(wait, limit)
         if record is None:
             raise KeyNeeded(shown=credentials.key is not None)
         return record.caller

@@ -17,6 +17,11 @@ class RateLimiter:
         self._rate, self._burst, self._clock = per_second, float(burst), clock
         self._buckets: dict[str, tuple[float, float]] = {}
 
+    @property
+    def told(self) -> str:
+        """What it lets through, in words."""
+        return f"{self._rate:g} a second, {self._burst:g} at once"
+
     def take(self, name: str) -> float:
         """Let a request through and return 0, or return after how long one would be let through [s]."""
         level = self._level(name)

@@ -299,6 +299,7 @@ def _owner(text: str) -> str:
 def _add_listening(command: argparse.ArgumentParser) -> None:
     command.add_argument("--host", help="address to listen on; default 127.0.0.1; another needs keys")
     command.add_argument("--port", type=int, help="default 8040; 0: any free one")
+    command.add_argument("--api-processes", type=int, metavar="N", help="that answer requests there; default 1")
 
 
 def _add_storage(command: argparse.ArgumentParser) -> None:
@@ -307,7 +308,7 @@ def _add_storage(command: argparse.ArgumentParser) -> None:
 
 
 def _options(parsed: argparse.Namespace) -> dict[str, Any]:
-    names = ("host", "port", "data_dir", "database_url", "worker_name")
+    names = ("host", "port", "api_processes", "data_dir", "database_url", "worker_name")
     return {name: value for name in names if (value := getattr(parsed, name, None)) is not None}
 
 

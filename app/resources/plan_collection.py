@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from starlette.concurrency import run_in_threadpool
+
+from app.access.audit_log import audit_row
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import (
     AlreadyFinished,
@@ -16,59 +20,100 @@ from app.errors import (
     TooManyDelayed,
 )
 from app.resources.queries import PlanQuery, page_of
-from app.resources.schemas import PlanResource, plan_resource
+from app.resources.schemas import PlanResource, plan_address, plan_resource
 from planners.contract.task_spec import read_task, write_task
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job, JobOrder, JobState
-from workers.stores.plan_store import NO_ORDER, PlanRecord, PlanStore, StoredDocument, fingerprint
-from workers.stores.tables import Position, now_us
+from workers.stores.plan_store import (
+    NO_ORDER,
+    NoRoom,
+    PlanRecord,
+    PlanStore,
+    Room,
+    StoredDocument,
+    Submission,
+    fingerprint,
+)
+from workers.stores.plan_writer import PlanWriter
+from workers.stores.tables import Position
+
+NEW_JOB = Job(JobState.QUEUED, None, None)
 
 
 class PlanCollection:
     """What one caller sees of all plans: what belongs to somebody else does not exist.
 
-    All methods block on the database: call them from a thread.
+    All methods but `submit` block on the database: call them from a thread.
     """
 
     def __init__(
-        self, store: PlanStore, queue: JobQueue, max_queued: int, max_delayed: int, caller: Caller = ANYBODY
+        self, store: PlanStore, queue: JobQueue, writer: PlanWriter, room: Room, caller: Caller = ANYBODY
     ) -> None:
         self.store, self.queue, self._caller = store, queue, caller
-        self._max_queued, self._max_delayed = max_queued, max_delayed
+        self._writer, self._room = writer, room
 
     def seen_by(self, caller: Caller) -> PlanCollection:
         """Return what another caller sees."""
-        return PlanCollection(self.store, self.queue, self._max_queued, self._max_delayed, caller)
+        return PlanCollection(self.store, self.queue, self._writer, self._room, caller)
 
-    def submit(
+    async def submit(
         self,
-        sent: Any,
-        accepted: Callable[[], Mapping[str, Any]],
+        read: Callable[[], Any],
+        accepted: Callable[[Any], Mapping[str, Any]],
         idempotency_key: str | None,
         order: JobOrder = NO_ORDER,
-    ) -> PlanResource:
+        address: str | None = None,
+    ) -> tuple[PlanResource, bool]:
         """Accept a task, or find the plan that the same key made; then its first order stands.
 
+        It blocks nobody. The entry of the audit log is kept in the transaction that stores the plan.
+
         Args:
-            sent: the task as JSON data, as it came.
-            accepted: fills defaults in, or raises what is wrong with the task; not asked about one that came before,
-                which may name what is gone since.
+            read: returns the task as JSON data, as it came. Called in a thread, as is the next one.
+            accepted: returns that task with defaults filled in, or raises what is wrong with it; not asked about one
+                that came before, which may name what is gone since.
             idempotency_key: of the caller, if it has one.
             order: what it says about the job.
+            address: from which the request came, for the audit log.
+
+        Returns:
+            The plan, and whether this has made it.
 
         Raises:
             QueueFull: There are too many unfinished jobs.
             TooManyDelayed: Too many of the caller's wait for their start.
             KeyUsedForAnotherTask: The key was used for another task.
         """
-        sent_fingerprint = fingerprint(sent)
-        record = self.store.by_key(idempotency_key, self._caller.owner)
-        if record is None:
-            task = accepted()
-            self._require_room(order)
-            record = self.store.accept(task, idempotency_key, self.queue, self._caller.owner, order, sent_fingerprint)
+
+        def prepare() -> tuple[Any, Submission | PlanRecord]:
+            sent, owner = read(), self._caller.owner
+            known = self.store.by_key(idempotency_key, owner)
+            if known is not None:
+                return sent, known
+
+            def audit(plan_id: str) -> dict[str, Any]:
+                return audit_row(self._caller, address, "POST", plan_address(plan_id), 202)
+
+            return sent, Submission.of(accepted(sent), owner, order, idempotency_key, fingerprint(sent), audit)
+
+        sent, prepared = await run_in_threadpool(prepare)
+        if isinstance(prepared, Submission):
+            answer = await asyncio.wrap_future(self._writer.submit(prepared))
+            if isinstance(answer, NoRoom):
+                raise QueueFull(self._room.jobs) if answer is NoRoom.QUEUE_FULL else TooManyDelayed(self._room.delayed)
+            if answer.is_new:
+                return plan_resource(answer.record, NEW_JOB, answer.place), True
+            prepared = answer.record
+        return await run_in_threadpool(self._again, prepared, sent, accepted), False
+
+    def _again(self, record: PlanRecord, sent: Any, accepted: Callable[[Any], Mapping[str, Any]]) -> PlanResource:
+        """Return the plan that a key made before.
+
+        Raises:
+            KeyUsedForAnotherTask: Of another task than the one that was sent.
+        """
         # The same may be sent in other words, and of old plans only what they were taken for is known.
-        if record.sent_fingerprint != sent_fingerprint and not self._asks_for(record, accepted()):
+        if record.sent_fingerprint != fingerprint(sent) and not self._asks_for(record, accepted(sent)):
             raise KeyUsedForAnotherTask
         return self._with_job(record)
 
@@ -76,15 +121,6 @@ class PlanCollection:
         """Tell whether a plan's task is the same as another one, with the defaults of today filled in both."""
         stored = self.store.task(record.id)
         return stored is not None and write_task(read_task(stored)) == task
-
-    def _require_room(self, order: JobOrder) -> None:
-        if self.queue.depth(self._max_queued).due >= self._max_queued:
-            raise QueueFull(self._max_queued)
-        # Jobs for later are in nobody's way, so they are no reason to refuse those of others.
-        if order.pause(now_us()) > 0.0:
-            delayed = self.store.delayed(self._caller.owner, self._max_delayed)
-            if delayed >= self._max_delayed:
-                raise TooManyDelayed(self._max_delayed)
 
     def plan(self, plan_id: str) -> PlanResource:
         """Return one plan.
@@ -168,9 +204,9 @@ class PlanCollection:
         return self._resource(record, jobs[record.id], self._places(jobs))
 
     def _places(self, jobs: Mapping[str, Job]) -> dict[str, int]:
-        """Return the places in the queue of all that wait, if any of these do."""
-        waits = any(job.state is JobState.QUEUED for job in jobs.values())
-        return self.queue.positions(self._max_queued) if waits else {}
+        """Return the places in the queue of those that wait."""
+        waiting = [plan_id for plan_id, job in jobs.items() if job.state is JobState.QUEUED]
+        return self.queue.places(waiting, self._room.jobs) if waiting else {}
 
     def _resource(self, record: PlanRecord, job: Job, places: Mapping[str, int]) -> PlanResource:
         # What was stored between the two reads belongs to the state that was read last.

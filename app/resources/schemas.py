@@ -276,9 +276,14 @@ def _scene_links(scene_id: str) -> SceneLinks:
     return SceneLinks(self=address, preview=f"{address}/preview.png", view=f"{address}/view")
 
 
+def plan_address(plan_id: str) -> str:
+    """Return where a plan is."""
+    return f"/v1/plans/{plan_id}"
+
+
 def plan_resource(record: PlanRecord, job: Job, queue_position: int | None = None) -> PlanResource:
     """Return the resource of a plan and its job."""
-    address = f"/v1/plans/{record.id}"
+    address = plan_address(record.id)
     succeeded = job.state is JobState.SUCCEEDED
     return PlanResource.model_validate(
         {

@@ -40,7 +40,7 @@ class Limits(Resource):
     """Of one owner."""
     max_wait_seconds: float
     requests_per_second: float
-    """With one key."""
+    """With one key, at each process of the service."""
     worker_slots: int
 
 

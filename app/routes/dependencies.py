@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
@@ -18,6 +18,8 @@ from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.settings import ServiceSettings
 from app.task_intake import accept_task
+
+Dependency = TypeVar("Dependency")
 
 
 def caller_of(connection: HTTPConnection) -> Caller:
@@ -48,7 +50,8 @@ def webhooks_of(connection: HTTPConnection) -> WebhookCollection:
 def intake_of(connection: HTTPConnection) -> Callable[[Any], dict[str, Any]]:
     """Return what turns a caller's JSON data into a task that can be begun, or raises what is wrong with it."""
     state, scenes = connection.app.state, scenes_of(connection).document
-    return partial(accept_task, cells=state.cells, uploads=state.meshes.get, scenes=scenes, tools=state.tools)
+    found = {"cells": state.cells, "uploads": state.meshes.get, "scenes": scenes, "tools": state.tools}
+    return partial(accept_task, **found, known=state.known_tasks)
 
 
 def _authenticator(connection: HTTPConnection) -> Authenticator:
@@ -67,13 +70,22 @@ def _settings(connection: HTTPConnection) -> ServiceSettings:
     return connection.app.state.settings
 
 
-CurrentCaller = Annotated[Caller, Depends(caller_of)]
-Plans = Annotated[PlanCollection, Depends(plans_of)]
-Scenes = Annotated[SceneCollection, Depends(scenes_of)]
-Studies = Annotated[StudyCollection, Depends(studies_of)]
-Webhooks = Annotated[WebhookCollection, Depends(webhooks_of)]
-Intake = Annotated[Callable[[Any], dict[str, Any]], Depends(intake_of)]
-Authentication = Annotated[Authenticator, Depends(_authenticator)]
-Feed = Annotated[PlanFeed, Depends(_feed)]
-StudyFeed = Annotated[PlanFeed, Depends(_study_feed)]
-Settings = Annotated[ServiceSettings, Depends(_settings)]
+def _at_once(found: Callable[[HTTPConnection], Dependency]) -> Callable[[HTTPConnection], Awaitable[Dependency]]:
+    """Return what the framework calls as it is: what is no coroutine function it would have a thread call."""
+
+    async def find(connection: HTTPConnection) -> Dependency:
+        return found(connection)
+
+    return find
+
+
+CurrentCaller = Annotated[Caller, Depends(_at_once(caller_of))]
+Plans = Annotated[PlanCollection, Depends(_at_once(plans_of))]
+Scenes = Annotated[SceneCollection, Depends(_at_once(scenes_of))]
+Studies = Annotated[StudyCollection, Depends(_at_once(studies_of))]
+Webhooks = Annotated[WebhookCollection, Depends(_at_once(webhooks_of))]
+Intake = Annotated[Callable[[Any], dict[str, Any]], Depends(_at_once(intake_of))]
+Authentication = Annotated[Authenticator, Depends(_at_once(_authenticator))]
+Feed = Annotated[PlanFeed, Depends(_at_once(_feed))]
+StudyFeed = Annotated[PlanFeed, Depends(_at_once(_study_feed))]
+Settings = Annotated[ServiceSettings, Depends(_at_once(_settings))]

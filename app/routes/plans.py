@@ -5,12 +5,14 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
+from app.access.access_control import KEPT, address_of
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
 from app.resources.schemas import (
@@ -35,7 +37,7 @@ BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A
 router = APIRouter(prefix="/v1/plans", tags=["plans"])
 
 
-def _order(query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
+async def _order(query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
     return query.order
 
 
@@ -79,6 +81,7 @@ async def post_plan(
     body = await read_body(request, settings.max_body_bytes, settings)
     intake, webhooks = intake_of(request), webhooks_of(request)
 
+<<<<<<< HEAD
     def submit() -> tuple[PlanResource, list[ProblemItem]]:
         sent = parse_json(body)
 
@@ -90,6 +93,15 @@ async def post_plan(
         return plans.submit(sent, accepted, key, order), warnings_of(sent)
 
     plan, warnings = await run_in_threadpool(submit)
+=======
+    def accepted(sent: Any) -> dict[str, Any]:
+        if order.webhook_id is not None:
+            webhooks.require_usable(order.webhook_id)
+        return intake(sent)
+
+    plan, is_new = await plans.submit(partial(parse_json, body), accepted, key, order, address_of(request))
+    setattr(request.state, KEPT, is_new)
+>>>>>>> 5e7b01664098667007a240f11a28ed5977b611aa
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))

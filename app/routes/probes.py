@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 
 from app.errors import NotReady
-from app.metrics import PROCESS_METRICS, ServiceMetrics
+from app.metrics import ServiceMetrics, process_metrics
 from app.resources.plan_collection import PlanCollection
 from workers.engine.supervisor import Supervisor
 from workers.stores.database import Database
@@ -42,6 +42,6 @@ def metrics(request: Request) -> Response:
     registry = CollectorRegistry()
     depth = plans.queue.depth(request.app.state.settings.max_queued)
     registry.register(ServiceMetrics(depth, plans.store.outcome_counts(), plans.store.totals()))
-    for collector in PROCESS_METRICS:
+    for collector in process_metrics():
         registry.register(collector)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -104,7 +104,7 @@ def get_study_page() -> Response:
 @router.get("/viewer/scene/{key}/", include_in_schema=False)
 def get_scene_page(key: str, servers: Annotated[SceneServers, Depends(_scene_servers)]) -> Response:
     """Return viser's own page, which draws the scene of a watcher."""
-    if servers.server(key) is None:
+    if servers.address(key) is None:
         raise HTTPException(404, "this scene is closed")
     return FileResponse(_viser_page(), media_type="text/html", headers={"Cache-Control": "max-age=86400"})
 
@@ -126,8 +126,8 @@ async def watch_plans(socket: WebSocket) -> None:
 @router.websocket("/viewer/scene/{key}")
 async def watch_scene(socket: WebSocket, key: str) -> None:
     """Relay the scene of a watcher."""
-    server = socket.app.state.scene_servers.server(key)
-    await (socket.close(POLICY_VIOLATION, "this scene is closed") if server is None else relay_scene(socket, server))
+    address = socket.app.state.scene_servers.address(key)
+    await (socket.close(POLICY_VIOLATION, "this scene is closed") if address is None else relay_scene(socket, address))
 
 
 async def visible_now(socket: WebSocket) -> Visible:

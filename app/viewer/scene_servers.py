@@ -7,6 +7,8 @@ connection drops finds the scene as it was.
 from __future__ import annotations
 
 import gzip
+import os
+import re
 import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -44,6 +46,7 @@ PICTURES_PER_SECOND = 30.0
 MOST_PICTURES = 3000
 """A longer plan is recorded with fewer pictures a second."""
 LOOPBACK = "127.0.0.1"
+KEY = re.compile(r"[A-Za-z0-9_-]{24}")
 
 
 @dataclass(frozen=True)
@@ -232,9 +235,16 @@ class SceneServer:
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
-    def __init__(self, cells: dict[str, Cell], folder: Path) -> None:
+    def __init__(self, cells: dict[str, Cell], folder: Path, addresses: Path) -> None:
+        """Take the cells, where drawings of their robots are kept, and where all processes of a service find scenes."""
         self.cells = cells
         """Of which there are drawings, by name."""
+        addresses.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._addresses = addresses
+        for left in addresses.iterdir():
+            # Of a process that was killed.
+            if self.address(left.name) is None:
+                left.unlink(missing_ok=True)
         self._meshes = LinkMeshes(folder)
         self._servers: dict[str, SceneServer] = {}
         self._recorders = CapacityLimiter(1)
@@ -249,16 +259,25 @@ class SceneServers:
             raise TooManyWatchers(MOST_SERVERS)
         server = await run_in_threadpool(SceneServer)
         self._servers[server.key] = server
+        (self._addresses / server.key).write_text(f"{os.getpid()} {server.address}")
         return server
 
     async def leave(self, server: SceneServer) -> None:
         """Close a server."""
         self._servers.pop(server.key, None)
+        (self._addresses / server.key).unlink(missing_ok=True)
         await run_in_threadpool(server.close)
 
-    def server(self, key: str) -> SceneServer | None:
-        """Return the server of a key."""
-        return self._servers.get(key)
+    def address(self, key: str) -> str | None:
+        """Return where the scene of a key is served, by whichever process its watcher came to; None: it is closed."""
+        if not KEY.fullmatch(key):
+            return None
+        try:
+            process, _, address = (self._addresses / key).read_text().partition(" ")
+            os.kill(int(process), 0)
+        except (FileNotFoundError, ProcessLookupError, ValueError):
+            return None
+        return address
 
     def set_detail(self, server: SceneServer, detail: Detail) -> None:
         """Have a server draw so much from now on, and a cell at once where it shows nothing yet. Blocks."""

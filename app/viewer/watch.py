@@ -246,12 +246,12 @@ async def _answer(
     return {"type": "done", "request": request.type}
 
 
-async def relay_scene(socket: WebSocket, server: SceneServer) -> None:
+async def relay_scene(socket: WebSocket, address: str) -> None:
     """Pass a scene on to the browser until either side goes away."""
     protocols = [websockets.Subprotocol(name) for name in socket.scope["subprotocols"]]
     try:
         async with websockets.connect(
-            server.address, subprotocols=protocols or None, max_size=None, compression=None, proxy=None
+            address, subprotocols=protocols or None, max_size=None, compression=None, proxy=None
         ) as scene:
             await socket.accept(scene.subprotocol)
             async with anyio.create_task_group() as tasks:

@@ -142,6 +142,11 @@ class Cell:
         return (*itertools.chain.from_iterable(on_arms), *self.bodies)
 
     @cached_property
+    def body_names(self) -> frozenset[str]:
+        """Names of links, hands and the cell's own bodies."""
+        return frozenset(body.name for body in self.collision_bodies())
+
+    @cached_property
     def excluded_pairs(self) -> frozenset[tuple[str, str]]:
         """Sorted pairs of names that are never checked.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -18,6 +19,9 @@ from planners.scene.body import Body
 
 _IDENTITY = np.eye(4)
 _ROUNDING = 1e-9
+AT_START = "at the start"
+MOST_STARTS = 32
+"""So many starts of arms in cells are remembered, those that were asked for last [1]."""
 TOUCHING = 1e-3
 """Two bodies that are no deeper in one another touch [m]; as far as a resting body may be off what carries it."""
 
@@ -77,11 +81,40 @@ def arm_frames(cell: Cell, positions: Array) -> dict[str, Transform]:
     return frames
 
 
-def placed_arms(cell: Cell, positions: Array, widths: dict[str, float]) -> list[PlacedBody]:
-    """Place the bodies of both arms and hands at joint `positions` (12,) [rad] and finger openings `widths` [m]."""
-    frames = arm_frames(cell, positions)
-    moving = (body for body in cell.collision_bodies(widths) if body.frame != "world")
-    return [placed_body(body, frames[body.frame], "/start_positions") for body in moving]
+@dataclass(frozen=True, eq=False)
+class CellAtStart:
+    """A cell with its arms where tasks start: the same for most tasks, and half of what is to be checked of each."""
+
+    fixed: tuple[PlacedBody, ...]
+    """The cell's own bodies."""
+    arms: tuple[PlacedBody, ...]
+    """Links and hands of both arms."""
+    overlap: tuple[PlacedBody, PlacedBody] | None
+    """The first pair of these, one of an arm, that touches or overlaps and may not."""
+
+    @staticmethod
+    def of(cell: Cell, positions: Array, widths: Mapping[str, float]) -> CellAtStart:
+        """Place both arms and hands at joint `positions` (12,) [rad] and finger openings `widths` [m], by arm."""
+        return _cell_at_start(cell, tuple(positions.tolist()), tuple(sorted(widths.items())))
+
+    def refuse_overlaps(self) -> None:
+        """Check the arms against the cell, and against one another.
+
+        Raises:
+            BodiesOverlap: for the first pair that touches or overlaps.
+        """
+        if self.overlap is not None:
+            raise BodiesOverlap(*self.overlap, AT_START)
+
+
+@lru_cache(maxsize=MOST_STARTS)
+def _cell_at_start(cell: Cell, positions: tuple[float, ...], widths: tuple[tuple[str, float], ...]) -> CellAtStart:
+    frames = arm_frames(cell, np.array(positions))
+    moving = (body for body in cell.collision_bodies(dict(widths)) if body.frame != "world")
+    arms = tuple(placed_body(body, frames[body.frame], "/start_positions") for body in moving)
+    fixed = tuple(placed_body(body, np.eye(4), None) for body in cell.bodies)
+    apart = first_overlap(arms, fixed, cell.excluded_pairs)
+    return CellAtStart(fixed, arms, apart or first_overlap(arms, arms, cell.excluded_pairs))
 
 
 def raised(body: PlacedBody, height: float) -> PlacedBody:
@@ -95,7 +128,7 @@ def refuse_overlaps(
     group: Sequence[PlacedBody],
     others: Sequence[PlacedBody],
     allowed: Container[tuple[str, str]] = (),
-    when: str = "at the start",
+    when: str = AT_START,
 ) -> None:
     """Check every body of one group against every body of another.
 
@@ -125,7 +158,7 @@ def refuse_inside(
     bodies: Sequence[PlacedBody],
     cell: Sequence[PlacedBody],
     excess: Mapping[str, float],
-    when: str = "at the start",
+    when: str = AT_START,
 ) -> None:
     """Check that bodies that a task places do not reach into what belongs to the cell; they may touch it.
 
@@ -142,9 +175,17 @@ def refuse_inside(
         BodyInCell: for the first pair, in the order given, that is deeper in one another than `TOUCHING`.
     """
     for body, part in _near(bodies, cell, 0.0):
-        deep = depth(body, part)
-        if deep > TOUCHING + excess.get(body.name, 0.0) + _ROUNDING:
+        allowed = TOUCHING + excess.get(body.name, 0.0) + _ROUNDING
+        if _box_depth(body, part) > allowed and (deep := depth(body, part)) > allowed:
             raise BodyInCell(body, part, deep, when)
+
+
+def _box_depth(a: PlacedBody, b: PlacedBody) -> float:
+    """Return the shortest way along an axis by which the box around a body gets out of the other's [m].
+
+    The bodies get out of one another by it too: they are no deeper in one another.
+    """
+    return float(min((a.highest - b.lowest).min(), (b.highest - a.lowest).min()))
 
 
 def depth(a: PlacedBody, b: PlacedBody) -> float:

@@ -21,7 +21,7 @@ from planners.geometry import polygon
 from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.scene.body import Body, PlateBody
-from planners.scene.clashes import placed_arms, placed_at_start, placed_body, refuse_inside, refuse_overlaps
+from planners.scene.clashes import CellAtStart, placed_at_start, refuse_inside, refuse_overlaps
 from planners.scene.lift_placements import (
     GivenGrip,
     GivenPush,
@@ -195,14 +195,13 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
 
     The plate, the cup, the cable and the arms must be clear of all but what they rest on.
     """
-    cell = scene.cell
-    fixed = [placed_body(body, np.eye(4), None) for body in cell.bodies]
+    still = CellAtStart.of(scene.cell, scene.start_positions, scene.start_widths)
+    fixed, arms = still.fixed, still.arms
     obstacles = [placed_at_start(body, f"/obstacles/{i}/pose") for i, body in enumerate(scene.obstacles)]
     support = [] if scene.support is None else [placed_at_start(scene.support, "/support/pose")]
     plate = [placed_at_start(scene.plate, "/plate_pose")]
     cup = [placed_at_start(scene.cup.body, "/cup/position")]
     cable = [placed_at_start(scene.cup.cable, "/cup/position")]
-    arms = placed_arms(cell, scene.start_positions, scene.start_widths)
     resting = {sorted_pair("plate", scene.support_name)}
     excess = {body.name: body.solid.excess for body in scene.bodies()}
     refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess)
@@ -210,5 +209,4 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     refuse_overlaps(cup, [*fixed, *support, *obstacles])
     refuse_overlaps(cable, obstacles)
     refuse_overlaps(arms, [*plate, *cup, *cable, *support, *obstacles])
-    refuse_overlaps(arms, fixed, cell.excluded_pairs)
-    refuse_overlaps(arms, arms, cell.excluded_pairs)
+    still.refuse_overlaps()

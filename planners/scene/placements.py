@@ -63,7 +63,7 @@ def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> None:
     Raises:
         SceneError: at the first name that is taken.
     """
-    taken = RESERVED_NAMES | {body.name for body in cell.collision_bodies()}
+    taken = RESERVED_NAMES | cell.body_names
     seen: set[str] = set()
     for name, pointer in named:
         if name in taken:

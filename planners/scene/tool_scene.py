@@ -11,7 +11,7 @@ from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions,
 from planners.errors import SceneError
 from planners.geometry.pose import Array
 from planners.scene.body import Body
-from planners.scene.clashes import placed_arms, placed_at_start, refuse_inside, refuse_overlaps
+from planners.scene.clashes import CellAtStart, placed_at_start, refuse_inside, refuse_overlaps
 from planners.scene.moved_object import MovedObject
 from planners.scene.placements import check_names, find_cell, place_obstacle, start_positions
 from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
@@ -136,12 +136,12 @@ def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> No
     """
     moved = [placed_at_start(one.body, f"/objects/{i}/pose") for i, one in enumerate(scene.objects)]
     tool = placed_at_start(scene.tool.body, "/tool_pose")
-    arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
+    at_start = CellAtStart.of(scene.cell, scene.start_positions, scene.start_widths)
     supports = {one.name: one.start_supports for one in scene.objects} | {TOOL_NAME: scene.tool.supports}
     excess = still.excess | {body.name: body.solid.excess for body in scene.bodies()}
     standing = [*moved, tool]
     obstacles = [body for body in still.bodies if body not in still.cell]
     refuse_inside([*standing, *obstacles], still.cell, excess)
     refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, "at the start")
-    refuse_overlaps(arms, [*standing, *still.bodies], scene.cell.excluded_pairs)
-    refuse_overlaps(arms, arms, scene.cell.excluded_pairs)
+    refuse_overlaps(at_start.arms, [*standing, *obstacles])
+    at_start.refuse_overlaps()

@@ -70,7 +70,7 @@ def test_what_a_task_names_may_be_gone_when_it_is_repeated(
     def nothing_is_there(*_: Any, **__: Any) -> None:
         raise SceneError("/scene_id", "there is no such scene")
 
-    monkeypatch.setattr(task_intake, "build_scene", nothing_is_there)
+    monkeypatch.setattr(task_intake, "with_scene", nothing_is_there)
     assert post(client, task(), "another").status_code == 422
     again = post(client, task(), "gone")
     assert (again.status_code, again.json().get("id")) == (202, first["id"])

@@ -12,7 +12,8 @@ from workers.engine.housekeeping import count_failures
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
-from workers.stores.plan_store import PlanStore
+from workers.stores.plan_store import PlanStore, Room
+from workers.stores.plan_writer import PlanWriter
 from workers.stores.totals import FAILURE
 
 JOBS = workflow_table("sqlite")
@@ -62,7 +63,8 @@ def test_a_plan_looks_the_same_before_and_after_it_is_counted(
 ) -> None:
     plan_id = store.accept(task(), None, queue).id
     end(database, plan_id, "MAX_RECOVERY_ATTEMPTS_EXCEEDED", ended_ms)
-    desk = PlanCollection(store, queue, 10, 10, ANYBODY)
+    room = Room(10, 10)
+    desk = PlanCollection(store, queue, PlanWriter(store, queue, room), room, ANYBODY)
     before = desk.plan(plan_id)
     assert before.finished_at is not None
     count_failures(store)

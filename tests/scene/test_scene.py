@@ -21,7 +21,7 @@ from planners.errors import SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape
 from planners.geometry.pose import frame_from_z, from_pose7, rotation_angle
 from planners.planning import stated_bodies
-from planners.scene.clashes import BodiesOverlap, BodyInCell, depth, gap, placed_arms, placed_body
+from planners.scene.clashes import BodiesOverlap, BodyInCell, CellAtStart, depth, gap, placed_body
 from planners.scene.scene import build_scene
 
 ALL_TASKS = sorted((Path(__file__).parents[2] / "assets/tasks").glob("*.json"))
@@ -148,7 +148,7 @@ def as_fcl(shape):
 
 def test_a_block_overlaps_at_the_start_exactly_when_fcl_says_so(build):
     scene = build(AB1)
-    arms = placed_arms(scene.cell, scene.start_positions, scene.start_widths)
+    arms = CellAtStart.of(scene.cell, scene.start_positions, scene.start_widths).arms
     placed = [body.collision_body_in_world() for body in scene.bodies()]
     others = [as_fcl(shape) for body in [*arms, *placed] for shape in body.shapes]
     rng = np.random.default_rng(0)

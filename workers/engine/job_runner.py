@@ -129,8 +129,7 @@ class JobRunner:
 
         limit = self._settings.solver_seconds
         try:
-            async with asyncio.timeout(limit):
-                return await self._solve(plan_id, request, show)
+            return await self._solve(plan_id, request, show)
         except TimeoutError:
             raise JobFailed(
                 f"the solver was stopped after {limit:g} s, the longest it may take (LIFTWRIGHT_SOLVER_SECONDS)", "time"
@@ -149,7 +148,7 @@ class JobRunner:
             await self._wait_for_the_end()
         # An earlier run of the same job in this process has lost it: only the newest may have a solver.
         self.leave(plan_id)
-        solving = asyncio.create_task(self._pool.solve(request, show))
+        solving = asyncio.create_task(self._pool.solve(request, show, self._settings.solver_seconds))
         self._solving[plan_id] = solving
         try:
             return await solving
@@ -159,7 +158,7 @@ class JobRunner:
             if solving in self._left:
                 raise JobLeft(plan_id) from None
             solving.cancel()
-            # The process must be gone before anybody is told that the time was up.
+            # Its process must be gone before whoever has cancelled this goes on.
             await asyncio.wait([solving])
             raise
         finally:

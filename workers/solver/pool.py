@@ -1,8 +1,4 @@
-"""The worker's side of solver processes: each job has one to itself, and one waits warm for the next.
-
-A process that has planned ends. One that has proven a task infeasible has searched for nothing, and takes further jobs
-until its successor is ready: otherwise each of many such tasks would wait for a start that takes far longer than they.
-"""
+"""The worker's side of solver processes: one for each slot, which has a fork of its own work on each job."""
 
 from __future__ import annotations
 
@@ -27,8 +23,14 @@ from workers.stores.plan_store import PackedDocument
 READY_SECONDS = 300.0
 """A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""
 
+GONE_SECONDS = 5.0
+"""So long it is waited for forks of a process that was killed [s]."""
+
 START_PAUSES_SECONDS = (0.5, 2.0)
 """A machine that is short of memory or processes is given so long before a start is tried again [s]."""
+
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Libraries of linear algebra keep threads otherwise, which a process that forks must not have."""
 
 OnReport = Callable[[Report], Awaitable[None]]
 OnPoint = Callable[[dict[str, object]], Awaitable[None]]
@@ -70,8 +72,6 @@ class SolverProcess:
         assert process.stdout is not None
         self._process, self._stdin, self._stdout = process, process.stdin, process.stdout
         self._ready = False
-        self.again = False
-        """Whether it has answered, and waits for another request."""
 
     @classmethod
     async def start(cls, command: SolverCommand) -> Self:
@@ -83,7 +83,7 @@ class SolverProcess:
         try:
             process = await asyncio.create_subprocess_exec(
                 *command.words,
-                env={**os.environ, **command.environment},
+                env={**os.environ, **ONE_THREAD, **command.environment},
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 process_group=0,
@@ -120,14 +120,14 @@ class SolverProcess:
             self._ready = True
 
     async def solve(self, request: SolverRequest, on_report: OnReport) -> PackedDocument:
-        """Hand over a request and wait for its document. Unless it is to be asked again, the process ends by itself.
+        """Hand over a request and wait for its document; then, or after a fault, the process gets ready again.
 
         Raises:
             SolverDied: It ended before.
             SolverFault: It says why there is none.
         """
         await self.ready()
-        self.again = False
+        self._ready = False
         await self._send(request)
         while True:
             message = await self._receive()
@@ -166,6 +166,11 @@ class SolverProcess:
             os.killpg(self.pid, signal.SIGKILL)
         self._stdin.close()
         await self._process.wait()
+        # A fork of it has the same stdout, and may take a moment longer to be gone.
+        with suppress(TimeoutError):
+            async with asyncio.timeout(GONE_SECONDS):
+                while await self._stdout.read(2**16):
+                    pass
 
     async def _receive(self) -> Message:
         try:
@@ -190,76 +195,90 @@ class SolverProcess:
             packed = await self._stdout.readexactly(header["size"])
         except asyncio.IncompleteReadError:
             raise SolverDied.with_code(await self._process.wait()) from None
-        self.again = header.get("again", False)
         return PackedDocument(header["outcome"], header["sha256"], packed, header["stages"])
 
 
 class SolverPool:
-    """Keeps one waiting child per slot, so that a job does not wait for imports and compiled kernels."""
+    """Keeps one child per slot, so that a job does not wait for imports and compiled kernels."""
 
     def __init__(self, command: SolverCommand, slots: int) -> None:
         self._command, self._slots = command, slots
         self._waiting: deque[asyncio.Task[SolverProcess | None]] = deque()
-        """One per slot, oldest first; the result is None if the child failed to get ready."""
-        self._again: list[SolverProcess] = []
-        """Children that have answered and take further jobs, at most as many as waiting ones are not ready yet."""
-        self._ending: set[asyncio.Task[None]] = set()
-        """Of such children, whose successors have become ready."""
+        """Those that do not work on a job; the result is None if the child failed to get ready."""
+        self._working = 0
+        """Jobs that have a child, or wait for one."""
+        self._closed = False
 
     async def open(self) -> None:
-        """Start the waiting children and wait until they are ready, or have failed to be."""
+        """Start the children and wait until they are ready, or have failed to be."""
         for _ in range(self._slots):
-            self._start_one()
+            self._get_ready(None)
         await asyncio.wait(self._waiting)
 
     async def close(self) -> None:
-        """End all waiting children."""
+        """End all children that wait; those that work end with their jobs."""
+        self._closed = True
         waiting = list(self._waiting)
         self._waiting.clear()
-        self._end_surplus()
-        await asyncio.gather(*map(_give_up, waiting), *self._ending)
+        await asyncio.gather(*map(_give_up, waiting))
 
-    async def solve(self, request: SolverRequest, on_report: OnReport) -> PackedDocument:
+    async def solve(
+        self, request: SolverRequest, on_report: OnReport, most_seconds: float | None = None
+    ) -> PackedDocument:
         """Solve one request in a process that works on nothing else; when this is cancelled, the process is gone.
+
+        Args:
+            request: what is to be solved.
+            on_report: told of progress.
+            most_seconds: so long the solver may take, from when it is ready [s]; None: as long as it likes.
 
         Raises:
             SolverDied: The process ended before.
             SolverFault: The solver says why there is no document.
+            TimeoutError: It took too long, and its process is gone.
         """
-        child = await self._take()
+        self._working += 1
+        child: SolverProcess | None = None
+        answered = False
         try:
-            return await child.solve(request, on_report)
+            child = await self._take()
+            await _wait_until_ready(child)
+            async with asyncio.timeout(most_seconds):
+                document = await child.solve(request, on_report)
+            answered = True
+            return document
+        except SolverFault:
+            answered = child is not None and child.alive
+            raise
         finally:
-            if child.again and len(self._again) < self._unready:
-                self._again.append(child)
-            else:
+            self._working -= 1
+            wanted = not self._closed and len(self._waiting) + self._working < self._slots
+            if child is not None and not (answered and wanted):
                 await child.kill()
-
-    @property
-    def _unready(self) -> int:
-        """How many of the waiting children are not ready yet."""
-        return sum(not each.done() for each in self._waiting)
+            if wanted:
+                self._get_ready(child if answered else None)
 
     async def _take(self) -> SolverProcess:
-        """Return the child that has waited longest, and have its successor get ready while it works."""
-        while self._again:
-            # Its successor was started when it was taken first.
-            child = self._again.pop()
-            if child.alive:
+        """Return a child that is ready, or the one that will be soonest."""
+        ready = next((each for each in self._waiting if each.done()), None)
+        if ready is not None:
+            self._waiting.remove(ready)
+        soonest = ready or (self._waiting.popleft() if self._waiting else None)
+        if soonest is not None:
+            try:
+                child = await asyncio.shield(soonest)
+            except asyncio.CancelledError:
+                if self._closed:
+                    await _give_up(soonest)
+                else:
+                    # Others may still want it.
+                    self._waiting.append(soonest)
+                raise
+            if child is not None and child.alive:
                 return child
-            await child.kill()
-        oldest = self._waiting.popleft()
-        self._start_one()
-        try:
-            child = await asyncio.shield(oldest)
-        except asyncio.CancelledError:
-            await _give_up(oldest)
-            raise
-        if child is not None and child.alive:
-            return child
+            if child is not None:
+                await child.kill()
         # It failed while nobody looked: one that this job starts itself tells the job what is wrong.
-        if child is not None:
-            await child.kill()
         return await self._start_despite_shortage()
 
     async def _start_despite_shortage(self) -> SolverProcess:
@@ -271,33 +290,39 @@ class SolverPool:
             await asyncio.sleep(pause)
         return await SolverProcess.start(self._command)
 
-    def _start_one(self) -> None:
-        starting = asyncio.create_task(self._get_ready())
-        starting.add_done_callback(self._end_surplus)
-        self._waiting.append(starting)
+    def _get_ready(self, child: SolverProcess | None) -> None:
+        """Wait for a child that has answered, or for a new one."""
+        self._waiting.append(asyncio.create_task(self._made_ready(child)))
 
-    def _end_surplus(self, _: object = None) -> None:
-        """End children that have answered and have a successor that is ready, or failed to be."""
-        while len(self._again) > self._unready:
-            ending = asyncio.create_task(self._again.pop().kill())
-            ending.add_done_callback(self._ending.discard)
-            self._ending.add(ending)
-
-    async def _get_ready(self) -> SolverProcess | None:
+    async def _made_ready(self, child: SolverProcess | None) -> SolverProcess | None:
+        if child is not None and await _becomes_ready(child):
+            return child
         try:
             child = await SolverProcess.start(self._command)
         except SolverDied:
             return None
-        try:
-            async with asyncio.timeout(READY_SECONDS):
-                await child.ready()
-        except (SolverDied, SolverFault, TimeoutError):
-            await child.kill()
-            return None
-        except asyncio.CancelledError:
-            await child.kill()
-            raise
-        return child
+        return child if await _becomes_ready(child) else None
+
+
+async def _becomes_ready(child: SolverProcess) -> bool:
+    """Wait until a child is ready; one that fails to be is gone."""
+    try:
+        await _wait_until_ready(child)
+    except (SolverDied, SolverFault):
+        await child.kill()
+        return False
+    except asyncio.CancelledError:
+        await child.kill()
+        raise
+    return True
+
+
+async def _wait_until_ready(child: SolverProcess) -> None:
+    try:
+        async with asyncio.timeout(READY_SECONDS):
+            await child.ready()
+    except TimeoutError:
+        raise SolverDied(f"the solver process was not ready after {READY_SECONDS:g} s") from None
 
 
 async def _give_up(waiting: asyncio.Task[SolverProcess | None]) -> None:

@@ -1,23 +1,29 @@
-"""The child's side: one process that waits for a task, solves it, hands the document over, and ends.
+"""The child's side: one process that has everything loaded, and forks another one for each task.
 
-Only where the task was proven infeasible, which takes no search and leaves nothing behind, it waits for another one.
-It has a process group of its own. When its stdin closes the worker has died, and the whole group kills itself.
+The fork solves the task, hands the document over, and ends; what it leaves behind ends with it. It costs milliseconds
+where a start takes seconds, and nothing of a task is there when the next one is begun. No thread lives at the fork, for
+what one of them was doing would never be done in the fork.
+The process leads a process group, to which its forks belong. When its stdin closes the worker has died, and the whole
+group is killed; the kernel kills a fork whose parent has died.
 """
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import gzip
 import hashlib
 import json
 import os
 import resource
+import select
 import signal
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
@@ -32,6 +38,8 @@ if TYPE_CHECKING:
 
 REPORT_SECONDS = 0.05
 """Least time between two reports of stages that have begun [s]: reports must not slow the work down."""
+THREAD_END_SECONDS = 1.0
+"""So long a thread that has done its work may take to be gone [s]."""
 COMPILE = "--compile"
 """Argument with which the process only compiles what is not compiled yet of the parts that follow."""
 PARTS = ("plate_lift", "suction_tool")
@@ -41,6 +49,10 @@ GZIP_LEVEL = 3
 
 Solve = Callable[[SolverRequest, Progress], Answer]
 """Answers a request, telling its progress."""
+
+
+class ThreadsAlive(LiftwrightError):
+    """A process is to fork that has threads, of which the fork would have none."""
 
 
 class Channel:
@@ -112,14 +124,132 @@ def _memory_limit() -> str:
 
 
 def main(prepare: Callable[[], Solve]) -> None:
-    """Get ready and solve what is requested, until something was searched for."""
+    """Get ready, and have a fork solve each task that is requested."""
     channel = Channel()
-    requests = listen_to_the_worker()
     with ReportedFaults(channel):
-        solve = prepare()
+        with _dying_with_the_worker():
+            solve = prepare()
+        _adopt_orphans()
         tell_ready(channel)
-        while _answer(solve, json.loads(requests.get()), channel):
-            gc.collect()
+        for request in _requests():
+            status = _forked(lambda task=request: _answer_one(solve, task, channel))
+            if status != 0:
+                # The worker sees an end without an answer, as it was.
+                _end_as(status)
+            channel.send({"ready": True})
+
+
+def _answer_one(solve: Solve, request: bytes, channel: Channel) -> None:
+    with ReportedFaults(channel):
+        _answer(solve, json.loads(request), channel)
+
+
+def _forked(work: Callable[[], None]) -> int:
+    """Have a fork of this process do some work, and return its wait status when it and all it has started are gone."""
+    _require_one_thread()
+    parent = os.getpid()
+    child = os.fork()
+    if child == 0:
+        _die_with(parent)
+        code = 1
+        with suppress(BaseException):
+            work()
+            code = 0
+        os._exit(code)
+    ended = os.pidfd_open(child)
+    try:
+        poll = select.poll()
+        poll.register(ended, select.POLLIN)
+        # That the other end is closed is told unasked; nobody writes there meanwhile.
+        poll.register(sys.stdin.fileno(), 0)
+        if any(descriptor != ended for descriptor, _ in poll.poll()):
+            _die_with_the_worker()
+    finally:
+        os.close(ended)
+    _, status = os.waitpid(child, 0)
+    _end_orphans()
+    return status
+
+
+def _require_one_thread() -> None:
+    deadline = time.monotonic() + THREAD_END_SECONDS
+    while (alive := len(os.listdir("/proc/self/task"))) > 1:
+        if time.monotonic() > deadline:
+            named = ", ".join(thread.name for thread in threading.enumerate())
+            raise ThreadsAlive(f"{alive} threads live in a process that is to fork (of Python's: {named})")
+        time.sleep(0.001)
+
+
+def _end_orphans() -> None:
+    """Kill whatever a fork has started and left behind, and what that has left behind."""
+    with suppress(ChildProcessError):
+        while True:
+            os.waitpid(-1, os.WNOHANG)
+            for orphan in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split():
+                os.kill(int(orphan), signal.SIGKILL)
+                os.waitpid(int(orphan), 0)
+
+
+def _adopt_orphans() -> None:
+    """Have what a fork leaves behind be this process's child (prctl(2), PR_SET_CHILD_SUBREAPER)."""
+    _prctl(36, 1)
+
+
+def _die_with(parent: int) -> None:
+    """Have the kernel kill this process when its parent dies (prctl(2), PR_SET_PDEATHSIG)."""
+    _prctl(1, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _prctl(option: int, value: int) -> None:
+    if ctypes.CDLL(None, use_errno=True).prctl(option, ctypes.c_ulong(value), 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+
+
+def _end_as(status: int) -> None:
+    """End by the signal, or with the exit code, by which a fork has ended."""
+    if os.WIFSIGNALED(status):
+        number = os.WTERMSIG(status)
+        # No core of this process: it is none of its faults.
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        with suppress(OSError):
+            signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+    os._exit(os.waitstatus_to_exitcode(status) % 256)
+
+
+def _requests() -> Iterator[bytes]:
+    """Yield the lines of stdin; end when the worker is gone."""
+    line = bytearray()
+    while chunk := os.read(sys.stdin.fileno(), 65536):
+        line += chunk
+        if line.endswith(b"\n"):
+            yield bytes(line)
+            line.clear()
+
+
+@contextmanager
+def _dying_with_the_worker() -> Iterator[None]:
+    """Kill the group if stdin closes meanwhile, whatever is going on; nothing is read, and no thread is left after."""
+    read, write = os.pipe()
+
+    def watch() -> None:
+        poll = select.poll()
+        # That the other end is closed is told unasked.
+        poll.register(sys.stdin.fileno(), 0)
+        poll.register(read, 0)
+        if any(descriptor != read for descriptor, _ in poll.poll()):
+            _die_with_the_worker()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        os.close(write)
+        watcher.join()
+        os.close(read)
 
 
 def tell_ready(channel: Channel) -> None:
@@ -130,8 +260,8 @@ def tell_ready(channel: Channel) -> None:
     channel.send({"ready": True})
 
 
-def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> bool:
-    """Hand over the document of a request; return whether there may be another one."""
+def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
+    """Hand over the document of a request."""
     answer = solve(request, ThrottledReports(channel))
     packed = gzip.compress(answer.document, GZIP_LEVEL, mtime=0)
     header: DocumentHeader = {
@@ -139,10 +269,8 @@ def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> bool:
         "sha256": hashlib.sha256(answer.document).hexdigest(),
         "size": len(packed),
         "stages": list(answer.stages),
-        "again": (again := answer.outcome == "infeasible"),
     }
     channel.send({"document": header}, packed)
-    return again
 
 
 def listen_to_the_worker() -> SimpleQueue[bytes]:

@@ -3,8 +3,8 @@
 Parent to child, on stdin: one request `{"id", "task", "meshes"}`. Stdin then stays open; that it closes means the
 parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
-`{"document": {outcome, sha256, size, stages, again}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
-Then the child ends, unless it has said that it can be asked `again`.
+`{"document": {outcome, sha256, size, stages}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`. Then the
+child is ready for the next request, and says so, or it ends.
 
 A process that examines points of studies is asked `{"study", "points", "meshes"}`, answers with `{"point": …}` for
 each, then with `{"examined": true}`, and waits for the next request.
@@ -58,8 +58,6 @@ class DocumentHeader(TypedDict):
     size: int
     stages: list[tuple[str, float]]
     """As in the answer."""
-    again: NotRequired[bool]
-    """Whether the process waits for another request."""
 
 
 class StudyRequest(TypedDict):

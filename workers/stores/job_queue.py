@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time
+import uuid
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +21,7 @@ from workers.stores.jobs import (
     STATE_OF_STATUS,
     Job,
     JobState,
+    input_table,
     together,
     workflow_table,
 )
@@ -35,6 +38,8 @@ DELIVERY_POLL_SECONDS = 0.5
 APPLICATION = "liftwright"
 APPLICATION_VERSION = "1"
 """Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
+PORTABLE_JSON = "portable_json"
+"""What the engine writes for `WorkflowSerializationFormat.PORTABLE`."""
 STUDY_ID_LENGTH = 32
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
@@ -55,6 +60,18 @@ class Depth:
         return self.queued + self.running
 
 
+@dataclass(frozen=True)
+class NewJob:
+    """A job that is to be enqueued. Times are microseconds since 1970, UTC."""
+
+    plan_id: str
+    created_us: int
+    priority: int = 0
+    """0 … 9; the highest goes first, and of equal ones the oldest."""
+    start_us: int | None = None
+    """Before which it may not be begun; None: at once."""
+
+
 class JobQueue:
     """Jobs are named by their plan's id. A database that is gone is an error at once, never a wait."""
 
@@ -64,6 +81,7 @@ class JobQueue:
         )
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
+        self._inputs = input_table(database.engine.dialect.name)
 
     def close(self) -> None:
         """Give all connections back."""
@@ -85,20 +103,41 @@ class JobQueue:
             on_conflict="always_update",
         )
 
-    def enqueue(self, transaction: sa.Connection, plan_id: str, priority: int = 0, pause: float = 0.0) -> None:
-        """Enqueue a job, to be begun after a pause [s]; it exists when `transaction` commits."""
-        options: EnqueueOptions = {
-            "workflow_name": WORKFLOW,
-            "queue_name": QUEUE,
-            "workflow_id": plan_id,
-            "app_version": APPLICATION_VERSION,
-            "serialization_type": WorkflowSerializationFormat.PORTABLE,
-            # The engine's count goes the other way, from 1.
-            "priority": 1 + HIGHEST_PRIORITY - priority,
-        }
-        if pause > 0.0:
-            options["delay_seconds"] = pause
-        self._client.enqueue_in_transaction(transaction, options, plan_id)
+    def enqueue(self, transaction: sa.Connection, jobs: Sequence[NewJob]) -> None:
+        """Enqueue jobs; they exist when `transaction` commits.
+
+        The rows are written here, as the engine would write them: it takes one job at a time, each with two statements
+        that it compiles anew.
+        """
+        rows = [
+            {
+                "workflow_uuid": job.plan_id,
+                "status": ENQUEUED if job.start_us is None else DELAYED,
+                "name": WORKFLOW,
+                "queue_name": QUEUE,
+                "application_name": APPLICATION,
+                "application_version": APPLICATION_VERSION,
+                "serialization": PORTABLE_JSON,
+                # The engine's count goes the other way, from 1.
+                "priority": 1 + HIGHEST_PRIORITY - job.priority,
+                "recovery_attempts": 0,
+                "creator_xid": str(uuid.uuid4()),
+                "delay_until_epoch_ms": None if job.start_us is None else job.start_us // 1000,
+                "created_at": job.created_us // 1000,
+                "updated_at": job.created_us // 1000,
+            }
+            for job in jobs
+        ]
+        inputs = [
+            {
+                "workflow_uuid": job.plan_id,
+                "inputs": json.dumps({"namedArgs": {}, "positionalArgs": [job.plan_id]}, separators=(",", ":")),
+                "retention_timestamp": job.created_us // 1000,
+            }
+            for job in jobs
+        ]
+        transaction.execute(sa.insert(self._jobs), rows)
+        transaction.execute(sa.insert(self._inputs), inputs)
 
     def enqueue_part(self, transaction: sa.Connection, study_id: str, part: int) -> None:
         """Enqueue one part of a study; it exists when `transaction` commits."""
@@ -183,20 +222,29 @@ class JobQueue:
         for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
             self._client.delete_workflow(workflow_id)
 
-    def depth(self, most: int) -> Depth:
+    def depth(self, most: int, transaction: sa.Connection | None = None) -> Depth:
         """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
         counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
-        return Depth(*self._database.rows(sa.select(*counts))[0])
+        query = sa.select(*counts)
+        rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
+        return Depth(*rows[0])
 
-    def positions(self, most: int) -> dict[str, int]:
-        """Return the places of the first `most` jobs that wait for a worker, by plan: 1 is the next to begin."""
+    def places(self, plan_ids: Sequence[str], most: int, transaction: sa.Connection | None = None) -> dict[str, int]:
+        """Return the places in the queue of those of `plan_ids` that are among the first `most` to wait for a worker.
+
+        1 is the next to begin. What others have not committed yet does not count; in `transaction`, what it has does.
+        """
+        order = (self._jobs.c.priority, self._jobs.c.created_at, self._jobs.c.workflow_uuid)
         waiting = (
-            sa.select(self._jobs.c.workflow_uuid)
+            sa.select(self._jobs.c.workflow_uuid, sa.func.row_number().over(order_by=order).label("place"))
             .where(self._jobs.c.queue_name == QUEUE, self._jobs.c.status == ENQUEUED)
-            .order_by(self._jobs.c.priority, self._jobs.c.created_at, self._jobs.c.workflow_uuid)
+            .order_by(*order)
             .limit(most)
+            .subquery()
         )
-        return {plan_id: place for place, plan_id in enumerate(self._database.column(waiting), start=1)}
+        query = sa.select(waiting.c.workflow_uuid, waiting.c.place).where(waiting.c.workflow_uuid.in_(plan_ids))
+        rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
+        return {row.workflow_uuid: row.place for row in rows}
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""

@@ -109,7 +109,14 @@ def workflow_table(dialect: str) -> sa.TableClause:
         "workflow_status",
         sa.column("workflow_uuid", sa.Text),
         sa.column("status", sa.Text),
+        sa.column("name", sa.Text),
         sa.column("queue_name", sa.Text),
+        sa.column("application_name", sa.Text),
+        sa.column("application_version", sa.Text),
+        sa.column("serialization", sa.Text),
+        sa.column("recovery_attempts", sa.BigInteger),
+        sa.column("creator_xid", sa.Text),
+        sa.column("delay_until_epoch_ms", sa.BigInteger),
         sa.column("executor_id", sa.Text),
         sa.column("owner_xid", sa.Text),
         sa.column("priority", sa.Integer),
@@ -117,5 +124,16 @@ def workflow_table(dialect: str) -> sa.TableClause:
         sa.column("started_at_epoch_ms", sa.BigInteger),
         sa.column("updated_at", sa.BigInteger),
         sa.column("completed_at", sa.BigInteger),
+        schema=POSTGRES_SCHEMA if dialect == "postgresql" else None,
+    )
+
+
+def input_table(dialect: str) -> sa.TableClause:
+    """Return the engine's table of what workflows are called with, as it is named on `sqlite` or `postgresql`."""
+    return sa.table(
+        "workflow_input",
+        sa.column("workflow_uuid", sa.Text),
+        sa.column("inputs", sa.Text),
+        sa.column("retention_timestamp", sa.BigInteger),
         schema=POSTGRES_SCHEMA if dialect == "postgresql" else None,
     )

@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from enum import Enum
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
+from planners.errors import LiftwrightError
 from workers.stores.database import Database
-from workers.stores.job_queue import JobQueue
+from workers.stores.job_queue import JobQueue, NewJob
 from workers.stores.jobs import (
     DELAYED,
     FAILED,
@@ -26,9 +28,21 @@ from workers.stores.jobs import (
     JobState,
     workflow_table,
 )
-from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, TOTALS, Position, newest_first, now_us
+from workers.stores.tables import (
+    AUDIT,
+    DOCUMENTS,
+    EVENTS,
+    PLANS,
+    TOTALS,
+    Position,
+    newest_first,
+    now_us,
+    stored_text,
+)
 from workers.stores.totals import FAILURE, SOLVER_DEATH, Total, add_to_total, count_document
 from workers.stores.webhook_store import expect_deliveries, forget_deliveries
+
+NO_ORDER = JobOrder()
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +139,117 @@ class StoredDocument:
     """Of the uncompressed JSON."""
 
 
+@dataclass(frozen=True, eq=False)
+class Submission:
+    """A task that was checked, with all that is to be stored of it."""
+
+    record: PlanRecord
+    """As it is once it is stored."""
+    row: Mapping[str, Any]
+    """Of the table of plans."""
+    order: JobOrder
+    audit: Mapping[str, Any] | None
+    """Row of the audit log; None: nothing is kept there."""
+    delayed: bool
+    """Whether its job may not be begun yet."""
+
+    @classmethod
+    def of(
+        cls,
+        task: Mapping[str, Any],
+        owner: str | None = None,
+        order: JobOrder = NO_ORDER,
+        idempotency_key: str | None = None,
+        sent_fingerprint: str | None = None,
+        audit: Callable[[str], Mapping[str, Any]] | None = None,
+    ) -> Self:
+        """Put together what is stored of a task; `audit` makes the row of the audit log, given the plan's id."""
+        plan_id, now = uuid.uuid4().hex, now_us()
+        shared = {
+            "id": plan_id,
+            "created_us": now,
+            "kind": task["kind"],
+            "external_id": stored_text(task.get("external_id")),
+            "owner": owner,
+            "sent_fingerprint": sent_fingerprint,
+            "attempts": 0,
+            "fraction": 0.0,
+            "work_master": stored_text(order.work_master),
+            "priority": order.priority,
+            "start_us": order.start_us,
+            "end_us": order.end_us,
+        }
+        row = {
+            **shared,
+            "idempotency_key": stored_key(idempotency_key, owner),
+            # For the version before, which compares this one.
+            "fingerprint": fingerprint(task),
+            "task": json.dumps(task),
+            "scene_id": task.get("scene_id"),
+        }
+        record = PlanRecord(**shared, started_us=None, finished_us=None, stage=None, outcome=None)
+        return cls(record, row, order, None if audit is None else audit(plan_id), order.pause(now) > 0.0)
+
+    @property
+    def plan_id(self) -> str:
+        """The id that the plan will have."""
+        return self.record.id
+
+    @property
+    def owner(self) -> str | None:
+        """To whom it will belong."""
+        return self.record.owner
+
+    @property
+    def key(self) -> str | None:
+        """The caller's key as it is stored; None: it gave none."""
+        return self.row["idempotency_key"]
+
+    @property
+    def job(self) -> NewJob:
+        """What is enqueued."""
+        return NewJob(
+            self.plan_id, self.record.created_us, self.order.priority, self.order.start_us if self.delayed else None
+        )
+
+
+@dataclass(frozen=True)
+class Accepted:
+    """A plan that a submission has made, or that the same key made before."""
+
+    record: PlanRecord
+    place: int | None
+    """In the queue: 1 is the next to begin; None: it is not new, waits for its start, or is too far behind to count."""
+    is_new: bool
+
+
+class NoRoom(Enum):
+    """Why a task was not accepted that could be planned."""
+
+    QUEUE_FULL = "there are too many unfinished jobs"
+    TOO_MANY_DELAYED = "too many jobs of its owner wait for their start"
+
+
+@dataclass(frozen=True)
+class Room:
+    """For how many jobs there is room."""
+
+    jobs: int
+    """That may be begun, and have not ended."""
+    delayed: int
+    """Of one owner that wait for their start."""
+
+
+class KeyTaken(LiftwrightError):
+    """A plan cannot be stored, though no other one has its key."""
+
+    def __init__(self, plan_id: str) -> None:
+        super().__init__(f"the plan {plan_id} could not be stored: what it is stored under is taken")
+
+
 WHY_OF_STATUS = MappingProxyType({FAILED: "error", GIVEN_UP: "interruptions"})
 """Why a job has failed if no solver said so and none was stopped, by the engine's word for its end."""
 EVERYTHING = PlanFilter()
-NO_ORDER = JobOrder()
 _COLUMNS: list[sa.ColumnElement[Any]] = [
     *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in ("outcome", "priority")),
     DOCUMENTS.c.outcome,
@@ -153,45 +274,85 @@ class PlanStore:
         order: JobOrder = NO_ORDER,
         sent_fingerprint: str | None = None,
     ) -> PlanRecord:
-        """Store a task and enqueue its job, both or neither. The same key of an owner again returns the plan it made.
+        """Store one task and enqueue its job, as `accept_all` does, however many jobs there are."""
+        submission = Submission.of(task, owner, order, idempotency_key, sent_fingerprint)
+        (accepted,) = self.accept_all([submission], queue)
+        assert isinstance(accepted, Accepted)
+        return accepted.record
 
-        The owner's webhooks that want to know of all plans are told when the job ends, and the one that is named by
-        the order. The caller compares `sent_fingerprint`, of what it was sent before defaults were filled in, to
-        learn whether the key was used for another task.
+    def accept_all(
+        self, submissions: Sequence[Submission], queue: JobQueue, room: Room | None = None
+    ) -> list[Accepted | NoRoom]:
+        """Store tasks with what is kept of their requests and enqueue their jobs, all in one transaction.
+
+        The same key of an owner again returns the plan it made, without its place. The owner's webhooks that want to
+        know of all plans are told when a job ends, and the one that is named by its order. The caller compares
+        `sent_fingerprint`, of what it was sent before defaults were filled in, to learn whether the key was used for
+        another task.
+
+        Args:
+            submissions: no key of an owner more than once.
+            queue: takes the jobs.
+            room: how many jobs there may be; None: any number.
         """
-        known = self.by_key(idempotency_key, owner)
-        if known is not None:
-            return known
-        values = {
-            "id": uuid.uuid4().hex,
-            "created_us": now_us(),
-            "kind": task["kind"],
-            "external_id": task.get("external_id"),
-            "owner": owner,
-            "idempotency_key": stored_key(idempotency_key, owner),
-            # For the version before, which compares this one.
-            "fingerprint": fingerprint(task),
-            "sent_fingerprint": sent_fingerprint,
-            "task": json.dumps(task),
-            "scene_id": task.get("scene_id"),
-            "work_master": order.work_master,
-            "priority": order.priority,
-            "start_us": order.start_us,
-            "end_us": order.end_us,
-        }
         try:
             with self._database.engine.begin() as transaction:
-                transaction.execute(sa.insert(PLANS).values(values))
-                queue.enqueue(transaction, values["id"], order.priority, order.pause(now_us()))
-                expect_deliveries(transaction, values["id"], owner, order.webhook_id)
+                return self._accept(transaction, submissions, queue, room)
         except IntegrityError:
-            known = self.by_key(idempotency_key, owner)
-            if known is None:
+            # Another process has stored a plan under one of the keys since they were looked up.
+            if not any(each.key for each in submissions):
                 raise
-            return known
-        record = self.get(values["id"])
-        assert record is not None
-        return record
+        if len(submissions) > 1:
+            return [accepted for each in submissions for accepted in self.accept_all([each], queue, room)]
+        known = self._by_keys([submissions[0].key or ""])
+        if not known:
+            raise KeyTaken(submissions[0].plan_id)
+        return [Accepted(record, None, is_new=False) for record in known.values()]
+
+    def _accept(
+        self, transaction: sa.Connection, submissions: Sequence[Submission], queue: JobQueue, room: Room | None
+    ) -> list[Accepted | NoRoom]:
+        """Do what `accept_all` says, up to the commit."""
+        keys = [each.key for each in submissions if each.key is not None]
+        known = self._by_keys(keys, transaction) if keys else {}
+        wanted = [each for each in submissions if each.key is None or each.key not in known]
+        refused = {} if room is None else self._refused(transaction, wanted, queue, room)
+        new = [each for each in wanted if each.plan_id not in refused]
+        if new:
+            transaction.execute(sa.insert(PLANS), [each.row for each in new])
+            queue.enqueue(transaction, [each.job for each in new])
+            expect_deliveries(transaction, [(each.plan_id, each.owner, each.order.webhook_id) for each in new])
+            audited = [dict(each.audit) for each in new if each.audit is not None]
+            if audited:
+                transaction.execute(sa.insert(AUDIT), audited)
+        due = [each.plan_id for each in new if not each.delayed]
+        places = queue.places(due, room.jobs, transaction) if room is not None and due else {}
+        return [
+            Accepted(known[each.key], None, is_new=False)
+            if each.key is not None and each.key in known
+            else refused.get(each.plan_id) or Accepted(each.record, places.get(each.plan_id), is_new=True)
+            for each in submissions
+        ]
+
+    def _refused(
+        self, transaction: sa.Connection, submissions: Sequence[Submission], queue: JobQueue, room: Room
+    ) -> dict[str, NoRoom]:
+        """Return for which submissions there is no room any more, and why."""
+        due, refused = queue.depth(room.jobs, transaction).due, dict[str, NoRoom]()
+        delayed: dict[str | None, int] = {}
+        for each in submissions:
+            if due >= room.jobs:
+                refused[each.plan_id] = NoRoom.QUEUE_FULL
+            elif not each.delayed:
+                due += 1
+            else:
+                # Jobs for later are in nobody's way, so they are no reason to refuse those of others.
+                if each.owner not in delayed:
+                    delayed[each.owner] = self.delayed(each.owner, room.delayed, transaction)
+                if delayed[each.owner] >= room.delayed:
+                    refused[each.plan_id] = NoRoom.TOO_MANY_DELAYED
+                delayed[each.owner] += 1
+        return refused
 
     def get(self, plan_id: str) -> PlanRecord | None:
         """Return one plan."""
@@ -199,9 +360,15 @@ class PlanStore:
 
     def by_key(self, idempotency_key: str | None, owner: str | None = None) -> PlanRecord | None:
         """Return the plan that a key of an owner made; None without a key."""
-        if idempotency_key is None:
-            return None
-        return self._one(_RECORDS.where(PLANS.c.idempotency_key == stored_key(idempotency_key, owner)))
+        key = stored_key(idempotency_key, owner)
+        return None if key is None else self._by_keys([key]).get(key)
+
+    def _by_keys(self, keys: Sequence[str], transaction: sa.Connection | None = None) -> dict[str, PlanRecord]:
+        """Return the plans that keys made, by key as it is stored."""
+        query = _RECORDS.add_columns(PLANS.c.idempotency_key).where(PLANS.c.idempotency_key.in_(keys))
+        rows = self._database.mappings(query) if transaction is None else transaction.execute(query).mappings().all()
+        found = [dict(row) for row in rows]
+        return {row.pop("idempotency_key"): PlanRecord(**row) for row in found}
 
     def newest(self, most: int, before: Position | None, wanted: PlanFilter = EVERYTHING) -> list[PlanRecord]:
         """Return at most `most` of the wanted plans, newest first, from behind the one at `before`."""
@@ -309,16 +476,6 @@ class PlanStore:
         )
         return self._database.column(late.order_by(PLANS.c.end_us).limit(most))
 
-    def delayed(self, owner: str | None, most: int) -> int:
-        """Return how many jobs of an owner wait for their start, counted up to `most`."""
-        jobs = self._jobs
-        waiting = (
-            sa.select(sa.literal(1))
-            .select_from(PLANS.join(jobs, jobs.c.workflow_uuid == PLANS.c.id))
-            .where(jobs.c.status == DELAYED, PLANS.c.owner.is_not_distinct_from(owner))
-        )
-        return self._database.scalar(sa.select(sa.func.count()).select_from(waiting.limit(most).subquery())) or 0
-
     def mark_overdue(self, plan_ids: Sequence[str]) -> None:
         """Keep the time as the end of those that have none."""
         ending = sa.update(PLANS).where(PLANS.c.id.in_(plan_ids), PLANS.c.finished_us.is_(None))
@@ -398,6 +555,17 @@ class PlanStore:
             transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
             forget_deliveries(transaction, plan_id)
+
+    def delayed(self, owner: str | None, most: int, transaction: sa.Connection | None = None) -> int:
+        """Return how many jobs of an owner wait for their start, counted up to `most`."""
+        jobs = self._jobs
+        waiting = (
+            sa.select(sa.literal(1))
+            .select_from(PLANS.join(jobs, jobs.c.workflow_uuid == PLANS.c.id))
+            .where(jobs.c.status == DELAYED, PLANS.c.owner.is_not_distinct_from(owner))
+        )
+        query = sa.select(sa.func.count()).select_from(waiting.limit(most).subquery())
+        return (self._database.scalar(query) if transaction is None else transaction.scalar(query)) or 0
 
     def _one(self, query: sa.Select[Any]) -> PlanRecord | None:
         found = self._database.mappings(query)

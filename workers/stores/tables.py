@@ -26,7 +26,12 @@ class StoredText(sa.TypeDecorator[str]):
 
     def process_bind_param(self, value: str | None, dialect: sa.Dialect) -> str | None:
         """Return what is stored in place of `value`."""
-        return None if value is None else value.replace(NUL, REPLACEMENT)
+        return stored_text(value)
+
+
+def stored_text(value: str | None) -> str | None:
+    """Return what is stored in place of `value`."""
+    return None if value is None else value.replace(NUL, REPLACEMENT)
 
 
 def now_us() -> int:

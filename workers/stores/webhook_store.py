@@ -194,23 +194,28 @@ class WebhookStore:
         self._database.write(sa.update(WEBHOOKS).where(WEBHOOKS.c.id == webhook_id).values(disabled_us=now_us()))
 
 
-def expect_deliveries(transaction: sa.Connection, plan_id: str, owner: str | None, named: str | None) -> None:
-    """Have the webhooks of an owner that want to know, and the one that is named, told when a plan's job ends."""
-    wants = WEBHOOKS.c.plans == "all"
-    query = sa.select(WEBHOOKS.c.id).where(
-        WEBHOOKS.c.owner.is_not_distinct_from(owner),
-        WEBHOOKS.c.disabled_us.is_(None),
-        wants if named is None else sa.or_(wants, WEBHOOKS.c.id == named),
-    )
+def expect_deliveries(transaction: sa.Connection, plans: Sequence[tuple[str, str | None, str | None]]) -> None:
+    """Have webhooks told when the jobs of plans end: those of a plan's owner that want to know, and the one it names.
+
+    Args:
+        transaction: with which they are expected.
+        plans: id, owner and the id of the named webhook of each.
+    """
+    owners = {owner for _, owner, _ in plans}
+    owned = sa.or_(WEBHOOKS.c.owner.in_(owners - {None}), *([WEBHOOKS.c.owner.is_(None)] if None in owners else []))
+    query = sa.select(WEBHOOKS.c.id, WEBHOOKS.c.owner, WEBHOOKS.c.plans).where(owned, WEBHOOKS.c.disabled_us.is_(None))
+    webhooks = transaction.execute(query).all()
     rows = [
         {
             "id": uuid.uuid4().hex,
             "created_us": now_us(),
-            "webhook_id": webhook_id,
+            "webhook_id": webhook.id,
             "plan_id": plan_id,
             "state": DeliveryState.WAITING.value,
         }
-        for webhook_id in transaction.scalars(query).all()
+        for plan_id, owner, named in plans
+        for webhook in webhooks
+        if webhook.owner == owner and (webhook.plans == "all" or webhook.id == named)
     ]
     if rows:
         transaction.execute(sa.insert(DELIVERIES), rows)

@@ -151,14 +151,14 @@ def load_surfaces(
     Raises:
         AssetError: A file or a mesh is missing, or has no volume.
     """
-    reader = _Reader(tuple(folders or (assets_folder(),)))
+    reader = _AssetReader(tuple(folders or (assets_folder(),)))
     # Both arms may be of one kind.
     read = {kind: reader.arm(*kind) for kind in set((arms or _LABORATORY).values())}
     return {arm: read[kind] for arm, kind in (arms or _LABORATORY).items()}
 
 
 @dataclass(frozen=True)
-class _Reader:
+class _AssetReader:
     folders: tuple[Path, ...]
 
     def arm(self, robot: str, hand: str) -> ArmSurfaces:
