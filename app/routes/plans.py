@@ -81,19 +81,6 @@ async def post_plan(
     body = await read_body(request, settings.max_body_bytes, settings)
     intake, webhooks = intake_of(request), webhooks_of(request)
 
-<<<<<<< HEAD
-    def submit() -> tuple[PlanResource, list[ProblemItem]]:
-        sent = parse_json(body)
-
-        def accepted() -> dict[str, Any]:
-            if order.webhook_id is not None:
-                webhooks.require_usable(order.webhook_id)
-            return intake(sent)
-
-        return plans.submit(sent, accepted, key, order), warnings_of(sent)
-
-    plan, warnings = await run_in_threadpool(submit)
-=======
     def accepted(sent: Any) -> dict[str, Any]:
         if order.webhook_id is not None:
             webhooks.require_usable(order.webhook_id)
@@ -101,7 +88,7 @@ async def post_plan(
 
     plan, is_new = await plans.submit(partial(parse_json, body), accepted, key, order, address_of(request))
     setattr(request.state, KEPT, is_new)
->>>>>>> 5e7b01664098667007a240f11a28ed5977b611aa
+    warnings = warnings_of(parse_json(body))
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
