@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from planners.certify.common.cones import angle, contact_name
+from planners.certify.common.cones import contact_name
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
+from planners.certify.geometry.vectors import angle, length
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.plan_view import T_flange_tcp
 from planners.geometry.pose import Array, Transform, inverse
@@ -97,14 +98,15 @@ class ContactPlaceChecks(ABC):
 
         A held body is touched at one place through all of a motion, which is looked at once.
         """
-        key = id(shape), np.round(point / _SAME_PLACE).tobytes()
+        # Zero has two signs, which are one place.
+        key = id(shape), (np.round(point / _SAME_PLACE) + 0.0).tobytes()
         if key not in self._known:
             height, _ = shape.surface_distance(point)
             self._known[key] = height, shape.normals_near(point, self._settings.contact_distance)
         return self._known[key]
 
     def _meets(self, contact: BearingContact, point: Array, normal: Array, where: str) -> None:
-        distance = float(np.linalg.norm(contact.point - point))
+        distance = length(contact.point - point)
         self._points.note(self._settings.contact_distance - distance, where)
         self._normals.note(self._settings.contact_angle - angle(contact.normal, normal), where)
 

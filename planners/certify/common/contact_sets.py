@@ -10,6 +10,7 @@ import numpy as np
 
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
+from planners.certify.geometry.vectors import length
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, added_up, turns_between
 from planners.certify.plan_view import BodyView
 from planners.certify.settings import CertifySettings
@@ -35,8 +36,8 @@ def balance_checks(evidence: Evidence) -> list[Check]:
             continue
         centre = T[:3, :3] @ body.com + T[:3, 3]
         left, left_moment = added_up(contact_set.contacts, body.mass * plan.cell.gravity, centre)
-        force.note(settings.force_balance - float(np.linalg.norm(left)), contact_set.where)
-        moment.note(settings.moment_balance - float(np.linalg.norm(left_moment)), contact_set.where)
+        force.note(settings.force_balance - length(left), contact_set.where)
+        moment.note(settings.moment_balance - length(left_moment), contact_set.where)
     return [force.check(), moment.check()]
 
 

@@ -9,6 +9,7 @@ looked at along directions of its own, between samples too, until it is proven o
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -103,7 +104,7 @@ class PairMotion:
         if self._relative and self._second_is_the_base(anchors, a, b):
             a, b, anchors = b, a, anchors[::-1]
         self.a, self.b = a, b
-        far = float(np.linalg.norm(b.centre)) + b.bound
+        far = b.far
         if self._relative:
             poses = _AT_REST, relative(motion.poses(a.frame), motion.poses(b.frame))
             ways = chord_lengths(poses[1], b.centre, b.bound)
@@ -122,10 +123,10 @@ class PairMotion:
             self._moves = bool(np.any(ways) or np.any(bend))
         else:
             poses = motion.poses(a.frame), motion.poses(b.frame)
-            bend = motion.stray(a.frame, float(np.linalg.norm(a.centre)) + a.bound) + motion.stray(b.frame, far)
+            bend = motion.stray(a.frame, a.far) + motion.stray(b.frame, far)
             self._turn = np.zeros(1)
             self._moves = motion.moves(a.frame) or motion.moves(b.frame)
-        self._poses = tuple(np.ascontiguousarray(each) for each in poses)
+        self._poses = poses
         self._turn = np.broadcast_to(self._turn, (motion.samples - 1,))
         self._bend = np.broadcast_to(bend, (motion.samples - 1,))
 
@@ -308,6 +309,9 @@ class CollisionCheck:
         self._free = Finding("collision", "m")
         self._touch = Finding("touch_depth", "m")
         self._given_up = False
+        self._solids_of: dict[Frame, list[int]] = defaultdict(list)
+        for index, solid in enumerate(solids):
+            self._solids_of[solid.frame].append(index)
         self._versions: dict[Frame, int] = {}
         self._seen: dict[tuple[int, int], tuple[int, int, bool]] = {}
         self._boxes: dict[int, tuple[int, Array, Array]] = {}
@@ -320,7 +324,7 @@ class CollisionCheck:
 
     def _segment(self, motion: SegmentMotion) -> None:
         rule = self._rule_of(motion.segment)
-        moving = {frame: motion.moves(frame) for frame in {solid.frame for solid in self._solids}}
+        moving = {frame: motion.moves(frame) for frame in self._solids_of}
         for frame, moves in moving.items():
             self._versions[frame] = self._versions.get(frame, 0) + moves
         near = self._near_blocks(motion, moving)
@@ -369,11 +373,12 @@ class CollisionCheck:
         starts = np.arange(0, motion.samples - 1, _BLOCK)
         low = np.empty((len(self._solids), len(starts), 3))
         high = np.empty_like(low)
-        for index, solid in enumerate(self._solids):
-            if moving[solid.frame]:
-                low[index], high[index] = _swept_boxes(motion, solid, starts)
+        for frame, numbers in self._solids_of.items():
+            if moving[frame]:
+                low[numbers], high[numbers] = _swept_boxes(motion, [self._solids[k] for k in numbers], starts)
             else:
-                low[index], high[index] = self._box_at_rest(motion, index)
+                for index in numbers:
+                    low[index], high[index] = self._box_at_rest(motion, index)
         first, second = self._pairs.T
         return np.all((low[first] <= high[second]) & (low[second] <= high[first]), axis=2)
 
@@ -392,17 +397,24 @@ class CollisionCheck:
         return f"{motion.segment.place()}, t = {moment:.4f} s: {a.name} and {b.name}"
 
 
-def _swept_boxes(motion: SegmentMotion, solid: ConvexSolid, starts: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return boxes that hold a solid that moves during blocks of samples, in the world: (blocks, 3) twice [m]."""
-    poses = motion.poses(solid.frame)
-    points = poses[:, :3, :3] @ solid.corners.T + poses[:, :3, 3:]
-    low, high = points.min(axis=2), points.max(axis=2)
-    stray = motion.stray(solid.frame, float(np.linalg.norm(solid.centre)) + solid.bound)
-    stray = np.broadcast_to(stray + motion.finger_travel(solid.frame), (motion.samples - 1,))[:, None]
-    return (
-        np.minimum.reduceat(np.minimum(low[:-1], low[1:]) - stray, starts),
-        np.maximum.reduceat(np.maximum(high[:-1], high[1:]) + stray, starts),
-    )
+def _swept_boxes(
+    motion: SegmentMotion, solids: Sequence[ConvexSolid], starts: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Return boxes that hold solids of one frame, which moves, during blocks of samples: (solids, blocks, 3) twice [m].
+
+    In the world.
+    """
+    frame = solids[0].frame
+    poses, corners = motion.poses(frame), np.concatenate([solid.corners for solid in solids])
+    points = poses[:, :3, :3] @ corners.T + poses[:, :3, 3:]
+    around = points.reshape(len(poses), 3, len(solids), -1)
+    low, high = around.min(axis=3), around.max(axis=3)
+    travel, shape = motion.finger_travel(frame), (motion.samples - 1,)
+    strays = [np.broadcast_to(motion.stray(frame, solid.far) + travel, shape) for solid in solids]
+    stray = np.stack(strays, axis=1)[:, None]
+    lowest = np.minimum.reduceat(np.minimum(low[:-1], low[1:]) - stray, starts)
+    highest = np.maximum.reduceat(np.maximum(high[:-1], high[1:]) + stray, starts)
+    return np.moveaxis(lowest, 2, 0), np.moveaxis(highest, 2, 0)
 
 
 def _runs(steps: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from planners.certify.geometry.vectors import cross, length
 from planners.certify.motion.kinematics import ArmKinematics, HermiteCurve
 from planners.certify.motion.robot_surfaces import finger_angles, finger_poses
 from planners.certify.motion.solids import ConvexSolid, Frame
@@ -41,7 +42,7 @@ class BodyContacts:
     T_world_body: Transform
     contacts: tuple[Contact, ...]
 
-    @property
+    @cached_property
     def where(self) -> str:
         """Name the set."""
         return f"{self.segment.place(self.sample)}: {self.body}"
@@ -56,9 +57,14 @@ class BodyContacts:
         """The inertia that is counted."""
         return [contact for contact in self.contacts if contact.kind == "inertia"]
 
-    def forces(self, arm: str) -> list[Array]:
-        """Return what the contacts of one hand exert [N]."""
-        return [contact.force for contact in self.contacts if contact.by == arm]
+    @cached_property
+    def net_forces(self) -> dict[str, float]:
+        """What each hand that touches the body exerts on it in all [N]."""
+        forces: dict[str, Array] = {}
+        for contact in self.contacts:
+            if contact.by in ARMS:
+                forces[contact.by] = forces[contact.by] + contact.force if contact.by in forces else contact.force
+        return {arm: length(forces[arm]) for arm in ARMS if arm in forces}
 
 
 def added_up(contacts: Iterable[Contact], force: Array, point: Array) -> tuple[Array, Array]:
@@ -66,7 +72,7 @@ def added_up(contacts: Iterable[Contact], force: Array, point: Array) -> tuple[A
     moment = np.zeros(3)
     for contact in contacts:
         force = force + contact.force
-        moment = moment + contact.torque + np.cross(contact.point - point, contact.force)
+        moment = moment + contact.torque + cross(contact.point - point, contact.force)
     return force, moment
 
 
@@ -89,6 +95,7 @@ class SegmentMotion:
     """{arm: (7, 6)} how far the origin of frame i can be from the axis of joint j [m]."""
     curves: Mapping[str, HermiteCurve]
     _poses: dict[Frame, Array] = field(default_factory=dict)
+    _strays: dict[tuple[Frame, float, int], Array] = field(default_factory=dict)
     _between: dict[tuple[str, int, float], Array] = field(default_factory=dict)
 
     @property
@@ -133,7 +140,7 @@ class SegmentMotion:
     def poses(self, frame: Frame) -> Array:
         """Return `T_world_frame` at the samples: (n, 4, 4)."""
         if frame not in self._poses:
-            self._poses[frame] = self._sample_poses(frame)
+            self._poses[frame] = np.ascontiguousarray(self._sample_poses(frame))
         return self._poses[frame]
 
     def pose(self, frame: Frame, interval: int, u: float) -> Transform:
@@ -167,6 +174,12 @@ class SegmentMotion:
             far: The point's distance from the frame's origin, or more [m].
             first_joint: Joints up to this one are taken as fixed: motion relative to the frame after them.
         """
+        key = frame, far, first_joint
+        if key not in self._strays:
+            self._strays[key] = self._stray(frame, far, first_joint)
+        return self._strays[key]
+
+    def _stray(self, frame: Frame, far: float, first_joint: int) -> Array:
         if frame.kind == "body" and frame.owner not in self.riders:
             return far * turns_between(self.poses(frame)) ** 2 / 8
         arm, link = self._link_of(frame)
