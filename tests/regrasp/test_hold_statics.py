@@ -179,7 +179,6 @@ def test_a_way_there_and_back_needs_sets_like_any_other() -> None:
 def test_an_object_that_hangs_still_leaves_the_cup_what_it_does_not_weigh(mass: float) -> None:
     held = statics(mass=mass)
     worst = held.worst(*still(held))
-    assert worst.margin == pytest.approx(worst.at_rest)
     assert worst.margin <= 1.0 - mass * GRAVITY / CUP_FORCE + 1e-9
 
 
@@ -241,7 +240,8 @@ def test_sets_of_what_does_not_hold_are_an_error_that_says_so() -> None:
 def test_a_stretched_motion_holds_and_a_little_less_does_not() -> None:
     held = statics(mass=1.2)
     fast, places = swing(held, step=0.004, way=0.15, turn=0.1)
-    assert held.worst(fast, places).margin < 0.0 <= held.worst(fast, places).at_rest
+    slowest = held.worst(*swing(held, step=4.0, way=0.15, turn=0.1))
+    assert held.worst(fast, places).margin < 0.0 <= slowest.margin
     slowness = held.stretch(fast, places)
     assert slowness is not None
     assert slowness > 1.0

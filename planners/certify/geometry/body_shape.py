@@ -104,7 +104,7 @@ class BodyShape:
         return normals
 
     def faces_near(self, points: Array, distance: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Return normals (f, 3) of faces, and which of them `normals_near` has for each of the points (n, 3): (n, f)."""
+        """Return normals (f, 3) of faces, and which of them are near each of the points (n, 3), see `normals_near`."""
         if self.surface is not None:
             return self.surface.faces_near(points, distance)
         masks = []

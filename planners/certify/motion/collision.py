@@ -397,9 +397,7 @@ class CollisionCheck:
         return f"{motion.segment.place()}, t = {moment:.4f} s: {a.name} and {b.name}"
 
 
-def _swept_boxes(
-    motion: SegmentMotion, solids: Sequence[ConvexSolid], starts: NDArray[np.intp]
-) -> tuple[Array, Array]:
+def _swept_boxes(motion: SegmentMotion, solids: Sequence[ConvexSolid], starts: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return boxes that hold solids of one frame, which moves, during blocks of samples: (solids, blocks, 3) twice [m].
 
     In the world.
