@@ -41,10 +41,12 @@ class ContactPlaceChecks(ABC):
 
     def _contact(self, motion: SegmentMotion, contact_set: BodyContacts, contact: BearingContact) -> None:
         where = f"{contact_set.where} by {contact_name(contact)}"
-        body, T = self._plan.bodies[contact.body].shape, contact_set.T_world_body
+        body = self._plan.bodies[contact.body].shape
         # An edge or a corner of the body may press on a face: then the face alone has the normal.
         normal = None if contact.kind == "environment" else -contact.normal
-        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}", self._slant(contact))
+        self._on_surface(
+            body, contact_set.T_body_world, contact.point, normal, f"{where}: on {contact.body}", self._slant(contact)
+        )
         match contact:
             case SoftFingerContact():
                 self._finger(motion, contact, where)
@@ -73,18 +75,17 @@ class ContactPlaceChecks(ABC):
 
     def _on_carrier(self, motion: SegmentMotion, contact: EnvironmentContact, where: str) -> None:
         shape, pose = self._plan.bodies[contact.by].shape, motion.body_poses[contact.by][contact.sample]
-        self._on_surface(shape, pose, contact.point, contact.normal, f"{where}: on {contact.by}")
+        self._on_surface(shape, inverse(pose), contact.point, contact.normal, f"{where}: on {contact.by}")
 
     def _on_surface(
         self,
         shape: BodyShape,
-        T_world_body: Transform,
+        T_body_world: Transform,
         point: Array,
         outward: Array | None,
         where: str,
         slant: float | None = None,
     ) -> None:
-        T_body_world = inverse(T_world_body)
         local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
         height, normals = self._surface_at(shape, local)
         self._points.note(self._settings.contact_distance - abs(height), where)

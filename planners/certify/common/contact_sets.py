@@ -61,13 +61,12 @@ class InertialLoad:
     def of(cls, body: BodyView, mass: float, motion: SegmentMotion) -> InertialLoad:
         """Take the load of a body of that mass [kg] along a segment."""
         time, poses = motion.segment.time, motion.body_poses[body.name]
-        tensor = body.shape.inertia(mass, body.com)
         centres = body.centres(poses)
         return cls(
             centres=centres,
             forces=-mass * _rates(time, np.diff(centres, axis=0)),
-            moments=-_rates(time, _momenta(poses, tensor)),
-            lever=float(np.sqrt(np.linalg.norm(tensor, 2) / mass)),
+            moments=-_rates(time, _momenta(poses, body.inertia)),
+            lever=body.gyration,
         )
 
 

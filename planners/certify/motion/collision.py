@@ -9,7 +9,6 @@ looked at along directions of its own, between samples too, until it is proven o
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -309,9 +308,7 @@ class CollisionCheck:
         self._free = Finding("collision", "m")
         self._touch = Finding("touch_depth", "m")
         self._given_up = False
-        self._solids_of: dict[Frame, list[int]] = defaultdict(list)
-        for index, solid in enumerate(solids):
-            self._solids_of[solid.frame].append(index)
+        self._frames = tuple(dict.fromkeys(solid.frame for solid in solids))
         self._versions: dict[Frame, int] = {}
         self._seen: dict[tuple[int, int], tuple[int, int, bool]] = {}
         self._boxes: dict[int, tuple[int, Array, Array]] = {}
@@ -324,7 +321,7 @@ class CollisionCheck:
 
     def _segment(self, motion: SegmentMotion) -> None:
         rule = self._rule_of(motion.segment)
-        moving = {frame: motion.moves(frame) for frame in self._solids_of}
+        moving = {frame: motion.moves(frame) for frame in self._frames}
         for frame, moves in moving.items():
             self._versions[frame] = self._versions.get(frame, 0) + moves
         near = self._near_blocks(motion, moving)
@@ -373,12 +370,12 @@ class CollisionCheck:
         starts = np.arange(0, motion.samples - 1, _BLOCK)
         low = np.empty((len(self._solids), len(starts), 3))
         high = np.empty_like(low)
-        for frame, numbers in self._solids_of.items():
-            if moving[frame]:
-                low[numbers], high[numbers] = _swept_boxes(motion, [self._solids[k] for k in numbers], starts)
-            else:
-                for index in numbers:
-                    low[index], high[index] = self._box_at_rest(motion, index)
+        swept = [index for index, solid in enumerate(self._solids) if moving[solid.frame]]
+        if swept:
+            low[swept], high[swept] = _swept_boxes(motion, [self._solids[index] for index in swept], starts)
+        for index, solid in enumerate(self._solids):
+            if not moving[solid.frame]:
+                low[index], high[index] = self._box_at_rest(motion, index)
         first, second = self._pairs.T
         return np.all((low[first] <= high[second]) & (low[second] <= high[first]), axis=2)
 
@@ -398,25 +395,24 @@ class CollisionCheck:
 
 
 def _swept_boxes(motion: SegmentMotion, solids: Sequence[ConvexSolid], starts: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return boxes that hold solids of one frame, which moves, during blocks of samples: (solids, blocks, 3) twice [m].
-
-    In the world.
-    """
-    frame = solids[0].frame
-    poses, corners = motion.poses(frame), np.concatenate([solid.corners for solid in solids])
-    points = poses[:, :3, :3] @ corners.T + poses[:, :3, 3:]
-    around = points.reshape(len(poses), 3, len(solids), -1)
-    low, high = around.min(axis=3), around.max(axis=3)
-    travel, shape = motion.finger_travel(frame), (motion.samples - 1,)
-    strays = [np.broadcast_to(motion.stray(frame, solid.far) + travel, shape) for solid in solids]
-    stray = np.stack(strays, axis=1)[:, None]
-    lowest = np.minimum.reduceat(np.minimum(low[:-1], low[1:]) - stray, starts)
-    highest = np.maximum.reduceat(np.maximum(high[:-1], high[1:]) + stray, starts)
-    return np.moveaxis(lowest, 2, 0), np.moveaxis(highest, 2, 0)
+    """Return boxes that hold solids that move during blocks of samples, in the world: (solids, blocks, 3) twice [m]."""
+    poses = np.stack([motion.poses(solid.frame) for solid in solids])
+    corners = np.stack([solid.corners.T for solid in solids])[:, None]
+    points = poses[:, :, :3, :3] @ corners + poses[:, :, :3, 3:]
+    low, high = points.min(axis=3), points.max(axis=3)
+    stray = np.empty((len(solids), motion.samples - 1, 1))
+    for row, solid in zip(stray[:, :, 0], solids, strict=True):
+        row[:] = motion.stray(solid.frame, solid.far) + motion.finger_travel(solid.frame)
+    return (
+        np.minimum.reduceat(np.minimum(low[:, :-1], low[:, 1:]) - stray, starts, axis=1),
+        np.maximum.reduceat(np.maximum(high[:, :-1], high[:, 1:]) + stray, starts, axis=1),
+    )
 
 
 def _runs(steps: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Yield the runs of steps that are marked, as the numbers of their first and last samples."""
+    if not steps.any():
+        return
     edges = np.diff(np.concatenate([[0], steps.astype(int), [0]]))
     for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
         yield int(first), int(last)

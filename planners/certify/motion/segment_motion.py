@@ -14,7 +14,7 @@ from planners.certify.motion.kinematics import ArmKinematics, HermiteCurve
 from planners.certify.motion.robot_surfaces import finger_angles, finger_poses
 from planners.certify.motion.solids import ConvexSolid, Frame
 from planners.certify.plan_view import NumberedSegment, PlanView
-from planners.geometry.pose import Array, Transform, skew, transform
+from planners.geometry.pose import Array, Transform, inverse, skew, transform
 from planners.plan.contacts import BearingContact, Contact, InertiaEntry
 from planners.plan.scenery import ARMS
 
@@ -46,6 +46,11 @@ class BodyContacts:
     def where(self) -> str:
         """Name the set."""
         return f"{self.segment.place(self.sample)}: {self.body}"
+
+    @cached_property
+    def T_body_world(self) -> Transform:
+        """The world in the frame of the body."""
+        return inverse(self.T_world_body)
 
     @cached_property
     def bearing(self) -> list[BearingContact]:

@@ -18,7 +18,7 @@ from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.plan_view import PlanView
 from planners.certify.tool.course import CourseStep
 from planners.certify.tool.task import TOOL
-from planners.geometry.pose import Array, frame_from_z, inverse
+from planners.geometry.pose import Array, frame_from_z
 from planners.plan.contacts import BearingContact, EnvironmentContact, SuctionContact
 from planners.plan.verdicts import Check
 
@@ -53,7 +53,7 @@ class ToolContactPlaces(ContactPlaceChecks):
         error = x_axis_error(contact, contact_set.T_world_body)
         self._normals.note(self._settings.contact_angle - error, f"{where}: x axis")
         if contact.body != TOOL:
-            self._lip(contact, inverse(contact_set.T_world_body) @ T_world_tool, where)
+            self._lip(contact, contact_set.T_body_world @ T_world_tool, where)
 
     def _lip(self, contact: SuctionContact, T_object_tool: Array, where: str) -> None:
         """The whole lip lies on the object; looked at once for each place of the cup."""
