@@ -71,6 +71,7 @@ class BodyView:
     @cached_property
     def gyration(self) -> float:
         """The largest radius of gyration; of a body with a mass [m]."""
+        assert self.mass is not None
         return float(np.sqrt(np.linalg.norm(self.inertia, 2) / self.mass))
 
     @cached_property

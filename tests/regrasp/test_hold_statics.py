@@ -275,16 +275,17 @@ def test_limits_that_are_smaller_by_the_reserve_are_just_kept(members: dict[str,
     swung, places = swing(held, step=0.015, turn=0.2)
     both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
     for made in (swung, both):
-        found = held.reserve(made, places)
+        found = held.balanced([made])[0].reserve
         assert found is not None
         assert found.least == pytest.approx(held.worst(made, places).margin)
         assert 0.0 < found.least == found.values.min() < 1.0
         for share, holds in ((found.least - 1e-6, True), (found.least + 1e-6, False)):
             weaker = HoldStatics(held.scene.keeping_back(share))
             assert (weaker.worst(made, places).margin >= 0.0) == holds
-            weakest = weaker.reserve(made, places)
-            assert weakest is not None
-            assert weakest.limited_by == found.limited_by
+            if holds:
+                weakest = weaker.balanced([made])[0].reserve
+                assert weakest is not None
+                assert weakest.limited_by == found.limited_by
         assert found.body == ("block" if found.limited_by.startswith("cup") else "tool")
 
 
