@@ -213,7 +213,8 @@ class TaskSolver:
         return found.model_copy(update={"simulation": simulation, "statistics": statistics})
 
     def _certificate_of(self, plan: Plan) -> Certificate | None:
-        return self.certify(plan.write(), _surfaces(), _reference(self.cells[plan.cell.name]))
+        cell = self.cells[plan.cell.name]
+        return self.certify(plan.write(), _surfaces(cell), _reference(cell))
 
     def _with_remedies(
         self, found: Plan, task: PlateLiftTask | SuctionToolTask, uploads: Uploads, on_progress: Progress
@@ -264,8 +265,12 @@ class TaskSolver:
 
 _shipped_tools = cache(load_tools)
 _tool_descriptions = cache(tool_descriptions)
-_surfaces = cache(load_surfaces)
-"""The robots' meshes, which the certificate checks against."""
+
+
+@cache
+def _surfaces(cell: Cell) -> RobotSurfaces:
+    """Read the shapes of a cell's arms and hands, which the certificate checks against."""
+    return load_surfaces({name: (arm.robot.name, arm.hand.name) for name, arm in cell.arms.items()}, cell.shelf.folders)
 
 
 def _reference(cell: Cell) -> CellReference:

@@ -10,18 +10,18 @@ import numpy as np
 import trimesh
 from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import FULL, Detail, LinkMeshes
+from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
 from planners.cell.asset_files import (
     AssetShelf,
+    CylinderLinkFile,
     GripperFile,
     LinkFile,
     MeshFile,
     RobotFile,
     read_hand_file,
     read_robot_file,
-    shipped_shelf,
 )
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
@@ -271,7 +271,9 @@ class Drawings:
     detail: Detail
 
     def link(self, link: LinkFile) -> bytes:
-        """Return a link's drawing as binary glTF."""
+        """Return a link's drawing as binary glTF: of the maker's mesh, or of the cylinders that stand in for it."""
+        if isinstance(link, CylinderLinkFile):
+            return write_cylinders([(each.start, each.end, each.radius) for each in link.cylinders])
         return self.meshes.glb(link.mesh, link.transform(), self.detail.links)
 
     def hand(self, mesh: MeshFile) -> bytes:
@@ -283,8 +285,8 @@ class RobotDrawing:
     """All arms of a cell under one node of the scene tree."""
 
     def __init__(self, scene: SceneApi, cell: Cell, meshes: LinkMeshes, root: str, detail: Detail) -> None:
-        shelf = shipped_shelf()
         drawn = Drawings(meshes, detail)
+        shelf = cell.shelf
         self.arms = {name: ArmDrawing(scene, arm, drawn, shelf, f"{root}/{name}") for name, arm in cell.arms.items()}
 
     def pose(self, positions: Array, widths: Mapping[str, float]) -> None:

@@ -8,7 +8,7 @@ Vertices that share a cell of a grid become one, at the point that fits the plan
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from planners.geometry.pose import Array, Transform
 from planners.geometry.surface import Faces
 
 Colour = tuple[float, float, float]
+_CYLINDER_CREASE = np.radians(45.0)
 GREY: Colour = (0.32, 0.34, 0.37)
 """Of parts without a material."""
 
@@ -163,6 +164,19 @@ def _write_glb(path: Path, scale: float, T_frame_mesh: Transform, settings: Thin
         drawn = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
         drawn.visual = TextureVisuals(material=material)
         scene.add_geometry(drawn, geom_name=f"piece_{index}")
+    return export_glb(scene, include_normals=True)
+
+
+def write_cylinders(cylinders: Sequence[tuple[Sequence[float], Sequence[float], float]]) -> bytes:
+    """Return cylinders as binary glTF, in grey: each the centres of its ends (3,) and its radius [m]."""
+    scene = trimesh.Scene()
+    material = PBRMaterial(baseColorFactor=[*GREY, 1.0], metallicFactor=0.0, roughnessFactor=0.55)
+    for index, (start, end, radius) in enumerate(cylinders):
+        drawn = trimesh.creation.cylinder(radius, segment=np.array([start, end]), sections=48)
+        vertices, faces, normals = _with_creases(np.asarray(drawn.vertices), np.asarray(drawn.faces), _CYLINDER_CREASE)
+        drawn = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
+        drawn.visual = TextureVisuals(material=material)
+        scene.add_geometry(drawn, geom_name=f"cylinder_{index}")
     return export_glb(scene, include_normals=True)
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
@@ -96,11 +96,42 @@ class JointFile(_Part):
         return self
 
 
-class LinkFile(PlacementFile):
+class MeshLinkFile(PlacementFile):
     """A link's mesh, placed in the frame that the link moves with."""
 
     name: LinkName
     mesh: MeshFile
+
+
+class CylinderFile(_Part):
+    """A cylinder between the centres of its ends, in the frame that its link moves with [m]."""
+
+    start: Triple
+    end: Triple
+    radius: PositiveNumber
+
+    @model_validator(mode="after")
+    def _has_a_length(self) -> Self:
+        if self.start == self.end:
+            raise ValueError("start and end must be two points")
+        return self
+
+
+class CylinderLinkFile(_Part):
+    """A link of which no mesh is known: cylinders within which it is, about the axes of its joints and tubes."""
+
+    name: LinkName
+    cylinders: Annotated[tuple[CylinderFile, ...], Field(min_length=1)]
+
+
+def _kind_of_link(link: Any) -> str:
+    return "[cylinders]" if isinstance(link, CylinderLinkFile) or "cylinders" in link else "[mesh]"
+
+
+LinkFile = Annotated[
+    Annotated[MeshLinkFile, Tag("[mesh]")] | Annotated[CylinderLinkFile, Tag("[cylinders]")],
+    Discriminator(_kind_of_link),
+]
 
 
 class MassFile(_Part):
@@ -119,7 +150,7 @@ class RobotFile(_Asset):
     joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
     links_of: AssetName | None = None
-    """Another robot whose meshes stand in."""
+    """Another robot whose links stand in."""
     masses: Annotated[tuple[MassFile, ...], Field(min_length=6, max_length=6)]
     """Of all links but the base."""
     payload: PositiveNumber
@@ -430,7 +461,8 @@ def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
 
 
 def _sentence(location: tuple[int | str, ...], message: str) -> str:
-    field = ".".join(str(step) for step in location if step != "[key]")
+    # Steps in brackets are pydantic's own: a key of a mapping, a kind among several.
+    field = ".".join(str(step) for step in location if not str(step).startswith("["))
     text = message.replace("Input should be", "must be").replace("Field required", "is required")
     text = text.replace("Extra inputs are not permitted", "is not known here").removeprefix("Value error, ")
     return f"{field}: {text}" if field else text

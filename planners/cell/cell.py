@@ -85,6 +85,8 @@ class Cell:
     """(3,) [m/s^2]."""
     tool_rest: ToolRest | None
     """Where a suction tool is kept."""
+    shelf: AssetShelf
+    """Where its files were found."""
 
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
@@ -217,7 +219,7 @@ def _load(path: Path, shelf: AssetShelf) -> Cell:
     digest = fingerprint(text.encode() for text in contents)
     rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
     boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
-    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest)
+    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest, shelf)
 
 
 def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> dict[str, Arm]:

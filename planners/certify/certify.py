@@ -8,6 +8,7 @@ from planners.certify.common.scene import require_stated
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.lift.examination import LiftExamination
 from planners.certify.motion.robot_surfaces import RobotSurfaces
+from planners.certify.motion.solids import gripper_of
 from planners.certify.plan_view import MalformedDocument, read_plan
 from planners.certify.settings import CertifySettings
 from planners.certify.tool.examination import ToolExamination
@@ -27,7 +28,7 @@ def certify(
     Args:
         document: A plan as it is sent, read again here: nothing is believed that is not in it. Its members
             `certificate` and `simulation` are not looked at, of `statistics` only `reserve`.
-        surfaces: The robots' meshes, see `load_surfaces`.
+        surfaces: The shapes of the cell's arms and hands, see `load_surfaces`.
         reference: What the cell is known to be; without it the document's own cell is believed.
         settings: Tolerances.
 
@@ -40,6 +41,8 @@ def certify(
     try:
         plan = read_plan(document)
         evidence, task = Evidence(plan, surfaces, reference, settings or CertifySettings()), plan.stated.task
+        for arm in plan.grippers:
+            gripper_of(arm, surfaces)
         require_stated(task)
         lifts = isinstance(task, PlateLiftTask)
         examination = LiftExamination(evidence, task) if lifts else ToolExamination(evidence, task)

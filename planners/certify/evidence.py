@@ -45,7 +45,7 @@ class Evidence:
     @cached_property
     def motions(self) -> list[SegmentMotion]:
         """The motion of every segment."""
-        return motions_of(self.plan)
+        return motions_of(self.plan, self.surfaces)
 
     @cached_property
     def contacts(self) -> list[BodyContacts]:

@@ -78,6 +78,41 @@ def jacobian(dh: Array, T_world_base: Transform, q: Array, point_world: Array) -
 
 
 @njit(cache=True, nogil=True)
+def frame_motion(
+    dh: Array, T_world_base: Transform, T_flange_frame: Transform, q: Array, velocities: Array
+) -> tuple[Transform, Array]:
+    """Return the pose `T_world_frame` of a frame on the flange, and its (6,) twist about its own origin, world axes.
+
+    Args:
+        dh: (6, 4), see the module.
+        T_world_base: (4, 4).
+        T_flange_frame: (4, 4).
+        q: (6,) joint positions [rad].
+        velocities: (6,) of the joints [rad/s].
+    """
+    frames = np.empty((7, 4, 4))
+    link_frames(dh, T_world_base, q, frames)
+    flange, T, twist = frames[6], np.zeros((4, 4)), np.zeros(6)
+    T[3, 3] = 1.0
+    for i in range(3):
+        for j in range(4):
+            T[i, j] = flange[i, 0] * T_flange_frame[0, j] + flange[i, 1] * T_flange_frame[1, j]
+            T[i, j] += flange[i, 2] * T_flange_frame[2, j]
+        T[i, 3] += flange[i, 3]
+    for i in range(6):
+        zx, zy, zz = frames[i, 0, 2], frames[i, 1, 2], frames[i, 2, 2]
+        rx, ry, rz = T[0, 3] - frames[i, 0, 3], T[1, 3] - frames[i, 1, 3], T[2, 3] - frames[i, 2, 3]
+        speed = velocities[i]
+        twist[0] += speed * (zy * rz - zz * ry)
+        twist[1] += speed * (zz * rx - zx * rz)
+        twist[2] += speed * (zx * ry - zy * rx)
+        twist[3] += speed * zx
+        twist[4] += speed * zy
+        twist[5] += speed * zz
+    return T, twist
+
+
+@njit(cache=True, nogil=True)
 def flange_poses(dh: Array, T_world_base: Transform, Q: Array) -> Array:
     """Return `T_world_flange` (n, 4, 4) at the joint positions `Q` (n, 6) [rad]; `dh` as in `link_frames`."""
     frames = np.empty((7, 4, 4))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,17 +40,21 @@ class LiftPath:
     end: str
     """What ends the way, as a sentence for a person."""
 
-    @property
+    @cached_property
+    def _step(self) -> float:
+        return float(self.heights[1] - self.heights[0]) if len(self.heights) > 1 else 1.0
+
+    @cached_property
     def height(self) -> float:
         """How far up the hands can go [m]."""
         return float(self.heights[-1])
 
     def at(self, height: float) -> Array:
         """Return the (12,) joint positions at a height [m], held at the ends."""
-        step = self.heights[1] - self.heights[0] if len(self.heights) > 1 else 1.0
-        place = min(max(height / step, 0.0), len(self.heights) - 1.0)
-        low = min(int(place), len(self.heights) - 2) if len(self.heights) > 1 else 0
-        high = min(low + 1, len(self.heights) - 1)
+        last = len(self.heights) - 1
+        place = min(max(height / self._step, 0.0), float(last))
+        low = min(int(place), max(last - 1, 0))
+        high = min(low + 1, last)
         part = place - low
         return (1.0 - part) * self.positions[low] + part * self.positions[high]
 

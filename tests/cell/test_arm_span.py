@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.documents import bodies_of, cell_of, sent
+from support.documents import bodies_of, cell_of, evidence_of
 
 from planners.cell.arm import Arm
 from planners.cell.arm_span import SLACK, ArmSpan, out_of_reach
@@ -15,7 +15,6 @@ from planners.cell.cell import known_cells, load_cell
 from planners.cell.hand import Gripper
 from planners.certify.common.infeasibility import reach_bound
 from planners.certify.motion.kinematics import ArmKinematics
-from planners.certify.plan_view import read_plan
 
 ARMS = [arm for name in known_cells() for arm in load_cell(name).arms.values()]
 
@@ -68,10 +67,10 @@ def test_a_point_is_out_of_reach_only_if_it_is_for_every_arm() -> None:
 @pytest.mark.parametrize("cell", ["dual_ur3e_lift", "dual_ur3e_tool"])
 def test_the_certificate_finds_the_same_numbers_with_a_little_less_slack(cell: str, bare_document) -> None:
     """Less, so that it never calls understated what the planner states."""
-    plan = read_plan(sent(bare_document(cell)))
+    evidence = evidence_of(bare_document(cell))
     spans = [ArmSpan.of(arm) for arm in load_cell(cell).arms.values()]
     for point in np.random.default_rng(2).uniform([-3, -3, 0], [3, 3, 3], (50, 3)):
-        bound = reach_bound(plan, point, 0.2)
+        bound = reach_bound(evidence, point, 0.2)
         told = out_of_reach(spans, point, 0.2)
         if told is not None:
             assert told.needed == pytest.approx(bound.needed, rel=1e-9)

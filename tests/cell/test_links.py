@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +15,7 @@ from planners.cell.asset_files import shipped_shelf
 from planners.cell.cell import load_cell
 from planners.geometry.convex import HullSettings, enclosing_hull
 from planners.geometry.surface import hull_with_faces
+from planners.kinematics.forward import link_frames
 from tests.cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
 from tests.kinematics.arm_oracle import published_urdf
 
@@ -24,6 +28,18 @@ URDF_LINKS = {
     "wrist_2": ("wrist_2_link", "wrist2"),
     "wrist_3": ("wrist_3_link", "wrist3"),
 }
+
+ROBOTS = shipped_shelf().names("robots")
+
+
+def coal_hull(points):
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(points))
+    return coal.ConvexBase.convexHull(vertices, True, "Qt")
+
+
+def distance(a, b):
+    return coal.distance(a, coal.Transform3s(), b, coal.Transform3s(), coal.DistanceRequest(), coal.DistanceResult())
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +83,12 @@ def test_the_cable_that_hangs_from_the_base_is_not_part_of_it(ur3e):
 
 def test_a_link_of_few_vertices_contains_the_mesh_and_not_much_more(ur3e):
     for link in ur3e.links:
-        assert len(link.shape.vertices) <= 60
-        assert link.shape.radius == 0.0
-        assert outside(link.points, of=link.shape.vertices).max() < 1e-12
+        (shape,) = link.shapes
+        assert len(shape.vertices) <= 60
+        assert shape.radius == 0.0
+        assert outside(link.points, of=shape.vertices).max() < 1e-12
         wrist = link.name.startswith("wrist")
-        assert outside(link.shape.vertices, of=link.points).max() < (1.6e-3 if wrist else 3.3e-3)
+        assert outside(shape.vertices, of=link.points).max() < (1.6e-3 if wrist else 3.3e-3)
 
 
 def test_unsimplified_hulls_are_closed_surfaces_around_all_points_with_faces_outward(ur3e):
@@ -98,12 +115,39 @@ def test_a_simplified_hull_contains_any_cloud_of_points(vertices):
         assert outside(points, of=simple).max() < 1e-9
 
 
-@pytest.mark.parametrize("robot", ["ur3e", "ur3"])
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_a_links_centre_of_mass_lies_well_within_it(robot):
     """In another frame, or with another sign, it would not: links are longer than they are thick."""
     made = load_robot(robot, shipped_shelf(), "test")
     for link, (_, *com) in zip(made.links[1:], made.masses, strict=True):
-        assert outside(np.array([com]), of=link.points)[0] < -0.015, link.name
+        assert outside(np.array([com]), of=link.points)[0] < -5e-4, link.name
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_neighbouring_links_hang_together_in_any_posture(robot):
+    """A link in the frame of another joint, or with another sign, would leave a gap."""
+    made = load_robot(robot, shipped_shelf(), "test")
+    frames = np.empty((7, 4, 4))
+    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (10, 6)):
+        link_frames(made.dh, np.eye(4), q, frames)
+        placed = [
+            [coal_hull(moved(T, each)) for each in link.pieces] for T, link in zip(frames, made.links, strict=True)
+        ]
+        for before, after in itertools.pairwise(placed):
+            assert min(distance(a, b) for a in before for b in after) < 2e-3
+    assert made.links[0].points[:, 2].min() > -1e-3
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_an_arm_at_rest_is_clear_of_itself(robot):
+    """Stretched out sideways with the wrist turned down, as arms are shipped: no link touches one two joints away."""
+    made = load_robot(robot, shipped_shelf(), "test")
+    frames = np.empty((7, 4, 4))
+    link_frames(made.dh, np.eye(4), np.radians([0.0, -60.0, 60.0, -90.0, -90.0, 0.0]), frames)
+    placed = [[coal_hull(moved(T, each)) for each in link.pieces] for T, link in zip(frames, made.links, strict=True)]
+    for (i, before), (j, after) in itertools.combinations(enumerate(placed), 2):
+        if j > i + 1:
+            assert min(distance(a, b) for a in before for b in after) > 2e-3, (i, j)
 
 
 def test_the_ur3_has_its_own_table_and_the_links_of_the_ur3e(ur3e):

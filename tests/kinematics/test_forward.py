@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planners.kinematics.forward import flange_pose, jacobian, link_frames
+from planners.kinematics.forward import flange_pose, frame_motion, jacobian, link_frames
 from tests.kinematics.arm_oracle import ARMS, UR3E, PinocchioArm, published_urdf, random_pose
 
 
@@ -65,3 +65,14 @@ def test_jacobian_on_a_turned_base_is_the_turned_jacobian():
     in_base = jacobian(UR3E, np.eye(4), q, point)
     in_world = jacobian(UR3E, T, q, T[:3, :3] @ point + T[:3, 3])
     np.testing.assert_allclose(in_world, np.kron(np.eye(2), T[:3, :3]) @ in_base, atol=1e-12)
+
+
+@pytest.mark.parametrize("dh", ARMS.values(), ids=ARMS.keys())
+def test_a_frame_on_the_flange_moves_with_it_as_the_jacobian_says(dh):
+    rng = np.random.default_rng(5)
+    for q, velocities in zip(rng.uniform(-math.pi, math.pi, (20, 6)), rng.normal(size=(20, 6)), strict=True):
+        T_world_base, T_flange_frame = random_pose(rng), random_pose(rng)
+        T, twist = frame_motion(dh, T_world_base, T_flange_frame, q, velocities)
+        np.testing.assert_allclose(T, flange_pose(dh, T_world_base, q) @ T_flange_frame, atol=1e-14)
+        expected = jacobian(dh, T_world_base, q, T[:3, 3].copy()) @ velocities
+        np.testing.assert_allclose(twist, expected, atol=1e-13)

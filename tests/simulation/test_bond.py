@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
-from planners.geometry.pose import transform
+from planners.geometry.pose import Array, inverse, rotation_from_vector, skew, small_motion, transform
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
-from workers.simulation.holds import Bond, exert
+from workers.simulation.holds import Bond, Chain
 from workers.simulation.settings import BondStiffness, ToolSimulationSettings, TruthSettings
-from workers.simulation.world import ToolWorld
+from workers.simulation.world import FreeBody, ToolWorld
 
 TASK = Path(__file__).resolve().parents[2] / "assets" / "tasks" / "domino_pile.json"
 HOLD = BondStiffness(linear=100e3, angular=40.0, damping_time=0.004)
@@ -44,11 +44,28 @@ def tool_above(scene: SuctionToolScene) -> SuctionToolScene:
     return replace(scene, tool=replace(scene.tool, body=replace(scene.tool.body, T_world_body=T_world_tool)))
 
 
+def twist_at(body: FreeBody, point: Array) -> Array:
+    """Return the (6,) velocity of a body at a point (3,) of the world, world axes."""
+    _, center, velocity, spin = body.motion
+    return np.concatenate([velocity + np.cross(spin, point - center), spin])
+
+
+def mobility(body: FreeBody, one: Array, other: Array) -> Array:
+    """Return (6, 6): how fast the twist at a point changes under a wrench about another point, world axes."""
+    R, center, _, _ = body.motion
+    to_one, from_other = np.eye(6), np.eye(6)
+    to_one[:3, 3:], from_other[3:, :3] = -skew(one - center), skew(other - center)
+    inverse_inertia = np.zeros((6, 6))
+    inverse_inertia[:3, :3], inverse_inertia[3:, 3:] = np.eye(3) / body.mass, R @ np.diag(1.0 / body.moments) @ R.T
+    return to_one @ inverse_inertia @ from_other
+
+
 def hang(world: ToolWorld, bonds: list[Bond], scene: SuctionToolScene, seconds: float) -> None:
+    chain = Chain(bonds)
     for _ in range(round(seconds / 0.002)):
         for bond in bonds:
             bond.follow(bond.T_world_parent if bond.parent is None else bond.parent.T_world_body)
-        exert(bonds, 0.002, GRAVITY)
+        chain.exert(0.002, GRAVITY)
         world.drive(scene.start_positions, np.zeros(12))
         world.advance()
 
@@ -89,12 +106,54 @@ def test_mobility_is_newtons_law_for_a_body_that_nothing_touches(tool_scene: Suc
     with ToolWorld(scene, ToolSimulationSettings()) as world:
         item = world.bodies[scene.objects[0].name]
         pushed, seen = item.center + np.array([[0.05, -0.02, 0.01], [-0.03, 0.04, 0.02]])
-        expected = 0.002 * (item.mobility(seen, pushed) @ push + np.concatenate([GRAVITY, np.zeros(3)]))
+        expected = 0.002 * (mobility(item, seen, pushed) @ push + np.concatenate([GRAVITY, np.zeros(3)]))
         before = item.center.copy()
         item.push(push, pushed)
         world.drive(scene.start_positions, np.zeros(12))
         world.advance()
-        assert item.twist_at(seen + item.center - before) == pytest.approx(expected, rel=2e-3, abs=1e-6)
+        assert twist_at(item, seen + item.center - before) == pytest.approx(expected, rel=2e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_wrenches_of_a_chain_are_those_of_springs_and_dampers_at_the_end_of_the_step(
+    tool_scene: SuctionToolScene, seed: int
+) -> None:
+    """F = K (x + h u') + C u' of all bonds at once, with the velocities u' that all of them together leave."""
+    scene, rng, step = tool_above(raised(tool_scene)), np.random.default_rng(seed), 0.002
+
+    def small_pose() -> Array:
+        return transform(rotation_from_vector(0.01 * rng.normal(size=3)), 0.002 * rng.normal(size=3))
+
+    with ToolWorld(scene, ToolSimulationSettings()) as world:
+        tool, item = world.tool, world.bodies[scene.objects[0].name]
+        places = [tool.T_world_body @ transform(position=[0.0, 0.0, z]) for z in (0.10, 0.15)]
+        bonds = [*(Bond(tool, None, T, HOLD) for T in places), Bond(item, tool, tool.T_world_body, HOLD)]
+        rests = [inverse(bond.child.T_world_body) @ bond.T_world_parent for bond in bonds]
+        tool.push(rng.normal(size=6), tool.center)
+        item.push(rng.normal(size=6), item.center)
+        world.drive(scene.start_positions, np.zeros(12))
+        world.advance()
+        for bond, T in zip(bonds, places, strict=False):
+            bond.follow(small_pose() @ T, 0.01 * rng.normal(size=6))
+        bonds[2].follow(tool.T_world_body)
+        Chain(bonds).exert(step, GRAVITY)
+
+        after = {body: step * np.concatenate([GRAVITY, np.zeros(3)]) for body in (tool, item)}
+
+        def gained(body: FreeBody, at: Array) -> Array:
+            """What all bonds and its weight do to a body's velocity at a place."""
+            pushes = [(b.wrench, b.point) for b in bonds if b.child is body]
+            pushes += [(-b.wrench, b.point) for b in bonds if b.parent is body]
+            return after[body] + step * sum(mobility(body, at, place) @ wrench for wrench, place in pushes)
+
+        for bond, T_child_rest in zip(bonds, rests, strict=True):
+            x = small_motion(bond.child.T_world_body @ T_child_rest, bond.T_world_parent)
+            child, parent = twist_at(bond.child, bond.point) + gained(bond.child, bond.point), bond.hand_twist
+            if bond.parent is not None:
+                parent = twist_at(bond.parent, bond.point) + gained(bond.parent, bond.point)
+            u = parent - child
+            expected = bond.stiffness * (x + step * u) + bond.damping * u
+            assert bond.wrench == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 def test_a_body_lies_where_it_was_put(tool_scene: SuctionToolScene) -> None:

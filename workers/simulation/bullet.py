@@ -107,7 +107,7 @@ def write_arm_urdf(arm: Arm, folder: Path) -> Path:
 
 def _link(arm: Arm, number: int, T_link_frame: Transform, folder: Path) -> str:
     link = arm.robot.links[number]
-    hulls: dict[str, Hull] = {link.name: hull_with_faces(link.points)}
+    hulls: dict[str, Hull] = {f"{link.name}_{i}": hull_with_faces(piece) for i, piece in enumerate(link.pieces)}
     masses = [(_BASE_MASS, link.points.mean(axis=0))]
     if number > 0:
         masses = [(float(arm.robot.masses[number - 1, 0]), arm.robot.masses[number - 1, 1:])]

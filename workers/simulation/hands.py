@@ -6,12 +6,14 @@ import math
 from abc import ABC, abstractmethod
 
 import numpy as np
+from numba import njit
 
 from planners.cell.arm import Arm
 from planners.cell.hand import Gripper, Pusher
-from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, small_motion, transform
-from planners.kinematics.forward import flange_pose, jacobian
-from planners.plan.segment import Push, SegmentKind
+from planners.geometry.linear import solve
+from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, transform
+from planners.kinematics.forward import frame_motion, jacobian
+from planners.plan.segment import Push, Segment, SegmentKind
 from workers.simulation.settings import SensorSettings, SimulationSettings
 from workers.simulation.timeline import PlannedMoment
 from workers.simulation.touch import Touch
@@ -20,6 +22,8 @@ from workers.simulation.world import Motion
 _FADE = 0.05
 """How fast a feed-forward correction is taken on [s]."""
 _NEWTON_STEPS = 3
+_LEAST_STEP = 1e-5
+"""Damps Newton's method where an arm is nearly stretched [m^2]."""
 _CLEAR = 0.004
 """A stick further than this from the plate has left it [m]."""
 
@@ -46,7 +50,7 @@ class ForceSensor:
 
     def read(self, wrench: Array) -> Array:
         """Return the (6,) reading for a true wrench (6,) of the hand on what it touches, world axes [N, Nm]."""
-        return wrench + self._offset + self._rng.normal(scale=self._noise) - self._tare
+        return wrench + self._offset + self._noise * self._rng.standard_normal(6) - self._tare
 
 
 class SimulatedHand(ABC):
@@ -75,17 +79,7 @@ class SimulatedHand(ABC):
     @property
     def force(self) -> Array:
         """(3,) true force on the plate, world axes [N]."""
-        return self.touch.forces.sum(axis=0)
-
-    @property
-    def pressed(self) -> bool:
-        """Whether it presses on the plate anywhere."""
-        return self.touch.engaged and bool(self.touch.forces.any())
-
-    @property
-    def slip(self) -> float:
-        """How far it has slid on the plate since it got hold of it [m]."""
-        return float(self.touch.slips.sum()) / len(self.touch.slips) if self.touch.engaged else 0.0
+        return self.touch.force
 
     @abstractmethod
     def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
@@ -100,7 +94,7 @@ class SimulatedHand(ABC):
         period, s = self.settings.sensor.period, self.settings.hand
         wanted = np.zeros(6)
         if wrench is not None and self.touch.engaged:
-            wanted = _give_way(self.touch.stiffness(), wrench, R_world_plate)
+            wanted = _give_way(self.touch.compliance(), wrench, R_world_plate)
             self._trim += period * ((wrench - self.reading) * self._admittance - s.leak * self._trim)
             self._trim[:3] = _at_most(s.largest_correction, self._trim[:3])
             self._trim[3:] = _at_most(s.largest_turning, self._trim[3:])
@@ -121,11 +115,11 @@ class SimulatedHand(ABC):
         if not expected:
             self._away = 0.0
             return None
-        self._away = 0.0 if self.pressed else self._away + step
+        self._away = 0.0 if self.touch.pressed else self._away + step
         if self._away > s.lost_time:
             return f"the {self.arm.name} hand lost touch with the plate"
-        if self.slip > s.largest_slip:
-            return f"the {self.arm.name} hand slid {1e3 * self.slip:.0f} mm on the plate"
+        if self.touch.slip > s.largest_slip:
+            return f"the {self.arm.name} hand slid {1e3 * self.touch.slip:.0f} mm on the plate"
         return None
 
 
@@ -147,8 +141,10 @@ class GrippingHand(SimulatedHand):
         super().__init__(arm, first_joint, settings, rng)
         contact, (mu, eps) = settings.contact, friction
         self._squeeze = contact.squeeze
+        self._segment: Segment | None = None
+        self._holds = False
         assert isinstance(arm.hand, Gripper)
-        self.T_flange_hand = arm.hand.T_flange_tcp(width)
+        self.T_flange_hand = arm.hand.T_flange_tcp(width).copy()
         along = eps / math.hypot(1.0, 1.0 / contact.pad_aspect)
         patch = [(sx * along / contact.pad_aspect, sz * along) for sx in (-1, 1) for sz in (-1, 1)]
         points = np.array([[x, side * 0.5 * width, z] for side in (-1.0, 1.0) for x, z in patch])
@@ -162,11 +158,18 @@ class GrippingHand(SimulatedHand):
 
     def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
         """Close and open the fingers as the plan says."""
-        segment, part = moment.segment, moment.elapsed
-        holds, squeeze = bool(segment.grips), 1.0
+        segment = moment.segment
+        if segment is not self._segment:
+            self._segment, grips = segment, segment.grips
+            self._holds = bool(grips)
+            for grip in grips:
+                self._squeeze = self.settings.contact.squeeze if grip.squeeze is None else grip.squeeze
+        holds, squeeze = self._holds, 1.0
         if segment.kind is SegmentKind.GRIP:
+            part = moment.elapsed
             holds, squeeze = part > 0.6, min(1.0, max(0.0, (part - 0.6) / 0.3))
         elif segment.kind is SegmentKind.RELEASE:
+            part = moment.elapsed
             holds, squeeze = part < 0.3, max(0.0, 1.0 - part / 0.3)
         if holds and not self.touch.engaged:
             R, com = plate[0], plate[1]
@@ -176,8 +179,6 @@ class GrippingHand(SimulatedHand):
         elif not holds and self.touch.engaged:
             self.touch.release()
             self.sensor.tare()
-        for grip in segment.grips:
-            self._squeeze = self.settings.contact.squeeze if grip.squeeze is None else grip.squeeze
         if self.touch.engaged:
             self.touch.preload[:] = 0.25 * self._squeeze * squeeze
 
@@ -200,7 +201,7 @@ class PushingHand(SimulatedHand):
         super().__init__(arm, first_joint, settings, rng)
         contact = settings.contact
         assert isinstance(arm.hand, Pusher)
-        self.T_flange_hand = arm.hand.T_flange_tcp
+        self.T_flange_hand = arm.hand.T_flange_tcp.copy()
         self._com, self._radius = plate_com, arm.hand.tip_radius
         self._push: Push | None = None
         self.touch = Touch(
@@ -209,6 +210,7 @@ class PushingHand(SimulatedHand):
             tangential=contact.tip_tangential_stiffness,
             damping_time=contact.damping_time,
             mu=contact.friction_factor * mu,
+            radius=self._radius,
         )
 
     def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
@@ -221,11 +223,8 @@ class PushingHand(SimulatedHand):
                 tip = T_plate_hand[:3, 3] + self._radius * normal
                 self.touch.engage_at((tip + ((face - tip) @ normal) * normal)[None], normal[None])
             self._push = push
-        if not self.touch.engaged:
-            return
-        n = R @ self.touch.normals[0]
-        self.touch.points[0] = T_world_hand[:3, :3].T @ (self._radius * n)
-        if push is None:
+        if push is None and self.touch.engaged:
+            n = R @ self.touch.normals[0]
             gap = -float((T_world_hand[:3, 3] + self._radius * n - com - R @ self.touch.anchors[0]) @ n)
             if gap > _CLEAR:
                 self.touch.release()
@@ -253,23 +252,46 @@ def moved_joints(arm: Arm, T_flange_hand: Transform, positions: Array, away: Arr
         positions: (6,) from where [rad].
         away: (6,) translation of the hand's origin, then rotation vector about it, world axes [m, rad].
     """
-    q = np.array(positions)
-    T = flange_pose(arm.dh, arm.T_world_base, q) @ T_flange_hand
-    wanted = transform(rotation_from_vector(away[3:]) @ T[:3, :3], T[:3, 3] + away[:3])
-    for _ in range(_NEWTON_STEPS):
-        J = jacobian(arm.dh, arm.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
-        q += J.T @ np.linalg.solve(J @ J.T + 1e-5 * np.eye(6), small_motion(T, wanted))
-        T = flange_pose(arm.dh, arm.T_world_base, q) @ T_flange_hand
+    return _moved_joints(arm.dh, arm.T_world_base, T_flange_hand, positions, away, rotation_from_vector(away[3:]))
+
+
+@njit(cache=True, nogil=True)
+def _moved_joints(dh, T_world_base, T_flange_hand, positions, away, turn):  # noqa: C901 - one compiled pass
+    q, still, normal, way = positions.copy(), np.zeros(6), np.empty((6, 6)), np.empty(6)
+    place, wanted, turned = np.empty(3), np.zeros((3, 3)), np.empty((3, 3))
+    for number in range(_NEWTON_STEPS):
+        T, _ = frame_motion(dh, T_world_base, T_flange_hand, q, still)
+        if number == 0:
+            for i in range(3):
+                place[i] = T[i, 3] + away[i]
+                for j in range(3):
+                    wanted[i, j] = turn[i, 0] * T[0, j] + turn[i, 1] * T[1, j] + turn[i, 2] * T[2, j]
+        for i in range(3):
+            way[i] = place[i] - T[i, 3]
+            for j in range(3):
+                turned[i, j] = wanted[i, 0] * T[j, 0] + wanted[i, 1] * T[j, 1] + wanted[i, 2] * T[j, 2]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            way[3 + i] = 0.5 * (turned[k, j] - turned[j, k])
+        J = jacobian(dh, T_world_base, q, T[:3, 3].copy())
+        for i in range(6):
+            for j in range(6):
+                normal[i, j] = _LEAST_STEP if i == j else 0.0
+                for k in range(6):
+                    normal[i, j] += J[i, k] * J[j, k]
+        weights = solve(normal, way)
+        for i in range(6):
+            for j in range(6):
+                q[j] += J[i, j] * weights[i]
     return q
 
 
-def _give_way(stiffness: Array, wrench: Array, R_world_plate: Array) -> Array:
+def _give_way(compliance: Array, wrench: Array, R_world_plate: Array) -> Array:
     """Return the (6,) small motion by which a compliance gives way to a wrench, world axes."""
-    R = np.zeros((6, 6))
-    R[:3, :3] = R[3:, 3:] = R_world_plate
-    return R @ (np.linalg.pinv(stiffness, rcond=1e-8) @ (R.T @ wrench))
+    turned = (wrench.reshape(2, 3) @ R_world_plate).reshape(6)
+    return ((compliance @ turned).reshape(2, 3) @ R_world_plate.T).reshape(6)
 
 
 def _at_most(largest: float, vector: Array) -> Array:
-    size = float(np.linalg.norm(vector))
+    size = math.sqrt(vector @ vector)
     return vector * (largest / size) if size > largest else vector

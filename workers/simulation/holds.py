@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from planners.contract.quantities import SOFT_FINGER_EPS
-from planners.geometry.pose import Array, Transform, inverse, rotation_angle, small_motion
+from planners.geometry.linear import solve
+from planners.geometry.pose import Array, Transform, inverse, rotation_angle
 from planners.plan.segment import Grip
 from planners.regrasp.statics.finger_forces import least_squeeze
 from planners.regrasp.suction.suction_hold import SuctionLimit, suction_margins
@@ -20,6 +22,9 @@ from planners.scene.suction_tool import CupData
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.settings import BondStiffness, EnduranceSettings, TakingSettings, ToolSimulationSettings
 from workers.simulation.world import FreeBody
+
+_HAND = -1
+"""Stands for a parent that is no free body."""
 
 
 class Bond:
@@ -44,7 +49,8 @@ class Bond:
         """(6,) velocity of a hand at the origin of its frame, world axes."""
         self.wrench: Array = np.zeros(6)
         """(6,) on the child about the parent's origin, world axes [N, Nm]."""
-        self._T_child_parent = inverse(child.T_world_body) @ T_world_parent
+        self.T_center_parent: Transform = child.T_center_body @ inverse(child.T_world_body) @ T_world_parent
+        """Where the parent is in the frame of the child's centre of mass while nothing gives way."""
 
     @property
     def point(self) -> Array:
@@ -61,59 +67,141 @@ class Bond:
         """Return the wrench (6,) on the child in the axes of the parent's frame."""
         return (self.wrench.reshape(2, 3) @ self.T_world_parent[:3, :3]).reshape(6)
 
-    def displacement(self) -> Array:
-        """Return how far (6,) the parent is ahead of the child, world axes [m, rad]."""
-        T_world_rest = self.child.T_world_body @ self._T_child_parent
-        # The sine of the angle times the axis: holds give way by few degrees.
-        return small_motion(T_world_rest, self.T_world_parent)
 
-    def lead(self, gained: Array) -> Array:
-        """Return how fast (6,) the parent moves ahead, where free bodies have gained a velocity (3,) by themselves."""
-        gain = np.concatenate([gained, np.zeros(3)])
-        parent = self.hand_twist if self.parent is None else self.parent.twist_at(self.point) + gain
-        return parent - self.child.twist_at(self.point) - gain
+class Chain:
+    """Bonds that act on one another through the bodies that they share; for as long as it is the same ones."""
+
+    def __init__(self, bonds: Sequence[Bond]) -> None:
+        """Gather what stays the same from step to step."""
+        self.bonds = list(bonds)
+        pairs = [(bond.child, bond.parent) for bond in self.bonds]
+        self._bodies = list(dict.fromkeys(body for pair in pairs for body in pair if body is not None))
+        number: dict[FreeBody | None, int] = {None: _HAND, **{body: i for i, body in enumerate(self._bodies)}}
+        self._ties = np.array([[number[child], number[parent]] for child, parent in pairs]).reshape(-1, 2)
+        self._give = np.array([[bond.stiffness, bond.damping] for bond in self.bonds])
+        self._rests = np.array([bond.T_center_parent for bond in self.bonds])
+        self._inertias = np.array([[body.mass, *body.moments] for body in self._bodies])
+        count = len(self.bonds)
+        self._places, self._twists = np.zeros((count, 4, 4)), np.zeros((count, 6))
+        self._states = np.zeros((len(self._bodies), 6, 3))
+
+    def exert(self, step: float, gravity: Array) -> None:
+        """Find the wrenches of all bonds for the next step and push the free bodies with them.
+
+        With x how far a parent is ahead, u how fast, K and C stiffness and damping, h the step and W the mobility,
+        `F = K (x + h u') + C u'` with `u' = u - h W F` is linear in all wrenches F.
+
+        Args:
+            step: [s].
+            gravity: (3,) [m/s^2].
+        """
+        if not self.bonds:
+            return
+        for i, bond in enumerate(self.bonds):
+            self._places[i], self._twists[i] = bond.T_world_parent, bond.hand_twist
+        for i, body in enumerate(self._bodies):
+            self._states[i] = body.state
+        chain = self._ties, self._give, self._rests, self._inertias
+        solved = _wrenches(chain, self._states, self._places, self._twists, step, step * gravity)
+        wrenches = np.asarray(solved, dtype=np.float64)
+        for bond, wrench in zip(self.bonds, wrenches, strict=True):
+            bond.wrench = wrench
+            bond.child.push(wrench, bond.point)
+            if bond.parent is not None:
+                bond.parent.push(-wrench, bond.point)
 
 
-def exert(bonds: Sequence[Bond], step: float, gravity: Array) -> None:
-    """Find the wrenches of bonds for the next step and push the free bodies with them.
-
-    With x how far a parent is ahead, u how fast, K and C stiffness and damping, h the step and W the mobility,
-    `F = K (x + h u') + C u'` with `u' = u - h W F` is linear in all wrenches F.
+@njit(cache=True, nogil=True)
+def _wrenches(chain, states, places, twists, step, gained):
+    """Return the (n, 6) wrenches of a chain's bonds, see `Chain.exert`.
 
     Args:
-        bonds: all there are.
+        chain: (n, 2) child and parent of each bond, (n, 2, 6) stiffness and damping, (n, 4, 4) the parent in the frame
+            of the child's centre, and (m, 4) mass and principal moments of each body.
+        states: (m, 6, 3) of the bodies.
+        places: (n, 4, 4) `T_world_parent`.
+        twists: (n, 6) of hands.
         step: [s].
-        gravity: (3,) [m/s^2].
+        gained: (3,) velocity that free bodies gain in a step by themselves [m/s].
     """
-    if not bonds:
-        return
-    size = 6 * len(bonds)
-    matrix, right = np.eye(size), np.empty(size)
-    for i, bond in enumerate(bonds):
-        rows = slice(6 * i, 6 * i + 6)
-        rate = step * bond.stiffness + bond.damping
-        right[rows] = bond.stiffness * bond.displacement() + rate * bond.lead(step * gravity)
-        for j, other in enumerate(bonds):
-            W = _mobility(bond, other)
-            if W is not None:
-                matrix[rows, 6 * j : 6 * j + 6] += step * rate[:, None] * W
-    wrenches = np.asarray(np.linalg.solve(matrix, right), dtype=np.float64).reshape(-1, 6)
-    for bond, wrench in zip(bonds, wrenches, strict=True):
-        bond.wrench = wrench
-        bond.child.push(wrench, bond.point)
-        if bond.parent is not None:
-            bond.parent.push(-wrench, bond.point)
+    ties, give, rests, inertias = chain
+    count = len(ties)
+    matrix, right = np.eye(6 * count), np.empty(6 * count)
+    ahead, child, parent = np.empty(6), np.empty(6), np.empty(6)
+    for i in range(count):
+        _ahead(states[ties[i, 0]], rests[i], places[i], ahead)
+        _twist_at(states[ties[i, 0]], places[i], gained, child)
+        parent[:] = twists[i]
+        if ties[i, 1] != _HAND:
+            _twist_at(states[ties[i, 1]], places[i], gained, parent)
+        for k in range(6):
+            rate = step * give[i, 0, k] + give[i, 1, k]
+            right[6 * i + k] = give[i, 0, k] * ahead[k] + rate * (parent[k] - child[k])
+        for j in range(count):
+            block = matrix[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+            for one in range(2):
+                for other in range(2):
+                    body = ties[i, one]
+                    if body != _HAND and body == ties[j, other]:
+                        sign = step if one == other else -step
+                        _add_mobility(states[body], inertias[body], places[i], places[j], sign, give[i], step, block)
+    return solve(matrix, right).reshape(count, 6)
 
 
-def _mobility(one: Bond, other: Bond) -> Array | None:
-    """Return (6, 6): how the lead of one bond is lost under the wrench of another; None: not at all."""
-    total = None
-    for body, sign in ((one.child, 1.0), (one.parent, -1.0)):
-        for pushed, push in ((other.child, 1.0), (other.parent, -1.0)):
-            if body is not None and body is pushed:
-                W = sign * push * body.mobility(one.point, other.point)
-                total = W if total is None else total + W
-    return total
+@njit(cache=True, nogil=True)
+def _ahead(state, rest, place, out):
+    """Write how far (6,) a parent is ahead of a child, world axes [m, rad]."""
+    # The child's idea of where the parent is.
+    R = np.empty((3, 3))
+    for i in range(3):
+        x, y, z = state[i]
+        for j in range(3):
+            R[i, j] = x * rest[0, j] + y * rest[1, j] + z * rest[2, j]
+        out[i] = place[i, 3] - (x * rest[0, 3] + y * rest[1, 3] + z * rest[2, 3] + state[3, i])
+    # The sine of the angle times the axis: holds give way by few degrees.
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turn = 0.0
+        for m in range(3):
+            turn += place[k, m] * R[j, m] - place[j, m] * R[k, m]
+        out[3 + i] = 0.5 * turn
+
+
+@njit(cache=True, nogil=True)
+def _twist_at(state, place, gained, out):
+    """Write the twist (6,) of a free body at a place at the end of a step in which nothing holds it, world axes."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        turning = state[5, j] * (place[k, 3] - state[3, k]) - state[5, k] * (place[j, 3] - state[3, j])
+        out[i] = state[4, i] + turning + gained[i]
+        out[3 + i] = state[5, i]
+
+
+@njit(cache=True, nogil=True)
+def _add_mobility(state, inertia, one, other, sign, give, step, out):  # noqa: PLR0913 - one compiled pass
+    """Add how a bond's force changes by another's wrench: rate x mobility of the body that both act on."""
+    # The inverse inertia J, and the matrices of the cross products with both levers.
+    J, a, b, aJ = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for m in range(3):
+                J[i, j] += state[i, m] / inertia[1 + m] * state[j, m]
+        j, k = (i + 1) % 3, (i + 2) % 3
+        a[j, k], a[k, j] = state[3, i] - one[i, 3], one[i, 3] - state[3, i]
+        b[j, k], b[k, j] = state[3, i] - other[i, 3], other[i, 3] - state[3, i]
+    for i in range(3):
+        for j in range(3):
+            for m in range(3):
+                aJ[i, j] += a[i, m] * J[m, j]
+    for i in range(3):
+        linear, angular = sign * (step * give[0, i] + give[1, i]), sign * (step * give[0, 3 + i] + give[1, 3 + i])
+        out[i, i] += linear / inertia[0]
+        for j in range(3):
+            out[i, 3 + j] -= linear * aJ[i, j]
+            out[3 + i, 3 + j] += angular * J[i, j]
+            for m in range(3):
+                out[i, j] -= linear * aJ[i, m] * b[m, j]
+                out[3 + i, j] += angular * J[i, m] * b[m, j]
 
 
 class Endurance:
@@ -142,7 +230,7 @@ class FingerHold:
     ) -> None:
         """Close them on the tool as it is."""
         self.arm, self._width = planned.arm, planned.width
-        self.T_flange_tcp = T_flange_tcp
+        self.T_flange_tcp = T_flange_tcp.copy()
         self.bond = Bond(tool, None, T_world_tcp, settings.fingers)
         assert planned.squeeze is not None
         self.limit = settings.truth.grip_strength * planned.squeeze

@@ -153,7 +153,7 @@ class LiftExecution:
             wanted: wrenches (6,) that arms and "cup" are told to exert.
         """
         plate, reference = self.world.plate.motion, self.reference
-        positions, velocities = ahead.between(reference.positions), ahead.between(reference.velocities)
+        positions, velocities = ahead.positions, ahead.velocities
         if self._steps % self._tick == 0:
             for hand in self.hands:
                 hand.track(wanted[hand.arm.name], reference.plate_rotation(moment))
@@ -172,8 +172,7 @@ class LiftExecution:
     def _prepare_lift(self, forces: LiftForces) -> None:
         """Hang the plate on the winch as everything is now."""
         arms = (self.gripping.arm.name, self.pushing.arm.name)
-        end = self._last.between(self.reference.positions)
-        path = way_up(self.scene, end, self._corrections, self.reference.T_world_plate[-1], arms)
+        path = way_up(self.scene, self._last.positions, self._corrections, self.reference.T_world_plate[-1], arms)
         self.lift = CooperativeLift(self._known, forces, path, self.time, self.settings, self._rng)
         plate = self.world.plate.motion
         self.lifter.hang(plate, forces.wrenches["cup"][3:])
@@ -218,8 +217,8 @@ class LiftExecution:
         world.advance()
         self.time += self.settings.step
         self._steps += 1
-        turned = 0.0 if self.lift is None else rotation_angle(self._R0, world.plate.motion[0])
-        return self._watch.look(moment.segment, self.time, turned)
+        turn = None if self.lift is None else (self._R0, world.plate.motion[0])
+        return self._watch.look(moment.segment, self.time, turn)
 
     def _forces(self) -> dict[str, Array]:
         """Return the force (3,) on the plate of everything that touches it, by who exerts it [N]."""
@@ -266,45 +265,52 @@ class _Watch:
         self._lifter, self._gripping, self._pushing = lifter, gripping, pushing
         self._step, self._settings = settings.step, settings.hand
         self._limit = settings.hand.overload * hand_limit
+        self._least_cosine = math.cos(settings.hand.largest_turn)
         self._overloaded = 0.0
+        self._segment: Segment | None = None
+        self._held = False, False
+        """Whether each hand should hold the plate in this segment."""
 
-    def look(self, segment: Segment, time: float, turned: float) -> LiftFailure | None:
+    def look(self, segment: Segment, time: float, turn: tuple[Array, Array] | None) -> LiftFailure | None:
         """Return what gave way in the last step, None if nothing did.
 
         Args:
             segment: of the plan.
             time: [s].
-            turned: the plate's rotation away from how it should hang while it is lifted [rad].
+            turn: how the plate (3, 3) should hang while it is lifted, and how it does; None before.
         """
         cause = self._lifter.lets_go(self._step)
         if cause is not None:
             return Failure("cup_lost", time, cause)
-        cause = self._slip(segment, turned)
+        cause = self._slip(segment) or self._turned(turn)
         if cause is not None:
             return Failure("slipped", time, cause)
-        cause = self._overload({hand.arm.name: hand.force for hand in (self._gripping, self._pushing)})
+        cause = self._overload()
         if cause is not None:
             return Failure("overload", time, cause)
         return None
 
-    def _slip(self, segment: Segment, turned: float) -> str | None:
-        changes = segment.kind in (SegmentKind.GRIP, SegmentKind.RELEASE)
-        for hand, held in ((self._gripping, bool(segment.grips)), (self._pushing, segment.push is not None)):
-            cause = hand.lost(held and not changes, self._step)
-            if cause is not None:
-                return cause
-        if turned > self._settings.largest_turn:
-            return f"the plate turned by {np.degrees(turned):.0f} degrees in the hands"
-        return None
+    def _slip(self, segment: Segment) -> str | None:
+        if segment is not self._segment:
+            keeps = segment.kind not in (SegmentKind.GRIP, SegmentKind.RELEASE)
+            self._segment, self._held = segment, (keeps and bool(segment.grips), keeps and segment.push is not None)
+        grips, pushes = self._held
+        return self._gripping.lost(grips, self._step) or self._pushing.lost(pushes, self._step)
 
-    def _overload(self, forces: dict[str, Array]) -> str | None:
-        s = self._settings
-        net = {name: math.sqrt(force @ force) for name, force in forces.items()}
-        worst = max(net, key=lambda name: net[name])
-        self._overloaded = self._overloaded + self._step if net[worst] > self._limit else 0.0
-        if self._overloaded > s.overload_time:
-            return f"the {worst} hand bore {net[worst]:.1f} N, more than {self._limit:.1f} N, for {s.overload_time:g} s"
-        return None
+    def _turned(self, turn: tuple[Array, Array] | None) -> str | None:
+        # The trace of the rotation between them is one and twice the cosine of its angle.
+        if turn is None or 0.5 * (float(np.vdot(*turn)) - 1.0) >= self._least_cosine:
+            return None
+        return f"the plate turned by {np.degrees(rotation_angle(*turn)):.0f} degrees in the hands"
+
+    def _overload(self) -> str | None:
+        gripped, pushed = math.hypot(*self._gripping.force.tolist()), math.hypot(*self._pushing.force.tolist())
+        most, hand = (gripped, self._gripping) if gripped >= pushed else (pushed, self._pushing)
+        self._overloaded = self._overloaded + self._step if most > self._limit else 0.0
+        if self._overloaded <= self._settings.overload_time:
+            return None
+        seconds = self._settings.overload_time
+        return f"the {hand.arm.name} hand bore {most:.1f} N, more than {self._limit:.1f} N, for {seconds:g} s"
 
 
 def _untold() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
 
@@ -19,6 +20,7 @@ LEAD = 0.3
 """Hands and lifter begin to change what they bear so long before the plan has it change [s]."""
 BEARERS = ("left", "right", "cup", "support")
 """Who exerts forces on the plate; "support" is whatever it rests on."""
+_STANDS = np.zeros(3)
 _MEAN_TIME = 0.06
 """Forces at nodes are means over so long [s]."""
 
@@ -35,8 +37,17 @@ class LiftReference(SampledTimeline):
         """(n, 4, 4)"""
         self._planned = {name: np.concatenate([_wrenches(each, name) for each in plan.segments]) for name in BEARERS}
         borders = np.cumsum([len(segment.time) for segment in plan.segments])[:-1]
-        self._told = {name: _begun_before(self.time, self._planned[name], borders) for name in (*BEARERS[:2], "cup")}
-        self._cup_points = self.T_world_plate[:, :3, :3] @ pad + self.T_world_plate[:, :3, 3]
+        told = {name: _begun_before(self.time, self._planned[name], borders) for name in BEARERS[:3]}
+        points = self.T_world_plate[:, :3, :3] @ pad + self.T_world_plate[:, :3, 3]
+        first = self.table.shape[1]
+        self._told = {name: slice(first + 6 * i, first + 6 * i + 6) for i, name in enumerate(told)}
+        self._cup_point = slice(first + 18, first + 21)
+        """Where they stand in a row."""
+        self.table = np.hstack([self.table, *told.values(), points])
+        self._cup_velocities = np.zeros_like(points)
+        """(n, 3) from each sample to the next of its segment [m/s]."""
+        widths = np.diff(self.time)
+        self._cup_velocities[:-1] = np.diff(points, axis=0) / np.where(widths > 0.0, widths, np.inf)[:, None]
 
     def plate_rotation(self, moment: PlannedMoment) -> Array:
         """Return `R_world_plate` (3, 3), of the nearer sample."""
@@ -44,14 +55,11 @@ class LiftReference(SampledTimeline):
 
     def cup_point(self, moment: PlannedMoment) -> Array:
         """Return where the cup pulls (3,), world [m]."""
-        return moment.between(self._cup_points)
+        return moment.row[self._cup_point]
 
     def cup_velocity(self, moment: PlannedMoment) -> Array:
         """Return how fast that point moves (3,) [m/s]."""
-        low, high = moment.low, moment.high
-        if low == high:
-            return np.zeros(3)
-        return (self._cup_points[high] - self._cup_points[low]) / (self.time[high] - self.time[low])
+        return self._cup_velocities[moment.low] if moment.high > moment.low else _STANDS
 
     def wrench(self, name: str, moment: PlannedMoment) -> Array | None:
         """Return what an arm or "cup" is told to exert on the plate, None when it touches nothing.
@@ -59,8 +67,8 @@ class LiftReference(SampledTimeline):
         It is as planned, but what changes from one hold to the next begins to before. (6,) about the middle of the
         contacts, world axes [N, Nm].
         """
-        value = moment.between(self._told[name])
-        return None if np.isnan(value[0]) else value
+        value = moment.row[self._told[name]]
+        return None if math.isnan(value[0]) else value
 
     def planned_forces(self, moment: PlannedMoment) -> dict[str, Array]:
         """Return the planned force (3,) of everything that touches the plate [N]."""

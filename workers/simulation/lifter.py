@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numba import njit
 
 from planners.balance.lifter import SuctionPad
 from planners.geometry.pose import Array, skew
@@ -30,15 +31,18 @@ class SuctionLifter:
     ) -> None:
         """Attach it."""
         cup = scene.cup
-        self._settings, self._rng, self._cable = settings, rng, scene.lifter_model == "cable"
-        self._arm = cup.T_plate_cup[:3, 3] - scene.plate.com
-        self._axes = cup.T_plate_cup[:3, :3]
-        self._outward = -cup.T_plate_cup[:3, 2]
-        self._radius = cup.radius
+        self._settings, self._rng = settings, rng
         pad = balance_program(scene).lifter
         at_rest, per_pull = (pad.grip_at_rest, pad.grip_per_pull) if isinstance(pad, SuctionPad) else (0.0, 0.0)
-        self._grip = contact.friction_factor * at_rest, contact.friction_factor * per_pull
-        self._bending = math.pi * cup.radius * cup.kappa / math.sqrt(2.0)
+        self._pad = _Pad(
+            cup.T_plate_cup[:3, 3] - scene.plate.com,
+            cup.T_plate_cup[:3, :3].copy(),
+            cup.radius,
+            contact.friction_factor * at_rest,
+            contact.friction_factor * per_pull,
+            math.pi * cup.radius * cup.kappa / math.sqrt(2.0),
+            scene.lifter_model == "cable",
+        )
         self.limit = cup.max_force
         """[N]"""
         self.stiffness = settings.stiffness(cup.max_force)
@@ -56,7 +60,7 @@ class SuctionLifter:
     def place(self, plate: Motion) -> tuple[Array, Array]:
         """Return the pad's place (3,) and its velocity (3,), world."""
         R, com, velocity, spin = plate
-        arm = R @ self._arm
+        arm = R @ self._pad.arm
         return com + arm, velocity + skew(spin) @ arm
 
     def give(self, wrench: Array, point: Array, velocity: Array, plate: Motion, step: float) -> Array:
@@ -72,30 +76,24 @@ class SuctionLifter:
         s = self._settings
         decay = math.exp(-step / s.error_time)
         self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.normal()
-        place, moves = self.place(plate)
-        loaded = min(1.0, float(np.linalg.norm(wrench[:3])) / (0.2 * self.limit))
-        force = (1.0 + self._error) * wrench[:3]
-        force = force + loaded * self.stiffness * (point - place + s.damping_time * (velocity - moves))
-        return self._exert(force, wrench[3:], plate, s.saturation * self.limit)[0]
+        force = wrench[:3]
+        loaded = min(1.0, math.sqrt(force @ force) / (0.2 * self.limit))
+        spring = loaded * self.stiffness, s.damping_time, s.saturation * self.limit
+        return self._pull(plate, (1.0 + self._error) * force, (point, velocity, wrench[3:]), spring, upright=False)[0]
 
     def hang(self, plate: Motion, torque: Array) -> None:
         """Begin the lift: from now on the head is where the winch has it, and the force now is the force at rest."""
         place, _ = self.place(plate)
-        self._hung = (self.force.copy(), place, torque)
+        self._hung = (self.force.copy(), place, torque.copy())
 
     def hoist(self, height: float, speed: float, plate: Motion) -> Array:
         """Act as a spring to the head at a height over where the lift began; return the (6,) wrench as in `give`."""
         assert self._hung is not None
         force0, place0, torque = self._hung
-        place, moves = self.place(plate)
-        lag, rate = place0 - place, -moves
-        lag[2] += height
-        rate[2] += speed
-        if self._cable:
-            # The trolley follows above the cup: the cable stays upright.
-            lag[:2] = rate[:2] = 0.0
-        force = force0 + self.stiffness * (lag + self._settings.damping_time * rate)
-        wrench, excess = self._exert(force, torque, plate, math.inf)
+        risen, rises = np.array([[0.0, 0.0, height], [0.0, 0.0, speed]])
+        head = place0 + risen, rises, torque
+        spring = self.stiffness, self._settings.damping_time, math.inf
+        wrench, excess = self._pull(plate, force0, head, spring, upright=self._pad.cable)
         force0 -= excess
         self.slid += math.sqrt(excess @ excess) / self.stiffness
         return wrench
@@ -109,33 +107,100 @@ class SuctionLifter:
             return f"the cup was pulled with {self.pull:.1f} N, more than {s.burst:g} times its {borne:g} N"
         if self._over > s.grace:
             return f"the cup was over its {borne:g} N for {s.grace:g} s"
-        if self.slid > self._radius:
+        if self.slid > self._pad.radius:
             return "the cup slid off its place on the plate"
         return None
 
-    def _exert(self, force: Array, torque: Array, plate: Motion, most: float) -> tuple[Array, Array]:
-        """Keep a force within what the cup can bear; return the wrench about the centre of mass, and what slid away."""
-        R = plate[0]
-        if self._cable:
-            self.pull = min(max(0.0, float(force[2])), most)
-            self.force = np.array([0.0, 0.0, self.pull])
-            arm = R @ self._arm
-            return np.concatenate([self.force, skew(arm) @ self.force]), np.zeros(3)
-        outward = R @ self._outward
-        self.pull = min(max(0.0, float(force @ outward)), most)
-        across = force - (force @ outward) * outward
-        at_rest, per_pull = self._grip
-        size, grip = math.sqrt(across @ across), max(0.0, at_rest + per_pull * self.pull)
-        excess = across * max(0.0, 1.0 - grip / size) if size > 0.0 else np.zeros(3)
-        self.force = self.pull * outward + across - excess
-        arm = R @ self._arm
-        return np.concatenate([self.force, skew(arm) @ self.force + self._borne(torque, R, grip)]), excess
+    def _pull(
+        self,
+        plate: Motion,
+        force: Array,
+        head: tuple[Array, Array, Array],
+        spring: tuple[float, float, float],
+        *,
+        upright: bool,
+    ) -> tuple[Array, Array]:
+        wrench, self.force, excess, self.pull = _pulled(plate, self._pad, force, head, spring, upright)
+        return wrench, excess
 
-    def _borne(self, torque: Array, R_world_plate: Array, grip: float) -> Array:
-        """Keep a torque (3,) within what the pad bears: paper B's (5g) about its x and y, friction about its normal."""
-        axes, twist = R_world_plate @ self._axes, self._radius * grip
-        most = np.array([self._bending, self._bending, twist])
-        return axes @ np.minimum(np.maximum(axes.T @ torque, -most), most)
+
+class _Pad(NamedTuple):
+    """A cup on the plate, for compiled code."""
+
+    arm: Array
+    """(3,) of the pad's centre from the plate's centre of mass, plate axes [m]."""
+    axes: Array
+    """(3, 3) of the cup in the plate's axes; it pulls against its z."""
+    radius: float
+    """[m]"""
+    at_rest: float
+    """Friction across the pad without a pull [N]."""
+    per_pull: float
+    """What a pull adds to it [1]."""
+    bending: float
+    """Torque that the pad bears about its x and y [Nm]."""
+    cable: bool
+    """Whether it hangs on a cable, which pulls straight up and holds no torque."""
+
+
+@njit(cache=True, nogil=True)
+def _pulled(plate, pad, force, head, spring, upright):  # noqa: C901 - one compiled pass
+    """Return the (6,) wrench on the plate about its centre of mass, the force in it, what slid away, and the pull.
+
+    Args:
+        plate: how it is.
+        pad: what pulls.
+        force: (3,) where the spring is at rest [N].
+        head: where the spring has its end (3,), how that moves (3,), and the torque (3,) that it gives.
+        spring: stiffness [N/m], damping over stiffness [s], and the largest pull [N].
+        upright: whether the head is above the pad wherever that is.
+    """
+    R, com, velocity, spin = plate
+    point, speed, torque = head
+    stiffness, time, most = spring
+    arm, asked, outward = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        arm[i] = R[i, 0] * pad.arm[0] + R[i, 1] * pad.arm[1] + R[i, 2] * pad.arm[2]
+        outward[i] = -(R[i, 0] * pad.axes[0, 2] + R[i, 1] * pad.axes[1, 2] + R[i, 2] * pad.axes[2, 2])
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        asked[i] = force[i]
+        # The trolley follows above the cup: the cable stays upright.
+        if i == 2 or not upright:
+            moves = velocity[i] + spin[j] * arm[k] - spin[k] * arm[j]
+            asked[i] += stiffness * (point[i] - (com[i] + arm[i]) + time * (speed[i] - moves))
+    wrench, given, excess = np.zeros(6), np.zeros(3), np.zeros(3)
+    if pad.cable:
+        pull = min(max(0.0, asked[2]), most)
+        given[2] = pull
+    else:
+        along = asked[0] * outward[0] + asked[1] * outward[1] + asked[2] * outward[2]
+        pull = min(max(0.0, along), most)
+        grip = max(0.0, pad.at_rest + pad.per_pull * pull)
+        size = 0.0
+        for i in range(3):
+            asked[i] -= along * outward[i]
+            size += asked[i] * asked[i]
+        size = math.sqrt(size)
+        for i in range(3):
+            if size > 0.0:
+                excess[i] = asked[i] * max(0.0, 1.0 - grip / size)
+            given[i] = pull * outward[i] + asked[i] - excess[i]
+        # Paper B's (5g) about its x and y, friction about its normal.
+        for axis in range(3):
+            x, y, z = pad.axes[0, axis], pad.axes[1, axis], pad.axes[2, axis]
+            limit = pad.bending if axis < 2 else pad.radius * grip
+            about = 0.0
+            for i in range(3):
+                about += (R[i, 0] * x + R[i, 1] * y + R[i, 2] * z) * torque[i]
+            borne = min(max(about, -limit), limit)
+            for i in range(3):
+                wrench[3 + i] += (R[i, 0] * x + R[i, 1] * y + R[i, 2] * z) * borne
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        wrench[i] = given[i]
+        wrench[3 + i] += arm[j] * given[k] - arm[k] * given[j]
+    return wrench, given, excess, pull
 
 
 @dataclass(frozen=True, eq=False)

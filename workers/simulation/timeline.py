@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from planners.geometry.pose import Array
 from planners.plan.segment import Segment
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class PlannedMoment:
     """One instant of a plan, between two samples of one segment."""
 
@@ -25,6 +26,18 @@ class PlannedMoment:
     """The samples before and after it, counted over the whole plan."""
     part: float
     """How far from the first to the second, 0 to 1."""
+    row: Array
+    """What the timeline has in its table, at this instant."""
+
+    @property
+    def positions(self) -> Array:
+        """(12,) of all joints [rad]."""
+        return self.row[:12]
+
+    @property
+    def velocities(self) -> Array:
+        """(12,) of all joints [rad/s]."""
+        return self.row[12:24]
 
     @property
     def elapsed(self) -> float:
@@ -45,10 +58,12 @@ class SampledTimeline:
         self.segments = segments
         self.time = np.concatenate([segment.time for segment in segments])
         """(n,) [s]"""
-        self.positions = np.concatenate([segment.positions for segment in segments])
-        self.velocities = np.concatenate([segment.velocities for segment in segments])
-        """(n, 12) [rad, rad/s]"""
-        self._segment_of = np.repeat(np.arange(len(segments)), [len(segment.time) for segment in segments])
+        self.table = np.concatenate([np.hstack([each.positions, each.velocities]) for each in segments])
+        """(n, k) what is looked up at every step, straight between samples: joint positions, velocities, and more."""
+        # Lists: every step asks for single numbers.
+        self._times = self.time.tolist()
+        self._segment_of = [index for index, segment in enumerate(segments) for _ in segment.time]
+        self._last = len(self._times) - 1
 
     @property
     def duration(self) -> float:
@@ -57,14 +72,15 @@ class SampledTimeline:
 
     def at(self, time: float) -> PlannedMoment:
         """Return the instant at a time [s]; after the end everything is as at the last sample."""
-        last = len(self.time) - 1
-        low = min(max(int(np.searchsorted(self.time, time, side="right")) - 1, 0), last)
-        index = int(self._segment_of[low])
+        times = self._times
+        low = min(max(bisect_right(times, time) - 1, 0), self._last)
+        index = self._segment_of[low]
         # Samples on both sides of a segment's border have the same time: never interpolate over one.
-        high = low + 1 if low < last and self._segment_of[low + 1] == index else low
-        width = self.time[high] - self.time[low]
-        part = float(min(max((time - self.time[low]) / width, 0.0), 1.0)) if width > 0.0 else 0.0
-        return PlannedMoment(time, index, self.segments[index], low, high, part)
+        high = low + 1 if low < self._last and self._segment_of[low + 1] == index else low
+        width = times[high] - times[low]
+        part = min(max((time - times[low]) / width, 0.0), 1.0) if width > 0.0 else 0.0
+        row = (1.0 - part) * self.table[low] + part * self.table[high]
+        return PlannedMoment(time, index, self.segments[index], low, high, part, row)
 
     def poses(self, body: str, start: Array) -> Array:
         """Return where a body is at every sample, (n, 7) in the world; `start` (7,): until it first moves."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -17,7 +18,7 @@ from planners.scene.moved_object import MovedObject
 from planners.scene.solid import ExtrudedSolid
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
-from workers.simulation.holds import CupHold, CupLoad, FingerHold, exert, leaves_behind, misses_tool
+from workers.simulation.holds import Chain, CupHold, CupLoad, FingerHold, leaves_behind, misses_tool
 from workers.simulation.recording import MOTION_EVERY, TOOL_UNITS, Failure, Recorder, Track
 from workers.simulation.settings import ToolSimulationSettings, WatchSettings
 from workers.simulation.timeline import PlannedMoment, SampledTimeline
@@ -49,9 +50,14 @@ class ToolExecution:
         self._moment = self.timeline.at(self.time)
         self._fingers: dict[str, FingerHold] = {}
         self._cup: CupHold | None = None
+        self._chain = Chain([])
         self._positions = {name: self.timeline.poses(name, plan.bodies[name].pose)[:, :3] for name in world.bodies}
         """By body: (n, 3) where its origin should be, by sample [m]."""
         self._suction = [riding_on(TOOL_NAME, plan.segments, index) for index in range(len(plan.segments))]
+        self._grips = [segment.grips for segment in plan.segments]
+        around = [self._suction[max(index - 1, 0) : index + 2] for index in range(len(plan.segments))]
+        self._passes = [frozenset(each[0] for each in near if each is not None) for near in around]
+        """By segment: what the cup may touch."""
         self._moved: list[tuple[float, Array]] = []
         """Time and joint positions, at some of the recorder's times."""
         self._tracks = {name: Track() for name in world.bodies}
@@ -92,12 +98,11 @@ class ToolExecution:
     # One step.
 
     def _step(self) -> ToolFailure | None:
-        timeline = self.timeline
         failure = self._take_and_let_go(self._moment)
         if failure is not None:
             return failure
-        self._moment = ahead = timeline.at(self.time + self.settings.step)
-        self._advance(ahead.between(timeline.positions), ahead.between(timeline.velocities))
+        self._moment = ahead = self.timeline.at(self.time + self.settings.step)
+        self._advance(ahead.positions, ahead.velocities)
         if self._steps % self._look == 0:
             failure = self._give_way() or self._standing.look(self._held(), self.time)
         if failure is not None or self._steps % self._record == 0:
@@ -107,14 +112,16 @@ class ToolExecution:
     def _advance(self, positions: Array, velocities: Array) -> None:
         """Let holds act for one step while the joints are driven to positions (12,)."""
         world, step = self.world, self.settings.step
-        holds = list(self._fingers.values())
+        holds = self._fingers.values()
         for hold in holds:
             hold.bond.follow(*world.hand(hold.arm, hold.T_flange_tcp))
         bonds = [hold.bond for hold in holds]
         if self._cup is not None:
             self._cup.bond.follow(world.tool.T_world_body)
             bonds.append(self._cup.bond)
-        exert(bonds, step, self.scene.cell.gravity)
+        if self._chain.bonds != bonds:
+            self._chain = Chain(bonds)
+        self._chain.exert(step, self.scene.cell.gravity)
         for hold in holds:
             world.push_hand(hold.arm, -hold.bond.wrench, hold.bond.point)
         world.drive(positions, velocities)
@@ -137,17 +144,23 @@ class ToolExecution:
         return self._move_fingers(self._wanted_grips(moment)) or self._switch_vacuum(self._wanted_suction(moment))
 
     def _wanted_grips(self, moment: PlannedMoment) -> tuple[Grip, ...]:
-        part, s, grips = moment.elapsed, self.settings, moment.segment.grips
-        kept = {SegmentKind.GRIP: part >= s.close_at, SegmentKind.RELEASE: part < s.open_at}
-        return grips if kept.get(moment.segment.kind, True) else grips[1:]
+        kind, s, grips = moment.segment.kind, self.settings, self._grips[moment.index]
+        opened = (kind is SegmentKind.GRIP and moment.elapsed < s.close_at) or (
+            kind is SegmentKind.RELEASE and moment.elapsed >= s.open_at
+        )
+        return grips[1:] if opened else grips
 
     def _wanted_suction(self, moment: PlannedMoment) -> tuple[str, Attachment] | None:
-        over = moment.elapsed >= self.settings.vacuum_at
-        on = {SegmentKind.ATTACH: over, SegmentKind.DETACH: not over}.get(moment.segment.kind, True)
-        return self._suction[moment.index] if on else None
+        kind, at = moment.segment.kind, self.settings.vacuum_at
+        off = (kind is SegmentKind.ATTACH and moment.elapsed < at) or (
+            kind is SegmentKind.DETACH and moment.elapsed >= at
+        )
+        return None if off else self._suction[moment.index]
 
     def _move_fingers(self, wanted: tuple[Grip, ...]) -> ToolFailure | None:
-        arms = {grip.arm for grip in wanted}
+        arms = [grip.arm for grip in wanted]
+        if arms == [*self._fingers]:
+            return None
         self._fingers = {arm: hold for arm, hold in self._fingers.items() if arm in arms}
         for grip in wanted:
             if grip.arm in self._fingers:
@@ -180,8 +193,9 @@ class ToolExecution:
 
     def _let_pass(self, index: int) -> None:
         """Let the cup touch what it sucks in a segment, before it or after it: its lip is no rigid body."""
-        near = self._suction[max(index - 1, 0) : index + 2]
-        passing = frozenset(each[0] for each in near if each is not None)
+        passing = self._passes[index]
+        if passing == self._passing:
+            return
         for name in passing ^ self._passing:
             self.world.tool.let_touch(self.world.bodies[name], touches=name not in passing)
         self._passing = passing
@@ -249,6 +263,7 @@ class StandingWatch:
     def __init__(self, bodies: Mapping[str, FreeBody], settings: WatchSettings) -> None:
         """Begin with all bodies standing where they are."""
         self._bodies, self._settings = bodies, settings
+        self._least_cosine = math.cos(settings.tilt)
         self._places = {name: body.T_world_body for name, body in self._bodies.items()}
         self._centers = {name: body.center for name, body in self._bodies.items()}
 
@@ -265,22 +280,21 @@ class StandingWatch:
 
     def _fallen(self, name: str, body: FreeBody, time: float) -> ToolFailure | None:
         s, way = self._settings, body.center - self._centers[name]
-        turned = _tilt(self._places[name], body.T_world_body)
         if -way[2] > s.fall:
             if name == TOOL_NAME:
                 return Failure("tool_slipped", time, "the tool fell: no hand held it and it stood on nothing")
             return Failure("object_dropped", time, f"{name} fell where the vacuum let it go")
-        if turned > s.tilt:
+        if _cosine_of_tilt(self._places[name], body.T_world_body) < self._least_cosine:
             return Failure("toppled", time, f"{name} toppled over")
-        shift = float(np.hypot(way[0], way[1]))
+        shift = math.hypot(way[0], way[1])
         if shift > s.shift:
             return Failure("off_goal", time, f"{name} was pushed {1e3 * shift:.0f} mm from where it stood")
         return None
 
 
-def _tilt(T_world_a: Transform, T_world_b: Transform) -> float:
-    """Return by how much the vertical of one pose is off that of another [rad]."""
-    return float(np.arccos(np.clip(T_world_a[2, :3] @ T_world_b[2, :3], -1.0, 1.0)))
+def _cosine_of_tilt(T_world_a: Transform, T_world_b: Transform) -> float:
+    """Return the cosine of the angle by which the vertical of one pose is off that of another [1]."""
+    return float(T_world_a[2, :3] @ T_world_b[2, :3])
 
 
 def goal_error(moved: MovedObject, T_world_object: Transform) -> GoalError:

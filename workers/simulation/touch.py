@@ -10,9 +10,6 @@ from numba import njit
 from planners.geometry.pose import Array
 from workers.simulation.world import Motion
 
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
-"""Axes after x, y and z, and those after them."""
-
 
 class Touch:
     """Points of one hand on the plate, each a spring and damper within its friction cone.
@@ -21,11 +18,29 @@ class Touch:
     the anchor is dragged along where friction ends, so that sliding is Coulomb friction and sticking is elastic.
     """
 
-    def __init__(self, points: Array, *, normal: float, tangential: float, damping_time: float, mu: float) -> None:
-        """Prepare `points` (n, 3) in the hand's frame [m]; stiffness of each [N/m], damping over stiffness [s]."""
+    def __init__(
+        self,
+        points: Array,
+        *,
+        normal: float,
+        tangential: float,
+        damping_time: float,
+        mu: float,
+        radius: float = 0.0,
+    ) -> None:
+        """Prepare points.
+
+        Args:
+            points: (n, 3) in the hand's frame [m].
+            normal: stiffness of each [N/m].
+            tangential: likewise.
+            damping_time: damping over stiffness [s].
+            mu: friction.
+            radius: of a ball about each point; it is the ball's end along the normal that touches [m].
+        """
         count = len(points)
         self.points = np.ascontiguousarray(points)
-        self._stiffness = np.array([normal, tangential, damping_time, mu])
+        self._constants = np.array([normal, tangential, damping_time, mu, radius])
         self.anchors = np.zeros((count, 3))
         self.normals = np.zeros((count, 3))
         self.preload = np.zeros(count)
@@ -34,6 +49,14 @@ class Touch:
         self.forces = np.zeros((count, 3))
         """(n,) that the points exert on the plate now, world axes [N]."""
         self.engaged = False
+        self.force = np.zeros(3)
+        """(3,) sum of the forces [N]."""
+        self.pressed = False
+        """Whether any point presses on the plate."""
+        self.slip = 0.0
+        """How far the points have slid since they were engaged, on average [m]."""
+        self._tied_at = self.anchors
+        self._compliance: Array | None = None
 
     def engage(self, T_plate_hand: Array, normals: Array) -> None:
         """Tie the points to the plate where they are, with the inward `normals` (n, 3), plate frame."""
@@ -44,18 +67,19 @@ class Touch:
         """Tie the points to `anchors` (n, 3) on the plate, with the inward `normals` (n, 3), plate frame."""
         self.anchors = np.ascontiguousarray(anchors, dtype=float)
         self.normals = np.ascontiguousarray(normals, dtype=float)
-        self.slips[:] = 0.0
+        self.slips[:] = self.slip = 0.0
         self.engaged = True
+        self._compliance = None
 
     def release(self) -> None:
         """Let go."""
-        self.engaged = False
-        self.preload[:] = 0.0
-        self.forces[:] = 0.0
+        self.engaged = self.pressed = False
+        self.preload[:] = self.forces[:] = self.slip = 0.0
+        self.force = np.zeros(3)
 
     def stiffness(self) -> Array:
         """Return the (6, 6) stiffness against small motions of the hand about the hand's origin, plate axes."""
-        normal, tangential = self._stiffness[:2]
+        normal, tangential = self._constants[:2]
         K = np.zeros((6, 6))
         # The points' places on the plate, about their middle.
         for arm, n in zip(self.anchors - self.anchors.mean(axis=0), self.normals, strict=True):
@@ -66,12 +90,17 @@ class Touch:
             K += G @ k @ G.T
         return K
 
+    def compliance(self) -> Array:
+        """Return the (6, 6) by which the hand gives way: the inverse of `stiffness`, zero where it resists nothing."""
+        # It stays as it is until a point slides.
+        if self._compliance is None or not np.array_equal(self._tied_at, self.anchors):
+            self._tied_at = self.anchors.copy()
+            self._compliance = np.asarray(np.linalg.pinv(self.stiffness(), rcond=1e-8), dtype=float)
+        return self._compliance
+
     def wrench(self, R_world_plate: Array) -> Array:
         """Return the (6,) wrench that it exerts on the plate about the middle of its points, world axes [N, Nm]."""
-        arms, forces = (self.anchors - self.anchors.mean(axis=0)) @ R_world_plate.T, self.forces
-        # The cross product, in a fifth of the time that NumPy's takes for so few.
-        torques = arms.take(_NEXT, 1) * forces.take(_LAST, 1) - arms.take(_LAST, 1) * forces.take(_NEXT, 1)
-        return np.concatenate([forces.sum(axis=0), torques.sum(axis=0)])
+        return _wrench(R_world_plate, self.anchors, self.forces)
 
     def act(self, T_world_hand: Array, hand_twist: Array, plate: Motion) -> Array:
         """Compute all forces and return their (6,) total on the plate about its centre of mass, world axes.
@@ -83,27 +112,49 @@ class Touch:
         """
         if not self.engaged:
             return np.zeros(6)
-        return _act(
-            T_world_hand, hand_twist, plate, self.points, self.anchors, self.normals, self.preload, self._stiffness,
-            self.slips, self.forces,
+        total, self.pressed, self.slip = _act(
+            T_world_hand, hand_twist, plate, (self.points, self.normals, self.preload), self._constants,
+            (self.anchors, self.slips, self.forces),
         )  # fmt: skip
+        self.force = total[:3]
+        return total
 
 
 @njit(cache=True, nogil=True)
-def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
-    T, twist, plate, points, anchors, normals, preload, stiffness, slips, forces
-):
+def _wrench(R, anchors, forces):
+    middle, total = np.zeros(3), np.zeros(6)
+    for i in range(anchors.shape[0]):
+        for j in range(3):
+            middle[j] += anchors[i, j] / anchors.shape[0]
+    arm = np.empty(3)
+    for i in range(anchors.shape[0]):
+        x, y, z = anchors[i, 0] - middle[0], anchors[i, 1] - middle[1], anchors[i, 2] - middle[2]
+        for j in range(3):
+            arm[j] = R[j, 0] * x + R[j, 1] * y + R[j, 2] * z
+        for j in range(3):
+            k, m = (j + 1) % 3, (j + 2) % 3
+            total[j] += forces[i, j]
+            total[3 + j] += arm[k] * forces[i, m] - arm[m] * forces[i, k]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _act(T, twist, plate, given, constants, state):  # noqa: C901 - one compiled pass over all points
+    """Return the wrench, whether any point presses, and how far the points have slid; write `state`."""
     R, com, velocity, spin = plate
-    kn, kt, time, mu = stiffness
-    total = np.zeros(6)
+    points, normals, preload = given
+    anchors, slips, forces = state
+    kn, kt, time, mu, radius = constants
+    total, pressed, slip = np.zeros(6), False, 0.0
     hand, wrist = np.empty(3), np.empty(3)
     d, v, n, a, f = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(points.shape[0]):
         for j in range(3):
             wrist[j] = T[j, 0] * points[i, 0] + T[j, 1] * points[i, 1] + T[j, 2] * points[i, 2]
-            hand[j] = wrist[j] + T[j, 3]
             a[j] = R[j, 0] * anchors[i, 0] + R[j, 1] * anchors[i, 1] + R[j, 2] * anchors[i, 2]
             n[j] = R[j, 0] * normals[i, 0] + R[j, 1] * normals[i, 1] + R[j, 2] * normals[i, 2]
+            wrist[j] += radius * n[j]
+            hand[j] = wrist[j] + T[j, 3]
             d[j] = hand[j] - com[j] - a[j]
         for j in range(3):
             k, m = (j + 1) % 3, (j + 2) % 3
@@ -137,8 +188,10 @@ def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
                 slips[i] += math.sqrt(slid)
         for j in range(3):
             forces[i, j] = press * n[j] + f[j]
+            pressed |= forces[i, j] != 0.0
         for j in range(3):
             k, m = (j + 1) % 3, (j + 2) % 3
             total[j] += forces[i, j]
             total[3 + j] += (hand[k] - com[k]) * forces[i, m] - (hand[m] - com[m]) * forces[i, k]
-    return total
+        slip += slips[i] / points.shape[0]
+    return total, pressed, slip

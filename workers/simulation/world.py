@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,9 +11,9 @@ from typing import Self
 import numpy as np
 
 from planners.cell.cell import Cell
-from planners.geometry.pose import Array, Transform, inverse, skew, to_pose7, transform
+from planners.geometry.pose import Array, Transform, inverse, to_pose7, transform
 from planners.geometry.surface import hull_with_faces
-from planners.kinematics.forward import flange_pose, jacobian
+from planners.kinematics.forward import frame_motion
 from planners.lifting.lift_loop import box_inertia
 from planners.regrasp.statics.mass_properties import MassProperties
 from planners.scene.body import Body
@@ -22,6 +22,7 @@ from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.bullet import box_shape, bullet, convex_shape, hull_shape, quiet, write_arm_urdf, write_hull
 from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
 
+_JOINTS = list(range(6))
 _LAST_LINK = 5
 """That carries the hand."""
 _SOLVER_ITERATIONS = 60
@@ -69,8 +70,7 @@ class CellWorld:
         """(12,) of all joints [rad]."""
         self.velocities = np.zeros(12)
         """[rad/s]"""
-        self.torques = np.zeros(12)
-        """Of the servos [Nm]."""
+        self._torques: Sequence[float] = [0.0] * 12
         self.bodies: dict[str, FreeBody] = {}
         """What moves freely, by name."""
 
@@ -86,18 +86,14 @@ class CellWorld:
 
     def drive(self, positions: Array, velocities: Array) -> None:
         """Set the (12,) targets of all joints for the next step [rad, rad/s]."""
-        for name, part in self._joints.items():
+        # PyBullet reads lists several times as fast as arrays.
+        all_positions, all_velocities = positions.tolist(), velocities.tolist()
+        gains, ones = self._servo_gains
+        for body, part, most in self._servos:
             bullet.setJointMotorControlArray(
-                self._arms[name],
-                range(6),
-                bullet.POSITION_CONTROL,
-                targetPositions=positions[part],
-                targetVelocities=velocities[part],
-                forces=self.cell.arms[name].torque_max,
-                positionGains=[self._servo_gain] * 6,
-                velocityGains=[1.0] * 6,
-                physicsClientId=self.client,
-            )
+                body, _JOINTS, bullet.POSITION_CONTROL, all_positions[part], all_velocities[part], most, gains, ones,
+                self.client,
+            )  # fmt: skip
 
     def push_hand(self, arm: str, wrench: Array, place: Array) -> None:
         """Exert a (6,) wrench on an arm's hand during the next step: world axes, about a point (3,) of the world."""
@@ -118,20 +114,22 @@ class CellWorld:
 
     def advance(self) -> None:
         """Take one step of the physics."""
-        bullet.stepSimulation(physicsClientId=self.client)
-        for name, part in self._joints.items():
-            states = bullet.getJointStates(self._arms[name], range(6), physicsClientId=self.client)
-            self.positions[part], self.velocities[part], _, self.torques[part] = zip(*states, strict=True)
+        bullet.stepSimulation(self.client)
+        states = [state for body, _, _ in self._servos for state in bullet.getJointStates(body, _JOINTS, self.client)]
+        self.positions[:], self.velocities[:], _, self._torques = zip(*states, strict=True)
         for body in self.bodies.values():
-            body.read()
+            body.forget()
+
+    @property
+    def torques(self) -> Array:
+        """(12,) of the servos in the last step [Nm]."""
+        return np.array(self._torques)
 
     def hand(self, arm: str, T_flange_hand: Transform) -> tuple[Transform, Array]:
         """Return `T_world_hand` and its (6,) twist about its origin, world axes."""
         part, body = self._joints[arm], self.cell.arms[arm]
-        q = np.ascontiguousarray(self.positions[part])
-        T = flange_pose(body.dh, body.T_world_base, q) @ T_flange_hand
-        J = jacobian(body.dh, body.T_world_base, q, np.ascontiguousarray(T[:3, 3]))
-        return T, J @ self.velocities[part]
+        q = self.positions[part]
+        return frame_motion(body.dh, body.T_world_base, T_flange_hand, q, self.velocities[part])
 
     def _surface(self, body: int) -> None:
         """Give a body the surface that all bodies have."""
@@ -154,6 +152,10 @@ class CellWorld:
                 self._static(hull_shape(part.vertices, client), to_pose7(body.T_world_body))
         self._arms = _load_arms(self.cell, client)
         self._joints = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(self._arms)}
+        self._servos = [
+            (self._arms[name], part, self.cell.arms[name].torque_max.tolist()) for name, part in self._joints.items()
+        ]
+        self._servo_gains = [self._servo_gain] * 6, [1.0] * 6
         for name, part in self._joints.items():
             for joint, position in enumerate(start_positions[part]):
                 bullet.resetJointState(self._arms[name], joint, position, physicsClientId=client)
@@ -225,55 +227,52 @@ class FreeBody:
             axes, moments = _principal(MassProperties.homogeneous(mass, body.com, *body.solid.surface()).tensor)
         self.moments = moments
         """(3,) principal ones [kg m^2]."""
-        self._T_center_body = inverse(transform(axes, body.com))
-        self.id = _create(body, self._T_center_body, mass, moments, client)
-        pose = to_pose7(body.T_world_body @ inverse(self._T_center_body))
+        self.mass = mass
+        """[kg]"""
+        self.T_center_body = inverse(transform(axes, body.com))
+        """From its own frame to that of its principal axes in its centre of mass."""
+        self.id = _create(body, self.T_center_body, mass, moments, client)
+        pose = to_pose7(body.T_world_body @ inverse(self.T_center_body))
         bullet.resetBasePositionAndOrientation(self.id, pose[:3], [*pose[4:], pose[3]], physicsClientId=client)
-        self.center, self.velocity, self.spin = np.zeros(3), np.zeros(3), np.zeros(3)
-        """(3,) centre of mass [m], its velocity [m/s], angular velocity [rad/s]; world axes."""
-        self._R = np.eye(3)
-        self._mass_inverse = np.eye(3) / mass
-        self._inertia_inverse: Array | None = None
+        self._state: Array | None = None
+        self._motion: Motion | None = None
         self._T_world_body: Transform | None = None
-        """World axes; computed once a step where they are asked for."""
-        self.read()
+        """Found out once a step where they are asked for."""
 
-    def read(self) -> None:
-        """Take over where the physics has moved it."""
-        position, xyzw = bullet.getBasePositionAndOrientation(self.id, physicsClientId=self._client)
-        linear, angular = bullet.getBaseVelocity(self.id, physicsClientId=self._client)
-        self._R = np.array(bullet.getMatrixFromQuaternion(xyzw)).reshape(3, 3)
-        self.center, self.velocity, self.spin = np.array(position), np.array(linear), np.array(angular)
-        self._inertia_inverse = self._T_world_body = None
+    def forget(self) -> None:
+        """Forget where it was: the physics has moved it."""
+        self._state = self._motion = self._T_world_body = None
 
     @property
     def motion(self) -> Motion:
         """Orientation of its principal axes, centre of mass, its velocity, and spin."""
-        return self._R, self.center, self.velocity, self.spin
+        if self._motion is None:
+            state = self.state
+            self._motion = state[:3], state[3], state[4], state[5]
+        return self._motion
+
+    @property
+    def state(self) -> Array:
+        """(6, 3): `motion` in one array, the rotation's rows first."""
+        if self._state is None:
+            position, xyzw = bullet.getBasePositionAndOrientation(self.id, self._client)
+            matrix = bullet.getMatrixFromQuaternion(xyzw)
+            linear, angular = bullet.getBaseVelocity(self.id, self._client)
+            self._state = np.array((matrix[:3], matrix[3:6], matrix[6:], position, linear, angular))
+        return self._state
+
+    @property
+    def center(self) -> Array:
+        """(3,) centre of mass, in the world [m]."""
+        return self.motion[1]
 
     @property
     def T_world_body(self) -> Transform:
         """Where the body's own frame is."""
         if self._T_world_body is None:
-            self._T_world_body = transform(self._R, self.center) @ self._T_center_body
+            R, center, _, _ = self.motion
+            self._T_world_body = transform(R, center) @ self.T_center_body
         return self._T_world_body
-
-    def twist_at(self, point: Array) -> Array:
-        """Return the (6,) velocity of the body at a point (3,) of the world, world axes."""
-        return np.concatenate([self.velocity + skew(self.spin) @ (point - self.center), self.spin])
-
-    def mobility(self, one: Array, other: Array) -> Array:
-        """Return (6, 6): how fast the twist at a point changes under a wrench about another point, world axes."""
-        if self._inertia_inverse is None:
-            self._inertia_inverse = (self._R / self.moments) @ self._R.T
-        inertia_inverse = self._inertia_inverse
-        a, b = skew(one - self.center), skew(other - self.center)
-        W = np.empty((6, 6))
-        W[:3, 3:] = -a @ inertia_inverse
-        W[:3, :3] = W[:3, 3:] @ b + self._mass_inverse
-        W[3:, :3] = inertia_inverse @ b
-        W[3:, 3:] = inertia_inverse
-        return W
 
     def push(self, wrench: Array, point: Array) -> None:
         """Exert a (6,) wrench about a point (3,) of the world during the next step, world axes."""
@@ -286,8 +285,10 @@ class FreeBody:
 
 def _push(body: int, link: int, wrench: Array, place: Array, client: int) -> None:
     """Exert a (6,) wrench on a link during the next step: world axes, about a point (3,) of the world."""
-    bullet.applyExternalForce(body, link, wrench[:3], place, bullet.WORLD_FRAME, physicsClientId=client)
-    bullet.applyExternalTorque(body, link, wrench[3:], bullet.WORLD_FRAME, physicsClientId=client)
+    # PyBullet reads lists several times as fast as arrays.
+    values = wrench.tolist()
+    bullet.applyExternalForce(body, link, values[:3], place.tolist(), bullet.WORLD_FRAME, client)
+    bullet.applyExternalTorque(body, link, values[3:], bullet.WORLD_FRAME, client)
 
 
 def _load_arms(cell: Cell, client: int) -> Mapping[str, int]:

@@ -13,11 +13,10 @@ import numpy as np
 from planners.certify.common.cones import StatedCup
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
-from planners.certify.motion.robot_surfaces import PAD_SIZE
-from planners.certify.plan_view import BodyView, PlanView
+from planners.certify.motion.solids import gripper_of
+from planners.certify.plan_view import BodyView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
-from planners.plan.scenery import HandDocument
 from planners.plan.verdicts import Check
 
 if TYPE_CHECKING:
@@ -49,20 +48,20 @@ class Bound:
         return 1.0 - self.available / self.needed
 
 
-def reach_bound(plan: PlanView, point: Array, further: float) -> Bound:
+def reach_bound(evidence: Evidence, point: Array, further: float) -> Bound:
     """Return how far a point is from the shoulder of the arm that misses it by least, and how far that one reaches [m].
 
     Args:
-        plan: has arms and hands.
+        evidence: has arms and hands.
         point: (3,) in the world [m].
         further: what a hand reaches with, and how far around the point it may touch [m].
     """
     reaches = []
-    for name, arm in plan.cell.arms.items():
+    for name, arm in evidence.plan.cell.arms.items():
         # Each row of the table stretched out from the shoulder: the point of the first axis that the joint turns about.
         shoulder = arm.T_world_base[:3, 3] + float(arm.dh[0, 2]) * arm.T_world_base[:3, 2]
         stretched = abs(float(arm.dh[0, 0])) + sum(math.hypot(a, d) for a, _, d, _ in arm.dh[1:].tolist())
-        available = stretched + _hand_length(plan.cell.hands[name]) + further + _TOLERANCES
+        available = stretched + _hand_length(evidence, name) + further + _TOLERANCES
         reaches.append((float(np.linalg.norm(point - shoulder)), available))
     needed, available = max(reaches, key=lambda pair: pair[1] - pair[0])
     return Bound(max(needed, _TOLERANCES), (max(needed, _TOLERANCES),), available)
@@ -73,11 +72,12 @@ def body_radius(body: BodyView) -> float:
     return float(np.linalg.norm(body.shape.vertices, axis=1).max())
 
 
-def _hand_length(hand: HandDocument) -> float:
+def _hand_length(evidence: Evidence, arm: str) -> float:
     """Return how far from the flange's origin a hand can touch anything: pads opened widest, or the tip's pole [m]."""
+    hand = evidence.plan.cell.hands[arm]
     if hand.kind == "stick":
         return float(np.linalg.norm(hand.T_flange_tip[:3, 3])) + hand.tip_radius
-    width, _, length = PAD_SIZE.tolist()
+    width, _, length = gripper_of(arm, evidence.surfaces).pad_size.tolist()
     opening, height = hand.tcp.max(axis=0)
     return math.hypot(width / 2, float(opening) / 2, float(height) + length / 2)
 

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
-from planners.certify.motion.robot_surfaces import LARGEST_WIDTH, pad_height
 from planners.certify.motion.segment_motion import rotation_angles
+from planners.certify.motion.solids import gripper_of
 from planners.certify.plan_view import BodyView, MalformedDocument, shape_of
 from planners.certify.settings import CertifySettings
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
@@ -155,12 +155,13 @@ def _grippers(evidence: Evidence) -> Check:
     """The table of pad heights must be the linkage's, and every opening one that the gripper has."""
     finding, tolerance = Finding("gripper", "m"), evidence.settings.attachment_distance
     for arm, gripper in evidence.plan.grippers.items():
+        known = gripper_of(arm, evidence.surfaces)
         widths, heights = gripper.tcp.T
-        off = np.abs(pad_height(widths) - heights)
+        off = np.abs(known.pad_height(widths) - heights)
         finding.note_all(tolerance - off, lambda i, a=arm: f"cell: row {i} of the {a} hand's tcp table")
         for segment in evidence.plan.segments:
             opening = segment.gripper_width[arm]
-            outside = np.maximum(-opening, opening - min(LARGEST_WIDTH, float(widths[-1])))
+            outside = np.maximum(-opening, opening - min(known.largest_width, float(widths[-1])))
             finding.note_samples(segment, tolerance - outside, f"opening of {arm}")
     return finding.check()
 

@@ -38,7 +38,7 @@ def lift_infeasibility_check(evidence: Evidence, task: LiftTask) -> Check:
     assert shape is not None
     plate, widths = plan.bodies["plate"], face_distances(shape)
     opening = Bound(min(widths), widths, plan.opening)
-    reach = reach_bound(plan, plate.T_world_start[:3, 3], body_radius(plate))
+    reach = reach_bound(evidence, plate.T_world_start[:3, 3], body_radius(plate))
     return proof_check(evidence, {"N": (_weight_bound(plan, task),), "m": (opening, reach)})
 
 

@@ -1,7 +1,7 @@
-"""The robots' surfaces: convex hulls of the makers' meshes, unreduced, from the `airo-models` package.
+"""The robots' surfaces: convex hulls of the makers' meshes, unreduced, and of what stands in where there are none.
 
-Read here a second time and in another way than the cell does, by pinocchio on the URDF, so that a mesh the planners
-have put in the wrong place is found.
+Read here a second time and in another way than the cell does: by readers of the certificate's own, and by pinocchio on
+the URDF where the makers' meshes come with one, so that a mesh the planners have put in the wrong place is found.
 """
 
 # pinocchio has no type stubs for what its compiled part exports.
@@ -10,95 +10,236 @@ have put in the wrong place is found.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-import airo_models
 import numpy as np
 import pinocchio as pin
 import trimesh
+import yaml
+from scipy.spatial.transform import Rotation
 
+from assets import assets_folder
 from planners.certify.geometry.body_shape import ConvexPart, box, convex_part, cylinder
 from planners.certify.motion.kinematics import ArmKinematics
 from planners.errors import AssetError
-from planners.geometry.pose import Array, inverse, rotation_x, transform
+from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_x, transform
+from planners.plan.scenery import ARMS
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_UR3E_DH = np.array(
-    [
-        [0.0, math.pi / 2, 0.15185, 0.0],
-        [-0.24355, 0.0, 0.0, 0.0],
-        [-0.2132, 0.0, 0.0, 0.0],
-        [0.0, math.pi / 2, 0.13105, 0.0],
-        [0.0, -math.pi / 2, 0.08535, 0.0],
-        [0.0, 0.0, 0.0921, 0.0],
-    ]
-)
-SENSOR_LENGTH = 0.0484
-"""Coupling and FT300, from the flange to the base of gripper or stick [m]; facts of the cell."""
-_SENSOR_RADIUS = 0.0375
 _FINGER_PARTS = ("outer_knuckle", "outer_finger", "inner_knuckle", "inner_finger")
-_MILLIMETRE = 0.001
-# The finger's four-bar linkage in the gripper's base frame, finger 1 (at +y); of the gripper's URDF [m].
-_KNUCKLE_PIVOT = np.array([0.0, 0.0306011, 0.054904])
-_INNER_PIVOT = np.array([0.0, 0.0127, 0.06142])
-_OUTER_FINGER = np.array([0.0, 0.0315, -0.0041])
-_INNER_FINGER = np.add(_OUTER_FINGER, [0.0, 0.0061, 0.0471])
-_PAD = np.array([0.0, -0.0220203446692936, 0.03242])
-PAD_SIZE = np.array([0.022, 0.00635, 0.0375])
-"""Width of its inner face, thickness, length of the face [m]."""
-LARGEST_WIDTH = 2 * float(_KNUCKLE_PIVOT[1] + _INNER_FINGER[1] + _PAD[1] - PAD_SIZE[1] / 2)
-"""Inner distance of the pads at the open stop [m]."""
-_LARGEST_TURN = 0.85
-"""Finger joint angle beyond which the pads would cross [rad]."""
+_LABORATORY = {arm: ("ur3e", "robotiq_2f85_ft300") for arm in ARMS}
+"""Of the papers; what a hand without fingers is, the document says."""
 
 
 @dataclass(frozen=True, eq=False)
-class RobotSurfaces:
-    """Hulls of one arm's links, of the sensor on its flange and of the gripper's parts."""
+class GripperSurfaces:
+    """A gripper of two parallel fingers, each a four-bar linkage; in the flange frame, fingers open along y."""
 
-    links: tuple[ConvexPart, ...]
-    """Seven hulls; number i in the frame after i joints (0 = base)."""
-    sensor: ConvexPart
-    """In the flange frame."""
-    gripper_base: ConvexPart
-    """In the flange frame."""
+    base: ConvexPart
     finger_parts: Mapping[str, ConvexPart]
     """Parts of finger 1 in their own frames, see `finger_poses`; finger 0 is finger 1 turned half about z."""
+    pad_size: Array
+    """(3,) width of its inner face, thickness, length of the face [m]."""
+    height: float
+    """Of the gripper's base frame above the flange [m]."""
+    knuckle_pivot: Array
+    """(3,) of finger 1, at +y, in the base frame [m]; `inner_pivot` likewise."""
+    inner_pivot: Array
+    outer_finger: Array
+    """(3,) from the knuckle's pivot, fully open; `inner_finger` likewise [m]."""
+    inner_finger: Array
+    pad: Array
+    """(3,) centre of the pad, from the inner finger's joint [m]."""
+
+    @cached_property
+    def largest_width(self) -> float:
+        """Inner distance of the pads at the open stop [m]."""
+        return 2 * float(self._pad_face + self.inner_finger[1])
+
+    @cached_property
+    def reach(self) -> float:
+        """No point of a finger is farther from the axis it turns about [m]."""
+        far = {part: float(np.linalg.norm(hull.vertices, axis=1).max()) for part, hull in self.finger_parts.items()}
+        arm = float(np.linalg.norm(self.inner_finger))
+        return max(
+            far["outer_knuckle"],
+            far["inner_knuckle"],
+            float(np.linalg.norm(self.outer_finger)) + far["outer_finger"],
+            arm + far["inner_finger"],
+            arm + float(np.linalg.norm(self.pad)) + far["pad"],
+        )
+
+    @cached_property
+    def pivot_distance(self) -> float:
+        """Distance of the axes that fingers turn about from the flange's origin [m]."""
+        lift = np.array([0.0, 0.0, self.height])
+        return max(float(np.linalg.norm(lift + pivot)) for pivot in (self.knuckle_pivot, self.inner_pivot))
+
+    def finger_angles(self, widths: Array) -> Array:
+        """Return the finger joint's angle for each inner distance of the pads: [m] → [rad].
+
+        gap = 2 (c + a cos q - b sin q), with a, b from the linkage and c from the pad; solved for q in closed form.
+        """
+        _, a, b = self.inner_finger
+        cosine = np.clip((widths / 2 - self._pad_face) / math.hypot(a, b), -1.0, 1.0)
+        return np.maximum(np.arccos(cosine) - math.atan2(b, a), 0.0)
+
+    def finger_poses(self, part: str, finger: int, widths: Array) -> Array:
+        """Return the poses of a finger's part in the flange frame at each opening: (n,) [m] → (n, 4, 4).
+
+        The knuckles turn with the finger joint; finger and pad keep their orientation and travel on a circle.
+        """
+        poses = np.empty((len(widths), 4, 4))
+        turned = np.diag([-1.0, -1.0, 1.0]) if finger == 0 else np.eye(3)
+        for index, angle in enumerate(self.finger_angles(widths)):
+            turn = rotation_x(float(angle))
+            if part == "inner_knuckle":
+                rotation, position = turn, self.inner_pivot
+            elif part == "outer_knuckle":
+                rotation, position = turn, self.knuckle_pivot
+            elif part == "outer_finger":
+                rotation, position = turn, self.knuckle_pivot + turn @ self.outer_finger
+            else:
+                rotation, position = np.eye(3), self.knuckle_pivot + turn @ self.inner_finger
+                if part == "pad":
+                    position = position + self.pad
+            poses[index] = transform(turned @ rotation, turned @ position + [0.0, 0.0, self.height])
+        return poses
+
+    def pad_height(self, widths: Array) -> Array:
+        """Return the height of the pads' centres above the flange at each opening [m]."""
+        return self.finger_poses("pad", 1, widths)[:, 2, 3]
+
+    @property
+    def _pad_face(self) -> float:
+        """How far the pad's inner face is from the middle, less what the finger's crank adds [m]."""
+        return float(self.knuckle_pivot[1] + self.pad[1] - self.pad_size[1] / 2)
 
 
-def load_surfaces(folder: Path | None = None) -> RobotSurfaces:
-    """Read the meshes of UR3e and 2F-85.
+@dataclass(frozen=True, eq=False)
+class ArmSurfaces:
+    """Hulls of one arm's links, of the sensor on its flange and of the gripper's parts."""
+
+    links: tuple[tuple[ConvexPart, ...], ...]
+    """Seven links of one hull or more; number i in the frame after i joints (0 = base)."""
+    sensor: ConvexPart
+    """In the flange frame."""
+    sensor_length: float
+    """Coupling and sensor, from the flange to the base of gripper or stick [m]."""
+    gripper: GripperSurfaces | None
+    """None: a stick, which the document describes."""
+
+
+RobotSurfaces = Mapping[str, ArmSurfaces]
+"""By arm."""
+
+
+def load_surfaces(
+    arms: Mapping[str, tuple[str, str]] | None = None, folders: Sequence[Path] | None = None
+) -> RobotSurfaces:
+    """Read the shapes of a cell's arms and hands.
 
     Args:
-        folder: The root of the `airo-models` package; None takes the installed one.
+        arms: names of robot and hand by arm; None takes the papers' UR3e with a 2F-85 each.
+        folders: where `robots/`, `hands/` and `sensors/` are looked for, in order; None takes the shipped ones.
 
     Raises:
-        AssetError: A mesh is missing or has no volume.
+        AssetError: A file or a mesh is missing, or has no volume.
     """
-    root = folder or Path(airo_models.__file__).parent
-    gripper = root / "grippers" / "robotiq_2f_85" / "meshes" / "collision"
-    base = np.add(_vertices(gripper / "robotiq_arg2f_base_link.obj"), [0.0, 0.0, SENSOR_LENGTH])
-    files = {name: f"robotiq_arg2f_85_{name}.obj" for name in _FINGER_PARTS}
-    parts = {name: _hull(_MILLIMETRE * _vertices(gripper / file), file) for name, file in files.items()}
-    parts["pad"] = box(PAD_SIZE).parts[0]
-    sensor = cylinder(_SENSOR_RADIUS, SENSOR_LENGTH).parts[0]
-    return RobotSurfaces(
-        links=_link_hulls(root / "arms" / "ur3e"),
-        sensor=convex_part(np.add(sensor.vertices, [0.0, 0.0, SENSOR_LENGTH / 2])),
-        gripper_base=_hull(base, "robotiq_arg2f_base_link.obj"),
+    reader = _Reader(tuple(folders or (assets_folder(),)))
+    # Both arms may be of one kind.
+    read = {kind: reader.arm(*kind) for kind in set((arms or _LABORATORY).values())}
+    return {arm: read[kind] for arm, kind in (arms or _LABORATORY).items()}
+
+
+@dataclass(frozen=True)
+class _Reader:
+    folders: tuple[Path, ...]
+
+    def arm(self, robot: str, hand: str) -> ArmSurfaces:
+        held = self._read("hands", hand)
+        sensor = self._read("sensors", held["sensor"])
+        length = float(sensor["length"])
+        round_sensor = cylinder(float(sensor["radius"]), length).parts[0]
+        return ArmSurfaces(
+            links=self._links(robot),
+            sensor=convex_part(np.add(round_sensor.vertices, [0.0, 0.0, length / 2])),
+            sensor_length=length,
+            gripper=_gripper(held, length) if held["kind"] == "gripper" else None,
+        )
+
+    def _links(self, robot: str) -> tuple[tuple[ConvexPart, ...], ...]:
+        described = self._read("robots", robot)
+        if described.get("links_of"):
+            described = self._read("robots", described["links_of"])
+        drawn = {link["name"]: link for link in described["links"]}
+        urdf = _urdf_of(drawn.values())
+        if urdf is not None:
+            rows = [[joint[name] for name in ("a", "alpha_deg", "d", "theta0_deg")] for joint in described["joints"]]
+            dh = np.array(rows) * [1.0, math.pi / 180.0, 1.0, math.pi / 180.0]
+            return tuple((hull,) for hull in _link_hulls(urdf, dh))
+        return tuple(_link(drawn[name]) for name in LINKS)
+
+    def _read(self, kind: str, name: str) -> dict[str, Any]:
+        for folder in self.folders:
+            path = folder / kind / f"{name}.yaml"
+            if path.is_file():
+                return yaml.safe_load(path.read_text(encoding="utf-8"))
+        raise AssetError(f"there is no {kind}/{name}.yaml")
+
+
+def _gripper(held: Mapping[str, Any], height: float) -> GripperSurfaces:
+    pivots = {name: np.array([0.0, *offset]) for name, offset in held["linkage"].items()}
+    meshes = held["meshes"]
+    parts = {name: _hull(_mesh_vertices(meshes[name]), name) for name in _FINGER_PARTS}
+    pad_size = np.array(held["pad_size"])
+    parts["pad"] = box(pad_size).parts[0]
+    return GripperSurfaces(
+        base=_hull(np.add(_mesh_vertices(meshes["base"]), [0.0, 0.0, height]), "base"),
         finger_parts=parts,
+        pad_size=pad_size,
+        height=height,
+        knuckle_pivot=pivots["outer_knuckle"],
+        inner_pivot=pivots["inner_knuckle"],
+        outer_finger=pivots["outer_finger"],
+        inner_finger=pivots["outer_finger"] + pivots["inner_finger"],
+        pad=pivots["pad"],
     )
 
 
-def _link_hulls(folder: Path) -> tuple[ConvexPart, ...]:
+def _link(described: Mapping[str, Any]) -> tuple[ConvexPart, ...]:
+    name = described["name"]
+    if "mesh" in described:
+        turn = Rotation.from_euler("xyz", described["rpy_deg"], degrees=True).as_matrix()
+        return (_hull(_mesh_vertices(described["mesh"]) @ turn.T + described["position"], name),)
+    return tuple(_cylinder(each["start"], each["end"], each["radius"]) for each in described["cylinders"])
+
+
+def _cylinder(start: Sequence[float], end: Sequence[float], radius: float) -> ConvexPart:
+    axis = np.subtract(end, start)
+    T = transform(frame_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]), np.add(start, end) / 2)
+    upright = cylinder(radius, float(np.linalg.norm(axis))).parts[0]
+    return convex_part(upright.vertices @ T[:3, :3].T + T[:3, 3])
+
+
+def _urdf_of(links: Any) -> Path | None:
+    """Return the folder of a URDF whose meshes all the links have, if there is one."""
+    folders = {_file_of(link["mesh"]).parent.parent for link in links if "mesh" in link}
+    if len(folders) != 1 or not all("mesh" in link for link in links):
+        return None
+    (folder,) = folders
+    return folder if (folder / f"{folder.name}.urdf").is_file() else None
+
+
+def _link_hulls(folder: Path, dh: Array) -> list[ConvexPart]:
     """Take the meshes from where the URDF places them at zero to the frames of the contract."""
     # The URDF uses the prefix `drake:` undeclared, and shows the base with its cable, 0.34 m of it.
-    try:
-        text = (folder / "ur3e.urdf").read_text()
-    except OSError as error:
-        raise AssetError(f"ur3e.urdf of airo-models cannot be read: {error.strerror}") from error
+    text = (folder / f"{folder.name}.urdf").read_text()
     text = (
         text.replace("drake:", "").replace("visual/base_cable_labels", "visual/base").replace("visual/", "collision/")
     )
@@ -109,15 +250,27 @@ def _link_hulls(folder: Path) -> tuple[ConvexPart, ...]:
     pin.updateFramePlacements(model, data)
     # The URDF's root is the ROS base_link, half a turn about z from the controller's base.
     T_base_root = inverse(data.oMf[model.getFrameId("base")].homogeneous)
-    frames = ArmKinematics(_UR3E_DH, np.eye(4)).frames(np.zeros((1, 6)))[0]
+    frames = ArmKinematics(dh, np.eye(4)).frames(np.zeros((1, 6)))[0]
     hulls = []
     for index, link in enumerate(LINKS):
         mesh = link.replace("_", "")
         shape = geometry.getGeometryId(("base_link_inertia" if index == 0 else f"{link}_link") + "_0")
-        T_link_mesh = inverse(frames[index]) @ T_base_root @ geometry_data.oMg[shape].homogeneous
+        T_link_mesh: Transform = inverse(frames[index]) @ T_base_root @ geometry_data.oMg[shape].homogeneous
         vertices = _vertices(folder / "collision" / f"{mesh}.obj") @ T_link_mesh[:3, :3].T + T_link_mesh[:3, 3]
         hulls.append(_hull(vertices, mesh))
-    return tuple(hulls)
+    return hulls
+
+
+def _file_of(mesh: Mapping[str, Any]) -> Path:
+    """Return the file of a mesh that an installed package ships, without importing the package."""
+    spec = find_spec(mesh["package"])
+    if spec is None or not spec.submodule_search_locations:
+        raise AssetError(f"the package {mesh['package']!r} is not installed; it ships {mesh['path']}")
+    return Path(spec.submodule_search_locations[0]) / mesh["path"]
+
+
+def _mesh_vertices(mesh: Mapping[str, Any]) -> Array:
+    return float(mesh.get("scale", 1.0)) * _vertices(_file_of(mesh))
 
 
 def _vertices(path: Path) -> Array:
@@ -125,50 +278,11 @@ def _vertices(path: Path) -> Array:
     try:
         return np.asarray(trimesh.load_mesh(path, process=False, maintain_order=True, skip_materials=True).vertices)
     except (OSError, ValueError) as error:
-        raise AssetError(f"{path.name} of airo-models cannot be read: {error}") from error
+        raise AssetError(f"{path.name} cannot be read: {error}") from error
 
 
 def _hull(vertices: Array, name: str) -> ConvexPart:
     try:
         return convex_part(vertices)
     except ValueError as error:
-        raise AssetError(f"mesh {name} of airo-models: {error}") from error
-
-
-def finger_angles(widths: Array) -> Array:
-    """Return the finger joint's angle for each inner distance of the pads: [m] → [rad].
-
-    gap = 2 (c + a cos q - b sin q), with a, b from the linkage and c from the pad; solved for q in closed form.
-    """
-    _, a, b = _INNER_FINGER
-    c = _KNUCKLE_PIVOT[1] + _PAD[1] - PAD_SIZE[1] / 2
-    cosine = np.clip((widths / 2 - c) / math.hypot(a, b), -1.0, 1.0)
-    return np.clip(np.arccos(cosine) - math.atan2(b, a), 0.0, _LARGEST_TURN)
-
-
-def finger_poses(part: str, finger: int, widths: Array) -> Array:
-    """Return the poses of a finger's part in the flange frame at each opening: (n,) [m] → (n, 4, 4).
-
-    The knuckles turn with the finger joint; finger and pad keep their orientation and travel on a circle.
-    """
-    poses = np.empty((len(widths), 4, 4))
-    turned = np.diag([-1.0, -1.0, 1.0]) if finger == 0 else np.eye(3)
-    for index, angle in enumerate(finger_angles(widths)):
-        turn = rotation_x(float(angle))
-        if part == "inner_knuckle":
-            rotation, position = turn, _INNER_PIVOT
-        elif part == "outer_knuckle":
-            rotation, position = turn, _KNUCKLE_PIVOT
-        elif part == "outer_finger":
-            rotation, position = turn, _KNUCKLE_PIVOT + turn @ _OUTER_FINGER
-        else:
-            rotation, position = np.eye(3), _KNUCKLE_PIVOT + turn @ _INNER_FINGER
-            if part == "pad":
-                position = position + _PAD
-        poses[index] = transform(turned @ rotation, turned @ position + [0.0, 0.0, SENSOR_LENGTH])
-    return poses
-
-
-def pad_height(widths: Array) -> Array:
-    """Return the height of the pads' centres above the flange at each opening [m]."""
-    return finger_poses("pad", 1, widths)[:, 2, 3]
+        raise AssetError(f"mesh {name}: {error}") from error

@@ -11,8 +11,8 @@ import numpy as np
 
 from planners.certify.geometry.vectors import cross, length
 from planners.certify.motion.kinematics import ArmKinematics, HermiteCurve
-from planners.certify.motion.robot_surfaces import finger_angles, finger_poses
-from planners.certify.motion.solids import ConvexSolid, Frame
+from planners.certify.motion.robot_surfaces import GripperSurfaces, RobotSurfaces
+from planners.certify.motion.solids import ConvexSolid, Frame, gripper_of
 from planners.certify.plan_view import NumberedSegment, PlanView
 from planners.geometry.pose import Array, Transform, inverse, skew, transform
 from planners.plan.contacts import BearingContact, Contact, InertiaEntry
@@ -20,8 +20,6 @@ from planners.plan.scenery import ARMS
 
 _STILL = 1e-10
 """Positions [rad, m] and velocities that differ by no more are equal: a tenth of what joins may differ by."""
-_FINGER_REACH = 0.12
-"""No point of a finger is farther from the axis it turns about [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +97,7 @@ class SegmentMotion:
     reaches: Mapping[str, Array]
     """{arm: (7, 6)} how far the origin of frame i can be from the axis of joint j [m]."""
     curves: Mapping[str, HermiteCurve]
+    grippers: Mapping[str, GripperSurfaces]
     _poses: dict[Frame, Array] = field(default_factory=dict)
     _strays: dict[tuple[Frame, float, int], Array] = field(default_factory=dict)
     _between: dict[tuple[str, int, float], Array] = field(default_factory=dict)
@@ -160,7 +159,7 @@ class SegmentMotion:
         if frame.kind == "body":
             return T_world_link @ self.riders[frame.owner].T_flange_body
         width = self.segment.gripper_width[arm][interval : interval + 2] @ [1.0 - u, u]
-        return T_world_link @ finger_poses(frame.part, frame.finger, np.array([width]))[0]
+        return T_world_link @ self.grippers[arm].finger_poses(frame.part, frame.finger, np.array([width]))[0]
 
     def way(self, solid: ConvexSolid, interval: int, start: float, end: float) -> float:
         """Return how far any point of the solid gets in a part of an interval, in a straight line [m]."""
@@ -189,7 +188,8 @@ class SegmentMotion:
             return far * turns_between(self.poses(frame)) ** 2 / 8
         arm, link = self._link_of(frame)
         if frame.kind == "finger":
-            far += _FINGER_REACH + 0.1
+            gripper = self.grippers[arm]
+            far += gripper.reach + gripper.pivot_distance
         if frame.kind == "body":
             far += float(np.linalg.norm(self.riders[frame.owner].T_flange_body[:3, 3]))
         reach = self.reaches[arm][link, first_joint:link] + far
@@ -206,21 +206,25 @@ class SegmentMotion:
             return turns_between(self.poses(frame))
         arm, link = self._link_of(frame)
         turns = self.curves[arm].rise_peak[:, :link].sum(axis=1)
-        return turns + self.finger_travel(frame) / _FINGER_REACH
+        if frame.kind != "finger":
+            return turns
+        return turns + self.finger_travel(frame) / self.grippers[arm].reach
 
     def finger_travel(self, frame: Frame) -> Array | float:
         """Return how far a finger moves in the flange's frame from sample to sample: (n - 1,); else 0 [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
-        return _FINGER_REACH * np.abs(np.diff(finger_angles(self.segment.gripper_width[frame.owner])))
+        gripper = self.grippers[frame.owner]
+        return gripper.reach * np.abs(np.diff(gripper.finger_angles(self.segment.gripper_width[frame.owner])))
 
     def finger_travel_between(self, frame: Frame, interval: int, start: float, end: float) -> float:
         """Return the same for a part of an interval [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
         first, last = self.segment.gripper_width[frame.owner][interval : interval + 2]
-        angles = finger_angles(np.array([first + (last - first) * u for u in (start, end)]))
-        return _FINGER_REACH * float(abs(angles[1] - angles[0]))
+        gripper = self.grippers[frame.owner]
+        angles = gripper.finger_angles(np.array([first + (last - first) * u for u in (start, end)]))
+        return gripper.reach * float(abs(angles[1] - angles[0]))
 
     def _link_of(self, frame: Frame) -> tuple[str, int]:
         if frame.kind == "body":
@@ -239,7 +243,7 @@ class SegmentMotion:
         widths = self.segment.gripper_width[frame.owner]
         if not self.fingers_move(frame.owner):
             widths = widths[:1]
-        return links @ finger_poses(frame.part, frame.finger, widths)
+        return links @ self.grippers[frame.owner].finger_poses(frame.part, frame.finger, widths)
 
     def _arm_frames(self, arm: str, interval: int, u: float) -> Array:
         key = (arm, interval, u)
@@ -267,10 +271,11 @@ def turns_between(poses: Array) -> Array:
     return rotation_angles(poses[1:], poses[:-1])
 
 
-def motions_of(plan: PlanView) -> list[SegmentMotion]:
+def motions_of(plan: PlanView, surfaces: RobotSurfaces) -> list[SegmentMotion]:
     """Return the motion of every segment. Arms that rest are computed once a segment."""
     kinematics = {arm: ArmKinematics(stated.dh, stated.T_world_base) for arm, stated in plan.cell.arms.items()}
     reaches = {arm: _reaches(stated.dh) for arm, stated in plan.cell.arms.items()}
+    grippers = {arm: gripper_of(arm, surfaces) for arm in plan.grippers}
     last = {name: body.T_world_start for name, body in plan.bodies.items()}
     motions = []
     for segment in plan.segments:
@@ -282,7 +287,7 @@ def motions_of(plan: PlanView) -> list[SegmentMotion]:
         )
         frames = {arm: _frames(kinematics[arm], positions[arm]) for arm in ARMS}
         curves = {arm: HermiteCurve(segment.time, positions[arm], velocities[arm]) for arm in ARMS}
-        motions.append(SegmentMotion(segment, frames, poses, _riders(segment), kinematics, reaches, curves))
+        motions.append(SegmentMotion(segment, frames, poses, _riders(segment), kinematics, reaches, curves, grippers))
     return motions
 
 

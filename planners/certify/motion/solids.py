@@ -11,8 +11,8 @@ import numpy as np
 
 from planners.certify.geometry.body_shape import ConvexPart
 from planners.certify.motion.gap import largest_gap
-from planners.certify.motion.robot_surfaces import LINKS, SENSOR_LENGTH, RobotSurfaces
-from planners.certify.plan_view import PlanView
+from planners.certify.motion.robot_surfaces import LINKS, GripperSurfaces, RobotSurfaces
+from planners.certify.plan_view import MalformedDocument, PlanView
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.plan.scenery import ARMS, StickDocument
 
@@ -111,34 +111,48 @@ def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[ConvexSolid]:
     """Return all solids: both arms with their hands, then the bodies of the document."""
     solids: list[ConvexSolid] = []
     for arm in ARMS:
-        for index, (link, hull) in enumerate(zip(LINKS, surfaces.links, strict=True)):
-            solids.append(polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull))
+        known = surfaces[arm]
+        for index, (link, hulls) in enumerate(zip(LINKS, known.links, strict=True)):
+            solids += [polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull) for hull in hulls]
         flange = Frame("link", arm, 6)
-        solids.append(polytope(f"{arm}_ft300", "hand", flange, surfaces.sensor))
+        solids.append(polytope(f"{arm}_ft300", "hand", flange, known.sensor))
         if arm in plan.grippers:
-            solids.append(polytope(f"{arm}_gripper_base", "hand", flange, surfaces.gripper_base))
-            solids += _fingers(arm, surfaces)
+            gripper = gripper_of(arm, surfaces)
+            solids.append(polytope(f"{arm}_gripper_base", "hand", flange, gripper.base))
+            solids += _fingers(arm, gripper)
         else:
-            solids += _stick(arm, plan.sticks[arm])
+            solids += _stick(arm, plan.sticks[arm], known.sensor_length)
     for body in plan.bodies.values():
         frame = Frame("body", body.name)
         solids += [polytope(body.name, body.role, frame, part) for part in body.shape.parts]
     return solids
 
 
-def _fingers(arm: str, surfaces: RobotSurfaces) -> list[ConvexSolid]:
+def gripper_of(arm: str, surfaces: RobotSurfaces) -> GripperSurfaces:
+    """Return the gripper that an arm is known to have.
+
+    Raises:
+        MalformedDocument: The document has a gripper where the cell has a stick.
+    """
+    gripper = surfaces[arm].gripper
+    if gripper is None:
+        raise MalformedDocument(f"/cell/hands/{arm}/kind", "the cell has no gripper there")
+    return gripper
+
+
+def _fingers(arm: str, gripper: GripperSurfaces) -> list[ConvexSolid]:
     solids = []
     for finger in (0, 1):
-        for part, hull in surfaces.finger_parts.items():
+        for part, hull in gripper.finger_parts.items():
             name = f"{arm}_pad_{finger}" if part == "pad" else f"{arm}_finger_{finger}_{part}"
             group = "pad" if part == "pad" else "finger"
             solids.append(polytope(name, group, Frame("finger", arm, 6, finger, part), hull))
     return solids
 
 
-def _stick(arm: str, stick: StickDocument) -> list[ConvexSolid]:
+def _stick(arm: str, stick: StickDocument, sensor_length: float) -> list[ConvexSolid]:
     """The stick ends one radius before its tip's centre; from there on it is the tip, which may touch."""
-    start, tip = np.array([0.0, 0.0, SENSOR_LENGTH]), stick.T_flange_tip[:3, 3]
+    start, tip = np.array([0.0, 0.0, sensor_length]), stick.T_flange_tip[:3, 3]
     length = float(np.linalg.norm(tip - start))
     end = tip - (tip - start) * min(1.0, stick.tip_radius / max(length, _THIN))
     flange = Frame("link", arm, 6)

@@ -24,7 +24,6 @@ from planners.certify.common.infeasibility import (
 )
 from planners.certify.evidence import Evidence
 from planners.certify.geometry.body_shape import ConvexPart
-from planners.certify.plan_view import PlanView
 from planners.certify.tool.goals import goal_margins
 from planners.certify.tool.task import TOOL, StatedObject, ToolTask
 from planners.plan.verdicts import Check
@@ -51,22 +50,23 @@ def tool_infeasibility_check(evidence: Evidence, task: ToolTask) -> Check:
         forces.append(Bound(weight, (weight,), largest_lift(cup, "dexnet"), second))
     narrowest = min(_width(part) for part in tool.shape.parts)
     opening = Bound(narrowest, (narrowest,), plan.opening)
-    return proof_check(evidence, {"N": forces, "m": [opening, *_reach_bounds(plan, to_move)]})
+    return proof_check(evidence, {"N": forces, "m": [opening, *_reach_bounds(evidence, to_move)]})
 
 
-def _reach_bounds(plan: PlanView, to_move: Sequence[StatedObject]) -> list[Bound]:
+def _reach_bounds(evidence: Evidence, to_move: Sequence[StatedObject]) -> list[Bound]:
     """Return how far tool, objects and goals are from a shoulder, and how far its arm reaches with the tool [m].
 
     Whatever symmetric turn an object ends in, it is within its radius about the goal: a turn about its axis keeps the
     distance from the origin, and one that takes the shape to itself the room that it takes.
     """
+    plan = evidence.plan
     tool = plan.bodies[TOOL]
     length = body_radius(tool)
-    bounds = [reach_bound(plan, tool.T_world_start[:3, 3], length)] if to_move else []
+    bounds = [reach_bound(evidence, tool.T_world_start[:3, 3], length)] if to_move else []
     for stated in to_move:
         body = plan.bodies[stated.body.name]
         places = body.T_world_start[:3, 3], stated.T_world_goal[:3, 3]
-        bounds += [reach_bound(plan, place, length + body_radius(body)) for place in places]
+        bounds += [reach_bound(evidence, place, length + body_radius(body)) for place in places]
     return bounds
 
 

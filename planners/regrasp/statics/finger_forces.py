@@ -9,9 +9,11 @@ how the torque about the closing axis is shared out. See docs/grip-model.md.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from planners.geometry.pose import Array
 
@@ -62,6 +64,7 @@ def squeezed(wrenches: Array, width: float, mu: float, eps: float, squeeze: floa
     return FingerForces(forces, np.stack([torques, wrenches[:, 4] - torques], axis=1), slip)
 
 
+@njit(cache=True, nogil=True)
 def least_squeeze(wrenches: Array, width: float, mu: float, eps: float) -> Array:
     """Return the least squeeze with which two fingers exert wrenches: (n,) [N]. The arguments are those of `squeezed`.
 
@@ -70,19 +73,26 @@ def least_squeeze(wrenches: Array, width: float, mu: float, eps: float) -> Array
     max(hypot(heavy, x), more + hypot(light, twist - x)) / mu over 0 <= x <= twist. There the first rises with x and the
     second falls: the least is at an end or where they cross.
     """
-    forces = _spread(wrenches, width)
-    shears = np.hypot(forces[:, :, 0], forces[:, :, 2])
-    heavy = (wrenches[:, 1] < 0.0).astype(int)
-    rows = np.arange(len(wrenches))
-    heavy, light = shears[rows, heavy], shears[rows, 1 - heavy]
-    more, twist = np.abs(wrenches[:, 1]), np.abs(wrenches[:, 4]) / eps
-    low, high = np.zeros_like(twist), twist.copy()
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        below = np.hypot(heavy, middle) < mu * more + np.hypot(light, twist - middle)
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    x = 0.5 * (low + high)
-    return np.maximum(np.hypot(heavy, x), mu * more + np.hypot(light, twist - x)) / mu - 0.5 * more
+    result = np.empty(len(wrenches))
+    for row, (fx, fy, fz, mx, my, mz) in enumerate(wrenches):
+        # See `_spread`.
+        x, z = -2.0 / width * mz, 2.0 / width * mx
+        heavy = math.hypot((fx - x) / 2.0, (fz - z) / 2.0)
+        light = math.hypot((fx + x) / 2.0, (fz + z) / 2.0)
+        if fy < 0.0:
+            heavy, light = light, heavy
+        more, twist = abs(fy), abs(my) / eps
+        low, high = 0.0, twist
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            if math.hypot(heavy, middle) < mu * more + math.hypot(light, twist - middle):
+                low = middle
+            else:
+                high = middle
+        share = 0.5 * (low + high)
+        most = max(math.hypot(heavy, share), mu * more + math.hypot(light, twist - share))
+        result[row] = most / mu - 0.5 * more
+    return result
 
 
 def _spread(wrenches: Array, width: float) -> Array:

@@ -56,8 +56,9 @@ def test_verdicts_are_those_of_dense_sampling(
     obstacle_near(document, np.array([0.26, 0.2, 1.45]) + rng.normal(size=3) * 0.12, float(rng.uniform(0.01, 0.05)))
     plan = read_plan(sent(document))
     solids = [s for s in solids_of(plan, surfaces) if s.name == "post" or s.arm == "left"]
-    (free, _) = CollisionCheck(plan, solids, partial(lift_touch_rule, plan), CertifySettings()).run(motions_of(plan))
-    (motion,) = motions_of(plan)
+    motions = motions_of(plan, surfaces)
+    (free, _) = CollisionCheck(plan, solids, partial(lift_touch_rule, plan), CertifySettings()).run(motions)
+    (motion,) = motions
     static = frozenset({"post"})
     smallest = np.inf
     for i, j in pairs_of(solids, static):
@@ -88,7 +89,7 @@ def gap_along(
 
 def random_pairs(document: Document, surfaces: RobotSurfaces, rng: np.random.Generator, segment: int, count: int):
     plan = read_plan(sent(document))
-    motion, solids = motions_of(plan)[segment], solids_of(plan, surfaces)
+    motion, solids = motions_of(plan, surfaces)[segment], solids_of(plan, surfaces)
     static = frozenset(name for name, body in plan.bodies.items() if body.static)
     pairs = pairs_of(solids, static)
     for index in rng.choice(len(pairs), size=count, replace=False):
@@ -159,7 +160,7 @@ def test_a_long_plan_is_proven_as_a_short_one_is(honest_document: Document, surf
         plan = read_plan(sent(repeated(honest_document, times)))
         settings = CertifySettings(distances_per_step=1)
         checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(lift_touch_rule, plan), settings)
-        assert all(check.passed for check in checks.run(motions_of(plan)))
+        assert all(check.passed for check in checks.run(motions_of(plan, surfaces)))
 
 
 def test_what_takes_too_many_distances_is_said_not_to_be_proven(
@@ -168,7 +169,7 @@ def test_what_takes_too_many_distances_is_said_not_to_be_proven(
     plan = read_plan(sent(repeated(honest_document, 1)))
     settings = CertifySettings(distances_per_step=0)
     checks = CollisionCheck(plan, solids_of(plan, surfaces), partial(lift_touch_rule, plan), settings)
-    (free, _) = checks.run(motions_of(plan))
+    (free, _) = checks.run(motions_of(plan, surfaces))
     assert not free.passed
     assert "not proven" in free.where
 
@@ -196,7 +197,7 @@ def test_two_bodies_that_slide_past_one_another_are_proven_however_near(
     plan = read_plan(sent(document))
     solids = [solid for solid in solids_of(plan, surfaces) if solid.name in ("post", "wall")]
     settings = CertifySettings(distances_per_step=1)
-    (free, _) = CollisionCheck(plan, solids, partial(lift_touch_rule, plan), settings).run(motions_of(plan))
+    (free, _) = CollisionCheck(plan, solids, partial(lift_touch_rule, plan), settings).run(motions_of(plan, surfaces))
     assert free.passed
     assert free.margin == pytest.approx(gap, abs=1e-9)
 
