@@ -7,6 +7,7 @@ from types import MappingProxyType
 STAGES = MappingProxyType(
     {
         "scene": "building the scene",
+        "cup places": "trying places of the cup",
         "sample": "sampling poses of the plate",
         "reach": "finding what the hands reach",
         "merge": "building the graph",

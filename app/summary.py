@@ -58,6 +58,7 @@ def summarise(plan: Plan) -> str:
     lines = {
         "outcome": "solved",
         **_happening(plan),
+        **_cup_place(plan),
         "segments": f"{len(plan.segments)}, {plan.duration:.1f} s of motion",
         "largest force": f"{force:.1f} N ({arm} hand)" if arm else "no hand bears anything",
         **_reserve(plan),
@@ -100,6 +101,12 @@ def _reserve(plan: Plan) -> dict[str, str]:
         return {}
     least, time = found
     return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s)"}
+
+
+def _cup_place(plan: Plan) -> dict[str, str]:
+    """Return where the cup sits, and why there, where the task left that open."""
+    chosen = plan.explanation.cup_place
+    return {} if chosen is None else {"cup": chosen.sentence}
 
 
 def _happening(plan: Plan) -> dict[str, str]:

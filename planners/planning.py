@@ -18,6 +18,7 @@ from planners.errors import LiftwrightError, SceneError
 from planners.geometry.pose import pose_row, to_pose7
 from planners.manipulation import plan_segments as lift_segments
 from planners.manipulation.contacts.dense_contact_states import ContactSampling
+from planners.manipulation.cup_place import CupPlace, CupPlaceSearch
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
@@ -25,7 +26,7 @@ from planners.plan.plan import SCHEMA_VERSION, Plan
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
 from planners.plan.simulation import Simulation
-from planners.plan.verdicts import Cause, Check, Explanation, Software, StageTime, Statistics
+from planners.plan.verdicts import Cause, Check, ChosenCupPlace, Explanation, Software, StageTime, Statistics
 from planners.progress import Progress, Report, silent
 from planners.regrasp import plan_segments as tool_segments
 from planners.regrasp.considered import considered_by
@@ -35,7 +36,7 @@ from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.remedies.change import Effort
-from planners.remedies.find_remedies import MOST_STEPS, find_remedies
+from planners.remedies.find_remedies import MOST_STEPS, STEPS_OF_PAIRS, find_remedies, with_cup_at
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.lift_scene import PlateLiftScene
@@ -191,7 +192,10 @@ class TaskSolver:
         scene = build_scene(task, self.cells, uploads=uploads, tools=self.tools)
         on_progress(Report("scene", 1, 1))
         built = self.clock()
-        found = self.plan(task, scene, on_progress, self.clock, self.handovers)
+        if isinstance(task, PlateLiftTask) and isinstance(scene, PlateLiftScene) and task.cup.position is None:
+            task, scene, found = self._with_best_cup_place(task, scene, uploads, on_progress)
+        else:
+            found = self.plan(task, scene, on_progress, self.clock, self.handovers)
         found = found.model_copy(update={"id": name, "software": self.software})
         if task.options.remedies and found.outcome != "solved":
             found = self._with_remedies(found, task, uploads, on_progress)
@@ -215,6 +219,49 @@ class TaskSolver:
     def _certificate_of(self, plan: Plan) -> Certificate | None:
         cell = self.cells[plan.cell.name]
         return self.certify(plan.write(), _surfaces(cell), _reference(cell))
+
+    def _with_best_cup_place(
+        self, task: PlateLiftTask, scene: PlateLiftScene, uploads: Uploads, on_progress: Progress
+    ) -> tuple[PlateLiftTask, PlateLiftScene, Plan]:
+        """Plan a lift that leaves the cup's place open with the cup where most is kept back.
+
+        Args:
+            task: of the lift.
+            scene: of it, with the cup anywhere.
+            uploads: finds the meshes that the task names as uploads.
+            on_progress: told of it; may raise `PlanningCancelled`.
+
+        Returns:
+            The task with the place, its scene, and its plan: what planning that task alone returns.
+        """
+        begun = self.clock()
+        build = partial(build_scene, cells=self.cells, uploads=uploads, tools=self.tools)
+        search = CupPlaceSearch(task, build, lift_settings(task.options), on_progress)
+        candidates = search.candidates(scene)
+        examining = self.clock() - begun
+
+        def planned(place: CupPlace | None, *, persistent: bool) -> tuple[PlateLiftTask, PlateLiftScene, Plan]:
+            x, y = scene.cup.position.tolist() if place is None else place.position
+            placed = task.with_cup_at((x, y))
+            built = build(placed)
+            return placed, built, self.plan(placed, built, on_progress, self.clock, persistent=persistent)
+
+        wanted = 1.0 if task.options.minimise == "risk" else task.options.reserve
+        best, kept, chosen = None, -1.0, candidates[0] if candidates else None
+        for place in candidates:
+            if place.promises_more_than(kept, wanted):
+                tried = planned(place, persistent=False)
+                reserve = tried[2].statistics.reserve
+                if tried[2].outcome == "solved" and reserve is not None and reserve.value > kept:
+                    best, kept, chosen = tried, reserve.value, place
+        placed, built, found = planned(chosen, persistent=True) if best is None else best
+        told = _cup_place(found, placed.cup.place, chosen, search.tried)
+        explanation = found.explanation.model_copy(
+            update={"summary": f"{found.explanation.summary} {told.sentence}", "cup_place": told}
+        )
+        times = [("cup places", examining), *found.statistics.times]
+        statistics = found.statistics.taking(times, sum(seconds for _, seconds in times))
+        return placed, built, found.model_copy(update={"explanation": explanation, "statistics": statistics})
 
     def _with_remedies(
         self, found: Plan, task: PlateLiftTask | SuctionToolTask, uploads: Uploads, on_progress: Progress
@@ -250,17 +297,46 @@ class TaskSolver:
             passed = certificate is not None and certificate.passed
             return plan.model_copy(update={"certificate": certificate}) if passed else None
 
+        more = Effort(STEPS_OF_PAIRS, plan=6 if isinstance(task, PlateLiftTask) else 4)
         if isinstance(task, PlateLiftTask):
-            changes = LiftChanges(task, build, lift_settings(task.options), effort, quiet).by_kind()
+            lift = LiftChanges(task, build, lift_settings(task.options), effort, quiet)
+            changes, pairs = lift.by_kind(), partial(lift.in_pairs, more)
         else:
-            changes = ToolChanges(task, build, found).by_kind()
+            tool = ToolChanges(task, build, found)
+            changes, pairs = tool.by_kind(), tool.in_pairs
         remedies = find_remedies(changes, attempt, task, effort, on_progress)
+        if not remedies:
+            effort = more
+            remedies = find_remedies(pairs(), attempt, task, more, on_progress)
+        if found.explanation.cup_place is not None:
+            # They are for the cup where it was put, which the task as posted leaves open.
+            remedies = [with_cup_at(found.explanation.cup_place.position, remedy) for remedy in remedies]
         helps = f"What helps: {remedies[0].sentence}" if remedies else "Of the changes that were tried, none helps."
         summary = f"{found.explanation.summary} {helps}"
         explanation = found.explanation.model_copy(update={"summary": summary, "remedies": remedies})
         times = [*found.statistics.times, ("remedies", self.clock() - begun)]
         statistics = found.statistics.taking(times, sum(seconds for _, seconds in times))
         return found.model_copy(update={"explanation": explanation, "statistics": statistics})
+
+
+def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | None, tried: int) -> ChosenCupPlace:
+    """Say where the cup was put, and why."""
+    x, y = (f"{1e3 * each:.0f}" for each in position)
+    at = f"({x}, {y}) mm from the plate's origin"
+    kept = None if chosen is None or not chosen.leaves_a_way else chosen.kept
+    if chosen is None:
+        sentence = f"This holds wherever the cup sits; here it sits at {at}."
+    elif plan.outcome == "solved" and kept is not None:
+        share = f"{100 * kept:.1f} % of every limit can be kept back there"
+        sentence = f"The cup sits at {at}, the best of {tried} places tried: up to {share}."
+    elif plan.outcome == "solved":
+        sentence = f"The cup sits at {at}, which among {tried} places comes farthest."
+    else:
+        why = (
+            "the plate is tilted farthest" if kept is None else f"up to {100 * kept:.1f} % of every limit could be kept"
+        )
+        sentence = f"Of {tried} places of the cup none leads to a plan; told is what hinders at {at}, where {why}."
+    return ChosenCupPlace(position=position, tried=tried, reserve=kept, sentence=sentence)
 
 
 _shipped_tools = cache(load_tools)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from planners.contract.problems import doubts_of
 from planners.contract.scene_document import SceneDocument
 from planners.plan.plan import Outcome
 from workers.stores.jobs import Job, JobState
@@ -124,6 +125,16 @@ class PlanLinks(Resource):
     recording: str
 
 
+class ProblemItem(Resource):
+    """One thing that is wrong with a body."""
+
+    pointer: str
+    """RFC 6901, from the body's root."""
+    detail: str
+    allowed: list[str] | None = None
+    """The valid choices, where they can be listed."""
+
+
 class PlanResource(Resource):
     """A plan: a task that was accepted, its job, and what came of it."""
 
@@ -158,6 +169,13 @@ class PlanResource(Resource):
     cancelled_by: Literal["request", "end_time"] | None
     """Why a job was cancelled: somebody asked for it, or it had not ended by its `end_time`."""
     links: PlanLinks
+
+
+class PostedPlan(PlanResource):
+    """A plan that was just posted, and what of its task was most probably not meant."""
+
+    warnings: list[ProblemItem]
+    """What was taken and is most probably not meant, as a quaternion 0, 0, 0, 1: that is half a turn, w comes first."""
 
 
 class PlanList(Resource):
@@ -212,14 +230,9 @@ class StudyList(Resource):
     """Give it as `page_token` for the next page; None on the last one."""
 
 
-class ProblemItem(Resource):
-    """One thing that is wrong with a body."""
-
-    pointer: str
-    """RFC 6901, from the body's root."""
-    detail: str
-    allowed: list[str] | None = None
-    """The valid choices, where they can be listed."""
+def warnings_of(sent: Any) -> list[ProblemItem]:
+    """Return what of a task, as JSON data as it came, was most probably not meant."""
+    return [ProblemItem.model_validate(doubt) for doubt in doubts_of(sent)]
 
 
 class ProblemDocument(Resource):

@@ -13,7 +13,15 @@ from starlette.responses import StreamingResponse
 
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
-from app.resources.schemas import PROBLEM, PlanList, PlanResource, StudyResource
+from app.resources.schemas import (
+    PROBLEM,
+    PlanList,
+    PlanResource,
+    PostedPlan,
+    ProblemItem,
+    StudyResource,
+    warnings_of,
+)
 from app.routes.dependencies import Feed, Plans, Settings, intake_of, webhooks_of
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
@@ -37,7 +45,7 @@ Order = Annotated[JobOrder, Depends(_order)]
 @router.post(
     "",
     status_code=202,
-    response_model=PlanResource,
+    response_model=PostedPlan,
     summary="Post a task",
     openapi_extra={
         "requestBody": {
@@ -46,7 +54,7 @@ Order = Annotated[JobOrder, Depends(_order)]
         }
     },
     responses={
-        200: {"model": PlanResource, "description": "`Prefer: wait` was given and the job has ended"},
+        200: {"model": PostedPlan, "description": "`Prefer: wait` was given and the job has ended"},
         202: {"description": "Accepted; `Location` is the plan's address"},
         400: {**PROBLEM, "description": "Not JSON, or a header that cannot be followed"},
         413: {**PROBLEM, "description": "Too large"},
@@ -71,7 +79,7 @@ async def post_plan(
     body = await read_body(request, settings.max_body_bytes, settings)
     intake, webhooks = intake_of(request), webhooks_of(request)
 
-    def submit() -> PlanResource:
+    def submit() -> tuple[PlanResource, list[ProblemItem]]:
         sent = parse_json(body)
 
         def accepted() -> dict[str, Any]:
@@ -79,16 +87,17 @@ async def post_plan(
                 webhooks.require_usable(order.webhook_id)
             return intake(sent)
 
-        return plans.submit(sent, accepted, key, order)
+        return plans.submit(sent, accepted, key, order), warnings_of(sent)
 
-    plan = await run_in_threadpool(submit)
+    plan, warnings = await run_in_threadpool(submit)
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
         plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
-            return plan_response(plan, 200, {**headers, "Preference-Applied": f"wait={wait}"})
-    return plan_response(plan, 202, headers)
+            answer = PostedPlan(**plan.model_dump(), warnings=warnings)
+            return plan_response(answer, 200, {**headers, "Preference-Applied": f"wait={wait}"})
+    return plan_response(PostedPlan(**plan.model_dump(), warnings=warnings), 202, headers)
 
 
 @router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request
 from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
-from app.resources.schemas import PROBLEM, ProblemItem, Resource
+from app.resources.schemas import PROBLEM, ProblemItem, Resource, warnings_of
 from app.routes.dependencies import Intake, Settings
 from app.uploads.body import read_body
 from planners.contract.problems import problems_of
@@ -24,6 +24,9 @@ class TaskCheck(Resource):
     errors: list[ProblemItem]
     """What the task would be refused for, in the order of its members. Where its members are as they must be, the first
     thing that cannot stand as it says."""
+    warnings: list[ProblemItem]
+    """What would be taken and is most probably not meant, as a quaternion 0, 0, 0, 1, which is half a turn: w comes
+    first."""
     task: dict[str, Any] | None
     """The task as it would be accepted, every default filled in; null where it would be refused."""
 
@@ -58,7 +61,7 @@ async def check_task(request: Request, intake: Intake, settings: Settings) -> Ta
 def check(sent: Any, intake: Intake) -> TaskCheck:
     """Return what an intake says of a task, given as JSON data."""
     try:
-        return TaskCheck(accepted=True, errors=[], task=intake(sent))
+        return TaskCheck(accepted=True, errors=[], warnings=warnings_of(sent), task=intake(sent))
     except (ValidationError, SceneError) as error:
         errors = [ProblemItem.model_validate(problem) for problem in problems_of(error)]
-        return TaskCheck(accepted=False, errors=errors, task=None)
+        return TaskCheck(accepted=False, errors=errors, warnings=warnings_of(sent), task=None)

@@ -63,9 +63,14 @@ class LiftDescription(KindDescription):
         ]
 
     def highlights(self) -> list[Row]:
-        """Return the most that a hand bears."""
+        """Return the most that a hand bears, and where the cup was put if the task left that open."""
         force, arm = largest_load(self.plan)
-        return [("largest force", f"{force:.1f} N ({arm} hand)")]
+        rows = [("largest force", f"{force:.1f} N ({arm} hand)")]
+        chosen = self.plan.explanation.cup_place
+        if chosen is not None:
+            x, y = (f"{1e3 * each:.0f}" for each in chosen.position)
+            rows.append(("cup", f"at ({x}, {y}) mm, found"))
+        return rows
 
     def after_the_plan(self) -> Sequence[tuple[str, float, float, str]]:
         """Return how the hands took up the load, and the lift."""

@@ -74,14 +74,21 @@ class Support(StrictModel):
 class LifterCup(StrictModel):
     """The vacuum lifter's cup on the plate's top face."""
 
-    position: Point2
-    """Centre of the pad from the shape's origin, in plate axes [m]."""
+    position: Point2 | None = None
+    """Centre of the pad from the shape's origin, in plate axes [m]. None: wherever most can be kept back; documents of
+    plans state the place that was found."""
     radius: Length
     """[m]"""
     max_force: Force
     """Largest suction force [N]."""
     mu: FrictionCoefficient = 0.5
     kappa: PeelStiffness = HINGE_KAPPA
+
+    @property
+    def place(self) -> Point2:
+        """`position`, in a task that has one."""
+        assert self.position is not None
+        return self.position
 
 
 class PlateLiftFriction(StrictModel):
@@ -185,6 +192,10 @@ class PlateLiftTask(StrictModel):
     seed: Seed = 0
     external_id: ExternalId | None = None
     options: PlateLiftOptions = PlateLiftOptions()
+
+    def with_cup_at(self, place: Point2) -> PlateLiftTask:
+        """Return the task with the cup at a place, in plate axes [m]."""
+        return self.model_copy(update={"cup": self.cup.model_copy(update={"position": place})})
 
 
 def _half_peel_limit(validated: dict[str, Any]) -> float:

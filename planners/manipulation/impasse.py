@@ -91,10 +91,19 @@ class _Stages:
                 tuple(cause for cause, _ in self._search.record.rejections.most_common(2)),
             )
         causes = self._hindrances([flat], (True, True), "the plate at rest")
+        thickness, least = self._sampling.prism.height, self._sampling.least_thickness
+        if thickness <= least:
+            return self._too_thin(thickness, least, causes)
         gripper, stick = causes[0].reason, causes[1].reason
         return Impasse(
             f"No hand can come to the plate where it rests: for one, {gripper}; for the other, {stick}.", causes
         )
+
+    def _too_thin(self, thickness: float, least: float, causes: tuple[Rejection, ...]) -> Impasse:
+        reason = f"Flat on the table, a plate that is no thicker than {1e3 * least:.0f} mm leaves no room for the stick"
+        advice = "A board under it, no larger than the plate, helps, or the edge of the table"
+        cause = Rejection("reach", reason, "beside the plate at rest", least, thickness, "m")
+        return Impasse(f"{reason}; this one is {1e3 * thickness:.3g} mm thick. {advice}.", (cause, *causes))
 
     def _at_goal(self) -> Impasse:
         """No two hands can hold the plate at the goal."""

@@ -97,7 +97,7 @@ def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: P
         The plan, and a reserve that no plan of its kind is found with [1].
     """
     progress(Report("reserve", 0, settings.reserve_searches))
-    most = _most_passable(planner, 0.0, settings.reserve - 1.0 / STEPS, low=False)
+    most = most_passable(planner, 0.0, settings.reserve - 1.0 / STEPS, low=False)
     if most is not None:
         plan = planner.plan_keeping(most, low=False, explained=False)
         if plan.outcome is PlanningOutcome.SOLVED:
@@ -108,7 +108,7 @@ def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: P
     return plan, 1.0 / STEPS if most is None else most
 
 
-def _most_passable(planner: PlateLiftPlanner, kept: float, top: float, *, low: bool) -> float | None:
+def most_passable(planner: PlateLiftPlanner, kept: float, top: float, *, low: bool) -> float | None:
     """Return the largest reserve that nothing speaks against, a whole multiple of 1 / STEPS, or None if there is none.
 
     Args:
@@ -165,7 +165,7 @@ def _keeping_most(
         if low >= enough or high - low < settings.reserve_step:
             break
         progress(Report("reserve", number, settings.reserve_searches))
-        tried = _most_passable(planner, low, top, low=ends_low)
+        tried = most_passable(planner, low, top, low=ends_low)
         if tried is None:
             break
         found = planner.plan_keeping(tried, low=ends_low, explained=False)

@@ -14,7 +14,7 @@ from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
 from planners.manipulation.graph.manipulation_graph import HandHold
 from planners.manipulation.holds.grips import CupFootprint, Jaw, PlateGrip, generate_grips, given_grips
-from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes
+from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes, least_thickness
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.reach.hand_reach import ALL_POSTURES
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
@@ -94,6 +94,14 @@ class LiftSampling:
     def keeping(self, reserve: float) -> Balance:
         """Return program (5) for the plate as stated, with a share of every limit kept back [1]."""
         return keeping_back(self.stated, reserve=reserve)
+
+    @property
+    def least_thickness(self) -> float:
+        """Up to which the stick finds no room beside a plate that lies flat on the bare table [m]; 0 on a support."""
+        if self.scene.support is not None or self.scene.given_pushes is not None:
+            return 0.0
+        margin = self.workcell.settings.margin
+        return least_thickness(self.workcell.pushing_hand.tip_radius, margin, self.settings.pushes)
 
     def figures(self) -> dict[str, int]:
         """Return how many of everything there are, for the plan."""

@@ -81,6 +81,20 @@ class Remedy(StrictModel):
     """The most that a hand bears in that plan [N], see `planners.plan.loads`; None: no hand bears anything."""
 
 
+class ChosenCupPlace(StrictModel):
+    """Where the lifter's cup sits in a plan whose task left that open. The plan's task states it, too."""
+
+    position: tuple[float, float]
+    """From the plate's origin, in plate axes [m]."""
+    tried: int
+    """How many places were examined; none, where it is proven that there is no plan wherever the cup sits."""
+    reserve: Finite | None
+    """The largest share of every limit that a way of held poses keeps back there [1]; the arms may allow less. None: at
+    no place there is such a way."""
+    sentence: str
+    """The same for a person."""
+
+
 class Explanation(StrictModel):
     """What came out, for a person."""
 
@@ -88,6 +102,8 @@ class Explanation(StrictModel):
     causes: list[Cause] = Field(default_factory=list)
     remedies: list[Remedy] | None = None
     """Where there is no plan: what to change, the smallest change of each kind first. None: it was not looked for."""
+    cup_place: ChosenCupPlace | None = None
+    """Where the cup sits, and why there. None: the task said where."""
 
 
 class Check(StrictModel):

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 import numpy as np
 from pydantic import JsonValue, ValidationError
 
+from planners.contract.shapes import Box, Mesh
 from planners.contract.task_change import PatchOperation, changed
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
-from planners.geometry.pose import Array, from_pose7, pose_row
+from planners.geometry.pose import Array, Transform, from_pose7, pose_row
 
 AnyTask = PlateLiftTask | SuctionToolTask
 TaskOfKind = TypeVar("TaskOfKind", bound=AnyTask)
@@ -20,6 +21,14 @@ SceneOfKind = TypeVar("SceneOfKind")
 
 _DIGITS = 9
 """After the decimal point of what a patch writes."""
+_HEIGHTS = (0.05, 0.10, 0.20)
+"""By how much obstacles are made lower, or raised [m]."""
+_LOWEST = 0.01
+"""What is left of their height at least [m]."""
+_STANDS = 0.005
+"""How far above the table what stands on it begins at most [m]."""
+_UPRIGHT = 1e-6
+"""How far an upright body's axis may be off [1]."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +40,10 @@ class TaskChange:
     sentence: str
     """What to do, for a person."""
     patch: tuple[PatchOperation, ...]
+
+    def then(self, other: TaskChange) -> TaskChange:
+        """Return this change and another one after it, as one."""
+        return TaskChange("two_changes", f"{self.sentence} {other.sentence}", (*self.patch, *other.patch))
 
     def applied(self, task: TaskOfKind) -> TaskOfKind | None:
         """Return the changed task; None where the contract refuses it."""
@@ -115,6 +128,44 @@ def obstacle_moved(index: int, obstacle: Obstacle, way: Array, along: Directions
     moved = obstacle.model_dump(mode="json") | {"pose": moved_pose(obstacle.pose, way)}
     sentence = f"Move {obstacle.name} {along.say(way)}."
     return TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", moved),))
+
+
+def obstacle_out_of_the_way(
+    index: int, obstacle: Obstacle, T_world_body: Transform, table_top: float
+) -> Iterator[TaskChange]:
+    """Yield changes of the height of an obstacle: what stands is made lower, what hangs is raised.
+
+    Args:
+        index: its number in the task.
+        obstacle: as the task states it; one that is tilted, and a mesh, keeps its height.
+        T_world_body: its frame.
+        table_top: height of the table [m].
+    """
+    shape = obstacle.shape
+    upright = abs(abs(float(T_world_body[2, 2])) - 1.0) < _UPRIGHT
+    if not upright or isinstance(shape, Mesh):
+        return
+    height = shape.size[2] if isinstance(shape, Box) else shape.height
+    bottom = float(T_world_body[2, 3]) - 0.5 * height
+    for step in _HEIGHTS:
+        changes: dict[str, JsonValue] = {}
+        if bottom - table_top > _STANDS:
+            rise = step
+            sentence = f"Raise {obstacle.name} by {1e3 * step:.0f} mm."
+        elif height - step >= _LOWEST:
+            rise = -0.5 * step
+            left = round(height - step, _DIGITS)
+            size: dict[str, JsonValue] = {"height": left}
+            if isinstance(shape, Box):
+                size = {"size": [*shape.size[:2], left]}
+            changes["shape"] = shape.model_dump(mode="json") | size
+            sentence = f"Make {obstacle.name} {1e3 * step:.0f} mm lower, {1e3 * left:.0f} mm high."
+        else:
+            return
+        x, y, z, *turn = obstacle.pose
+        changes["pose"] = [x, y, round(z + rise, _DIGITS), *turn]
+        changed_obstacle = obstacle.model_dump(mode="json") | changes
+        yield TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", changed_obstacle),))
 
 
 def turning(angle: float) -> str:

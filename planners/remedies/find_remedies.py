@@ -8,10 +8,12 @@ from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.verdicts import PlanningOutcome, Remedy
 from planners.progress import Progress, Report
-from planners.remedies.change import AnyTask, Effort, TaskChange
+from planners.remedies.change import AnyTask, Effort, TaskChange, put
 
 MOST_STEPS = 100
 """Of all that is tried for one task: some 20 s on a common core."""
+STEPS_OF_PAIRS = 36
+"""Of what is tried besides, two changes at once, where no single one helps."""
 MOST_REMEDIES = 5
 """In all ..."""
 MOST_OF_A_KIND = 3
@@ -48,6 +50,13 @@ def find_remedies(
             progress(Report("remedies", effort.spent, effort.steps))
             each.try_next(attempt, task, effort)
     return [remedy for each in searches for remedy in each.found][:MOST_REMEDIES]
+
+
+def with_cup_at(place: tuple[float, float], remedy: Remedy) -> Remedy:
+    """Return a remedy that states the cup's place, too, for a task that leaves it open."""
+    if any(step.path == "/cup/position" for step in remedy.patch):
+        return remedy
+    return remedy.model_copy(update={"patch": [put("/cup/position", [*place]), *remedy.patch]})
 
 
 class _OfKind:

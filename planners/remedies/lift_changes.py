@@ -34,6 +34,7 @@ from planners.remedies.change import (
     moved_pose,
     numbers,
     obstacle_moved,
+    obstacle_out_of_the_way,
     put,
     removed,
     turning,
@@ -61,11 +62,16 @@ _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
 """... and obstacles."""
 _SQUEEZES = (1.5, 2.0, 4.0)
 """How much harder the gripper squeezes [1]."""
+_EDGES = 2
+"""Edges of the table that the plate is moved to."""
 _BOARDS = (0.03, 0.05)
 """Thickness of a board under the plate [m]."""
-_BOARD_RIM = 0.015
-"""How far it reaches beyond the plate [m]."""
-_OTHER_LIFTERS = ("paper", "cable")
+_OTHER_LIFTERS = {
+    "paper": "whose pad bears friction",
+    "dexnet": "whose pad bears friction where it hardly pulls, too",
+    "cable": "that hangs on a cable and cannot bend",
+}
+"""By name of the lifter's model."""
 
 
 class LiftChanges:
@@ -89,6 +95,7 @@ class LiftChanges:
             progress: may raise `PlanningCancelled`.
         """
         self.task, self._build, self._effort, self._progress = task, build, effort, progress
+        self._asked = settings
         self._settings = replace(settings, reserve=0.0, most_reserve=False, full=False)
         self._kept = _SHARE_OF_RESERVE * settings.reserve
         self.scene = build(task)
@@ -109,6 +116,8 @@ class LiftChanges:
             return [self._plate_place()]
         if planner.proof() is not None:
             return []
+        if planner.sampling.prism.height <= planner.sampling.least_thickness:
+            return [self._board(), self._to_the_edge()]
         cup, places = self._cup_place(), [self._plate_turned(), self._plate_place()]
         if self._without_obstacles:
             return [self._obstacles(), cup, *places]
@@ -116,6 +125,38 @@ class LiftChanges:
             # It is the arms that find no way: other forces change nothing for them.
             return [*places, self._board(), cup, self._given_holds()]
         return [cup, *forces, *places, self._tolerances(), self._board(), self._given_holds()]
+
+    def in_pairs(self, effort: Effort) -> list[Iterator[TaskChange]]:
+        """Return two changes at once, for where no single one helps: other places with other forces.
+
+        Args:
+            effort: what asking may take from now on.
+        """
+        self._effort = effort
+        if self._planner.proof() is not None:
+            return []
+        return [self._with_forces(each) for each in (self._first_cup_places(), self._first_plate_places())]
+
+    def _first_cup_places(self) -> Iterator[TaskChange]:
+        """Places of the cup that differ most from the stated one: on the other sides of the plate."""
+        offset = np.array(self.task.cup.place) - self.scene.plate.com[:2]
+        quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+        return self._cup_moved([turned - offset for turned in (-offset, quarter @ offset, -quarter @ offset)])
+
+    def _first_plate_places(self) -> Iterator[TaskChange]:
+        for angle in (math.radians(90), math.radians(-90), math.radians(45), math.radians(-45)):
+            yield TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
+        if self.task.support is None:
+            yield self._on_board(_BOARDS[0])
+
+    def _with_forces(self, firsts: Iterator[TaskChange]) -> Iterator[TaskChange]:
+        """Follow each change by the least force of the cup with which it leaves a way."""
+        for first in firsts:
+            changed = first.applied(self.task)
+            if changed is None or first.built(self.task, self._build) is None or not self._effort.take("reach"):
+                continue
+            other = LiftChanges(changed, self._build, self._asked, self._effort, self._progress)
+            yield from (first.then(second) for second in itertools.islice(other._cup_force(), 1))
 
     # Asking.
 
@@ -198,7 +239,7 @@ class LiftChanges:
 
     def _cup_places(self) -> Iterator[TaskChange]:
         """Places where the relaxed programs want the cup, and around the stated one and the centre of mass."""
-        stated, com = np.array(self.task.cup.position), self.scene.plate.com[:2]
+        stated, com = np.array(self.task.cup.place), self.scene.plate.com[:2]
         offset = stated - com
         wanted = [relaxed(program).cup_shift for program in self._cut]
         shifts = [scale * np.array(shift) for shift in wanted if shift is not None for scale in (1.0, 1.3)]
@@ -207,6 +248,11 @@ class LiftChanges:
         shifts += [turned - offset for turned in (-offset, quarter @ offset, -quarter @ offset)]
         axes = (self._directions.away, self._directions.left)
         shifts += [length * sign * axis @ self._rotation for length in _SHIFTS for axis in axes for sign in (1.0, -1.0)]
+        yield from self._cup_moved(shifts)
+
+    def _cup_moved(self, shifts: Iterable[Array]) -> Iterator[TaskChange]:
+        """Move the cup by shifts in plate axes [m], the least first."""
+        stated = np.array(self.task.cup.place)
         rounded = {tuple(np.round(stated + shift, 3).tolist()) for shift in shifts} - {tuple(stated.tolist())}
         for place in sorted(rounded, key=lambda place: (float(np.linalg.norm(place - stated)), place)):
             way = self._directions.say(self._rotation @ (place - stated))
@@ -277,18 +323,39 @@ class LiftChanges:
             yield from self._of((self._on_board(thickness) for thickness in _BOARDS), forces=False)
 
     def _on_board(self, thickness: float) -> TaskChange:
-        plate, top = self.scene.plate, self.scene.support_top
-        low, high = plate.outline.min(axis=0), plate.outline.max(axis=0)
-        sides = high - low + 2.0 * _BOARD_RIM
-        middle = plate.T_world_body[:2, 3] + self._rotation @ (0.5 * (low + high))
+        """Put a board of the plate's own outline under it: hands come beside its edges, lower than the plate."""
+        shape = self.task.plate.shape
+        size = {"size": [*shape.size[:2], thickness]} if isinstance(shape, Box) else {"height": thickness}
+        x, y, _, *turn = self.task.plate_pose
+        board = [x, y, round(self.scene.support_top + 0.5 * thickness, 9), *turn]
+        support = Support.model_validate({"shape": {**shape.model_dump(mode="json"), **size}, "pose": board})
         pose = list(self.task.plate_pose)
-        board = [*numbers(middle), round(top + 0.5 * thickness, 9), *pose[3:]]
-        shape = Box(type="box", size=(round(float(sides[0]), 3), round(float(sides[1]), 3), thickness))
-        support = Support.model_validate({"shape": shape.model_dump(), "pose": board})
         pose[2] = round(pose[2] + thickness, 9)
-        sentence = f"Put a board of {1e3 * thickness:.0f} mm under the plate, so that hands come beside its edges."
+        sentence = (
+            f"Put a board of {1e3 * thickness:.0f} mm under the plate, as large as it is, so that hands come beside it."
+        )
         steps = (put("/support", support.model_dump(mode="json")), put("/plate_pose", [*pose]))
         return TaskChange("support", sentence, steps)
+
+    def _to_the_edge(self) -> Iterator[TaskChange]:
+        """The plate with a side at the nearest edges of the table, so that a hand comes to it from beyond."""
+        table, plate = self.scene.cell.boxes[0], self.scene.plate
+        corners = plate.outline @ self._rotation.T + plate.T_world_body[:2, 3]
+        low, high = table.center[:2] - 0.5 * table.size[:2], table.center[:2] + 0.5 * table.size[:2]
+        beyond = ((-1.0, corners.min(axis=0) - low), (1.0, high - corners.max(axis=0)))
+        ways = [sign * gap * axis for sign, gaps in beyond for gap, axis in zip(gaps, np.eye(2), strict=True)]
+        nearest = sorted((way for way in ways if np.linalg.norm(way) > 0.0), key=lambda way: float(np.linalg.norm(way)))
+        yield from self._of(
+            (
+                TaskChange(
+                    "plate_place",
+                    f"Move the plate {self._directions.say(way)}, to the edge of the table.",
+                    self._plate_moved(way),
+                )
+                for way in nearest[:_EDGES]
+            ),
+            forces=False,
+        )
 
     def _given_holds(self) -> Iterator[TaskChange]:
         options = self.task.options
@@ -312,7 +379,7 @@ class LiftChanges:
         for index, obstacle in enumerate(self.task.obstacles):
             gone = TaskChange("obstacle", f"Take {obstacle.name} away.", (removed(f"/obstacles/{index}"),))
             if self._leaves_a_way(gone, forces=False, kept=0.0):
-                yield from self._of(self._obstacle_moved(index, obstacle), forces=False)
+                yield from self._of(self._obstacle_changed(index, obstacle), forces=False)
                 yield gone
                 return
         pairs = itertools.combinations(range(len(self.task.obstacles)), 2)
@@ -324,6 +391,16 @@ class LiftChanges:
                 yield both
                 return
 
+    def _obstacle_changed(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
+        """Move an obstacle straight away from the plate, or change its height, in turns: as much of either."""
+        moved, higher = self._obstacle_moved(index, obstacle), self._obstacle_height(index, obstacle)
+        pairs = itertools.zip_longest(higher, moved)
+        yield from (change for pair in pairs for change in pair if change is not None)
+
+    def _obstacle_height(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
+        T_world_body = self.scene.obstacles[index].T_world_body
+        return obstacle_out_of_the_way(index, obstacle, T_world_body, self.scene.cell.table_top)
+
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle straight away from the plate."""
         way = self._directions.nearest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
@@ -332,8 +409,7 @@ class LiftChanges:
 
 
 def _other_lifter(name: str) -> TaskChange:
-    says = {"cable": "that hangs on a cable and cannot bend", "paper": "whose pad bears friction"}[name]
-    sentence = f'Use a lifter {says}: the lifter model "{name}".'
+    sentence = f'Use a lifter {_OTHER_LIFTERS[name]}: the lifter model "{name}".'
     return TaskChange("lifter_model", sentence, (put("/lifter_model", name),))
 
 

@@ -6,20 +6,37 @@ a plan of one object is as fast as one.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
 from planners.contract.task_spec import CustomTool, ObjectToMove, Obstacle, SuctionToolTask
+from planners.geometry.pose import Array, from_pose7
 from planners.plan.plan import Plan
-from planners.remedies.change import Directions, TaskChange, moved_pose, obstacle_moved, put, removed, turning
+from planners.remedies.change import (
+    Directions,
+    TaskChange,
+    moved_pose,
+    obstacle_moved,
+    obstacle_out_of_the_way,
+    put,
+    removed,
+    turning,
+)
 from planners.scene.suction_tool import tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
 """How far things are moved [m]."""
+_BEST_REACH = 0.35
+"""How far in front of the shoulders the place is that both arms reach best [m]."""
+_NEARER = (0.5, 0.4, 0.3, 0.15)
+"""How near to that place things are moved that are farther off, the least way first [m]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (45, 90) for sign in (1, -1))
+_FIRST = 2
+"""Changes of a kind that are tried together with those of another."""
 _STRONGER = (1.5, 2.0, 3.0)
 """How many times the cup's force [1]."""
 _OTHER_CUPS = (0.8, 0.6, 1.25)
@@ -46,7 +63,7 @@ class ToolChanges:
         bases = np.array([arm.T_world_base[:2, 3] for arm in scene.cell.arms.values()])
         table = scene.cell.boxes[0].center[:2]
         self._directions = Directions(table - bases.mean(axis=0))
-        self._middle = bases.mean(axis=0)
+        self._middle, self._table_top = bases.mean(axis=0), scene.cell.table_top
         explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
         named = [each for each in task.objects if self._names(each.name)]
@@ -56,10 +73,25 @@ class ToolChanges:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
         cup = [self._cup_force(), self._cup_radius()]
         places = [self._goals_turned(), self._starts(), self._goals(), self._starts_turned()]
+        poses = [(each.pose, each.goal_pose) for _, each in self._objects]
+        starts, goals = (
+            max(np.linalg.norm(self._way_to_best(pose)) for pose in member) for member in zip(*poses, strict=True)
+        )
+        if max(starts, goals) > _NEARER[0]:
+            # What is far off has to come nearer, whatever else is changed.
+            return [self._goals()] if goals >= starts else [self._starts(), self._goals()]
         rest = [self._tool(), self._limits(), self._aside()]
         first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
         return [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
+
+    def in_pairs(self) -> list[Iterator[TaskChange]]:
+        """Return two changes at once, for where no single one helps: of different kinds, of each the first ones."""
+        firsts = [list(itertools.islice(kind, _FIRST)) for kind in self.by_kind()]
+        return [
+            self._of(one.then(other) for one, other in itertools.product(some, others))
+            for some, others in itertools.combinations(firsts, 2)
+        ]
 
     def _names(self, name: str) -> bool:
         return name in self._told
@@ -77,17 +109,29 @@ class ToolChanges:
         yield from self._of(self._moved("goal_pose", "goal_place", "Move the goal of {} {}."))
 
     def _moved(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
-        """Move start or goal, towards the robot's middle before elsewhere."""
+        """Move start or goal: towards the place that both arms reach best, and a little everywhere."""
         along = self._directions
+        for near in _NEARER:
+            for index, each in self._objects:
+                way = self._way_to_best(getattr(each, member))
+                distance = float(np.linalg.norm(way))
+                if distance > near:
+                    yield self._shifted(index, each, member, kind, sentence, np.round(way * (1.0 - near / distance), 2))
         for length in _WAYS:
             for index, each in self._objects:
-                pose = getattr(each, member)
-                off = np.array(pose[:2]) - self._middle
+                off = np.array(getattr(each, member)[:2]) - self._middle
                 inwards = -along.left * math.copysign(1.0, float(off @ along.left))
                 for way in (inwards, -along.away, along.away, -inwards):
-                    told = sentence.format(each.name, along.say(length * way))
-                    steps = (put(f"/objects/{index}/{member}", moved_pose(pose, length * way)),)
-                    yield TaskChange(kind, told, steps)
+                    yield self._shifted(index, each, member, kind, sentence, length * way)
+
+    def _way_to_best(self, pose: Sequence[float]) -> Array:
+        """Return the way (2,) from a pose to the place that both arms reach best [m]."""
+        return self._middle + _BEST_REACH * self._directions.away - np.array(pose[:2])
+
+    def _shifted(self, index: int, each: ObjectToMove, member: str, kind: str, sentence: str, way: Array) -> TaskChange:
+        told = sentence.format(each.name, self._directions.say(way))
+        steps = (put(f"/objects/{index}/{member}", moved_pose(getattr(each, member), way)),)
+        return TaskChange(kind, told, steps)
 
     def _starts_turned(self) -> Iterator[TaskChange]:
         yield from self._of(self._turned("pose", "object_yaw", "Turn {} by {}."))
@@ -121,7 +165,10 @@ class ToolChanges:
     def _obstacles(self) -> Iterator[TaskChange]:
         named = [(index, each) for index, each in enumerate(self.task.obstacles) if self._names(each.name)]
         for index, each in named:
-            yield from self._of(self._obstacle_moved(index, each))
+            T_world_body = from_pose7(each.pose)
+            height = obstacle_out_of_the_way(index, each, T_world_body, self._table_top)
+            pairs = itertools.zip_longest(height, self._obstacle_moved(index, each))
+            yield from self._of(change for pair in pairs for change in pair if change is not None)
             yield from self._of([TaskChange("obstacle", f"Take {each.name} away.", (removed(f"/obstacles/{index}"),))])
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:

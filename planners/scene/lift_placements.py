@@ -44,6 +44,12 @@ from planners.scene.solid import solid_of
 
 SUPPORT_SHAPES = ("box", "cylinder", "prism")
 """The types of shapes that a plate may lie on."""
+LEAST_CUP_STEP = 0.005
+"""Places of a cup are not told apart more finely [m]."""
+_PLACES_ACROSS = 5
+"""Places of a cup along the longer side of a plate."""
+_ON_THE_EDGE = 1e-6
+"""Share of a step by which the outermost of them may miss the edge."""
 
 
 def place_support(support: Support, table: LevelFace, shapes: ShapeSource) -> Body:
@@ -173,9 +179,47 @@ class SuctionCup:
         return self.cable.shape.radius
 
 
+def cup_places(plate: PlateBody, radius: float, step: float) -> list[tuple[float, float]]:
+    """Return places of a cup all over the plate's top face, in plate axes [m], the nearest to its centre of mass first.
+
+    They are a square lattice about the middle of the outline, so that a plate that looks the same when it is turned or
+    mirrored has places that do. There are none where the pad is larger than the plate.
+
+    Args:
+        plate: to put it on.
+        radius: of the pad, all of which has to be on the plate [m].
+        step: between neighbours along the plate's axes [m].
+    """
+    middle, room = polygon.centroid(plate.outline), _room(plate, radius)
+    rows = [step * np.arange(-count, count + 1) for count in (room / step + _ON_THE_EDGE).astype(int)]
+    places = middle + np.array([(x, y) for x in rows[0] for y in rows[1]])
+    return cup_places_on(plate, radius, places)
+
+
+def cup_step(plate: PlateBody, radius: float) -> float:
+    """Return how far apart places of a cup are of which some are found all over a plate [m]."""
+    return max(LEAST_CUP_STEP, 2.0 * float(_room(plate, radius).max()) / (_PLACES_ACROSS - 1))
+
+
+def _room(plate: PlateBody, radius: float) -> Array:
+    """Return how far a pad may be off the middle of a plate (2,) along its axes at most [m]."""
+    return np.maximum(np.abs(plate.outline - polygon.centroid(plate.outline)).max(axis=0) - radius, 0.0)
+
+
+def cup_places_on(plate: PlateBody, radius: float, places: Array) -> list[tuple[float, float]]:
+    """Return those of the places (n, 2) at which all of the pad is on the plate, in whole millimetres.
+
+    The nearest to the plate's centre of mass comes first.
+    """
+    rounded = np.round(places, 3) + 0.0
+    inside = rounded[polygon.depth_inside(plate.outline, rounded) >= radius - CONTAINMENT_SLACK]
+    off = np.round(np.linalg.norm(inside - plate.com[:2], axis=1), 6)
+    return [(float(x), float(y)) for x, y in inside[np.lexsort((inside[:, 1], inside[:, 0], off))]]
+
+
 def place_cup(cup: LifterCup, plate: PlateBody, lifter: LifterShape) -> SuctionCup:
     """Put the cup on the plate where the plate is at the start."""
-    x, y = cup.position
+    x, y = cup.place
     T_plate_cup = transform(frame_from_z([0.0, 0.0, -1.0], [1.0, 0.0, 0.0]), [x, y, plate.top])
     T_plate_cup_body = transform(position=[x, y, plate.top + 0.5 * lifter.cup_height])
     anchor = np.array([x, y, plate.top + lifter.cup_height])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,6 +27,8 @@ from planners.scene.lift_placements import (
     GivenPush,
     LifterShape,
     SuctionCup,
+    cup_places,
+    cup_step,
     place_cup,
     place_plate,
     place_support,
@@ -101,6 +103,8 @@ def build_lift_scene(
 
     The arguments are those of `build_scene`.
 
+    Where the task leaves the cup's place open, it is the first of `cup_places` at which nothing is in the way.
+
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
@@ -111,6 +115,8 @@ def build_lift_scene(
     table = box_top(cell.boxes[0])
     support = None if task.support is None else place_support(task.support, table, shapes)
     plate, surface = place_plate(task, support, table)
+    if task.cup.position is None:
+        return _with_any_place(task, plate, lambda placed: build_lift_scene(placed, cells, lifter, uploads))
     _check_pad(task, plate)
     scene = PlateLiftScene(
         cell=cell,
@@ -136,6 +142,26 @@ def build_lift_scene(
     return scene
 
 
+def _with_any_place(
+    task: PlateLiftTask, plate: PlateBody, build: Callable[[PlateLiftTask], PlateLiftScene]
+) -> PlateLiftScene:
+    """Return the scene with the cup at the first place that is not refused.
+
+    Raises:
+        SceneError: every place is refused, or something else.
+    """
+    radius = task.cup.radius
+    refused = SceneError("/cup/radius", "the pad is larger than the plate's top face, wherever it sits")
+    for number, place in enumerate(cup_places(plate, radius, cup_step(plate, radius))):
+        try:
+            return build(task.with_cup_at(place))
+        except SceneError as error:
+            if "/cup/position" not in error.pointers:
+                raise
+            refused = refused if number else error
+    raise refused
+
+
 def _lifts_plates(cell: Cell) -> bool:
     return len(cell.gripper_arms) == 1 and len(cell.pusher_arms) == 1
 
@@ -158,7 +184,7 @@ def _open_around(plate: PlateBody, cell: Cell) -> float:
 
 
 def _check_pad(task: PlateLiftTask, plate: PlateBody) -> None:
-    inside = float(polygon.depth_inside(plate.outline, np.array([task.cup.position]))[0])
+    inside = float(polygon.depth_inside(plate.outline, np.array([task.cup.place]))[0])
     if inside < task.cup.radius - CONTAINMENT_SLACK:
         beyond = 1e3 * (task.cup.radius - inside)
         raise SceneError("/cup/position", f"the pad sticks out {beyond:.4g} mm over the edge of the plate's top face")

@@ -167,6 +167,14 @@ def test_a_plan_without_contact_states_tells_what_is_moved() -> None:
     assert "2.00 s" in told
 
 
+def test_a_plan_tells_where_the_cup_was_put_where_the_task_left_that_open() -> None:
+    chosen = {"position": [0.1, 0.0], "tried": 40, "reserve": 0.15, "sentence": "The cup sits best there."}
+    explanation = {"summary": "The plate is lifted."}
+    assert not any(line.startswith("cup:") for line in summarise(_plan(explanation=explanation)).splitlines())
+    told = summarise(_plan(explanation={**explanation, "cup_place": chosen})).splitlines()
+    assert "cup:            The cup sits best there." in told
+
+
 @pytest.mark.parametrize(
     ("executed", "line"),
     [

@@ -17,6 +17,8 @@ from app.settings import ServiceSettings
 
 BODIES: dict[str, Any] = {
     "a lift that can be begun": task(),
+    "a lift that leaves the cup's place open": task(cup={"radius": 0.0175, "max_force": 20}),
+    "a cup that is larger than the plate": task(cup={"radius": 0.2, "max_force": 20}),
     "a pile that can be begun": task("domino_pile.json"),
     "a plate in the air": task(plate_pose=[0.3, 0, 1.5, 1, 0, 0, 0]),
     "two members that are wrong": task(plate={"mass": "4"}, colour="red"),
@@ -45,7 +47,27 @@ def test_the_task_that_is_told_is_the_one_that_is_planned(client: httpx.Client) 
     told = client.post("/v1/tasks/check", json=task()).json()["task"]
     assert told["options"]["reserve"] == 0.1, "defaults are filled in"
     again = client.post("/v1/tasks/check", json=told).json()
-    assert again == {"accepted": True, "errors": [], "task": told}
+    assert again == {"accepted": True, "errors": [], "warnings": [], "task": told}
+
+
+def test_what_was_most_probably_not_meant_is_told_by_check_and_post(client: httpx.Client) -> None:
+    turned = task(plate_pose=[0.3, 0, 1.114, 0, 0, 0, 1])
+    checked = client.post("/v1/tasks/check", json=turned).json()
+    posted = client.post("/v1/plans", json=turned)
+    assert (checked["accepted"], posted.status_code) == (True, 202)
+    assert checked["warnings"] == posted.json()["warnings"]
+    assert [each["pointer"] for each in checked["warnings"]] == ["/plate_pose"]
+    assert client.post("/v1/plans", json=task()).json()["warnings"] == []
+    assert "warnings" not in client.get(posted.json()["links"]["self"]).json()
+
+
+def test_what_is_left_open_is_told_as_open(client: httpx.Client) -> None:
+    """Where the cup sits is found by planning, and told by the document."""
+    open_task = task(cup={"radius": 0.0175, "max_force": 20})
+    told = client.post("/v1/tasks/check", json=open_task).json()["task"]
+    assert told["cup"]["position"] is None
+    assert client.post("/v1/tasks/check", json=told).json()["task"] == told
+    assert client.post("/v1/plans", json=open_task).json()["state"] == "queued"
 
 
 def test_a_check_makes_no_plan(client: httpx.Client) -> None:

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import rectangle
 from planners.geometry.polyhedron import ConvexPrism
-from planners.manipulation.holds.pushes import PlatePush, PushSampling, generate_pushes, given_pushes
+from planners.manipulation.holds.pushes import PlatePush, PushSampling, generate_pushes, given_pushes, least_thickness
 from planners.scene.lift_placements import GivenPush
 from tests.support.polyhedra import face_normal
 
@@ -160,3 +160,15 @@ def test_a_stick_may_stand_square_on_the_bottom():
 def test_samplings_that_mean_nothing_are_refused(wrong):
     with pytest.raises(LiftwrightError):
         PushSampling(**wrong)
+
+
+@pytest.mark.parametrize("margin", [0.001, 0.003])
+def test_a_plate_on_the_table_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: float) -> None:
+    """The tip's lowest point keeps the margin from the table beside a plate that is just thicker, and only there."""
+    sampling = PushSampling()
+    least = least_thickness(TIP, margin, sampling)
+    for thickness, has_room in ((least + 1e-4, True), (least - 1e-4, False)):
+        plate = ConvexPrism.from_outline(rectangle(0.3, 0.3), thickness)
+        at_sides = [push for push in generate_pushes(plate, TIP, sampling) if abs(push.normal[2]) < 0.5]
+        lowest = min(push.T_plate_tcp[0, 2, 3] - TIP + 0.5 * thickness for push in at_sides)
+        assert (lowest >= margin) == has_room

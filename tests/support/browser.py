@@ -7,15 +7,25 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_browser = pytest.mark.skipif(
     CHROMIUM is None and "CI" not in os.environ, reason="no Chromium on this machine: the viewer cannot be looked at"
 )
 SOFTWARE_WEBGL = ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+WINDOWS: tuple[ViewportSize, ...] = (
+    {"width": 1920, "height": 1080},
+    {"width": 1280, "height": 720},
+    {"width": 390, "height": 844},
+)
+SCHEMES = ("light", "dark")
+SERIOUS = ("serious", "critical")
+"""Impacts of findings of axe-core that fail a page."""
 LOADING_MILLISECONDS = 120e3
 """The first picture waits for the drawings of the robot to be made."""
 
@@ -35,3 +45,14 @@ def running_browser() -> Iterator[Browser]:
 def wait_for_plan(page: Page, name: str) -> None:
     """Wait until the viewer tells of a plan of this name."""
     page.wait_for_function(f"player.description?.title === '{name}'", timeout=LOADING_MILLISECONDS)
+
+
+def serious_findings(page: Page) -> list[str]:
+    """Return what axe-core calls serious or critical on a page."""
+    found: list[dict[str, Any]] = Axe().run(page).response["violations"]
+    return [
+        f"{each['id']}: {node['html'][:160]} {node['any'][0]['message'] if node['any'] else ''}"
+        for each in found
+        if each["impact"] in SERIOUS
+        for node in each["nodes"]
+    ]

@@ -237,6 +237,28 @@ def test_every_step_is_undone_and_done_again(page: Page) -> None:
     assert page.locator("#redo").is_disabled()
 
 
+def test_the_cups_place_may_be_left_to_the_planner(page: Page) -> None:
+    page.locator("#things [data-pointer='/cup/position']").click()
+    page.get_by_role("button", name="Find the best place").click()
+    wait_for_verdict(page, accepted=True)
+    assert "position" not in draft(page)["cup"]
+    expect(page.locator("#plan")).to_be_enabled()
+    expect(page.locator("#field-cup-position")).to_be_focused()
+    expect(page.locator("#things [data-pointer='/cup/position']")).to_have_class("cup ")
+    page.keyboard.press("Enter")
+    wait_for_verdict(page, accepted=True)
+    assert draft(page)["cup"]["position"] == [0, 0]
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    assert draft(page)["cup"]["position"] == task("ab1.json")["cup"]["position"]
+
+
+def test_what_was_most_probably_not_meant_is_told_and_taken(page: Page) -> None:
+    page.evaluate("editor.draft.set('/plate_pose', [0.3, 0, 1.114, 0, 0, 0, 1])")
+    wait_for_verdict(page, accepted=True)
+    expect(page.locator("#check-status")).to_contain_text("/plate_pose: 0, 0, 0, 1 is half a turn")
+
+
 def test_what_is_refused_is_told_at_its_field_and_at_its_thing_in_the_services_words(page: Page) -> None:
     page.locator("#things [data-pointer='/cup/position']").click()
     page.locator("#field-cup-position-0").fill("160")

@@ -6,25 +6,24 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
-from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from playwright.sync_api import Browser, ConsoleMessage, Page
+from support.browser import (
+    LOADING_MILLISECONDS,
+    SCHEMES,
+    WINDOWS,
+    needs_browser,
+    running_browser,
+    serious_findings,
+    wait_for_plan,
+)
 from support.plan_shelf import PlanShelf
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
-WINDOWS: tuple[ViewportSize, ...] = (
-    {"width": 1920, "height": 1080},
-    {"width": 1280, "height": 720},
-    {"width": 390, "height": 844},
-)
-SCHEMES = ("light", "dark")
 PLANS = ("ab1", "pb1_weak_cup")
 """Shipped tasks: a lift with its simulation, and one that cannot be."""
-SERIOUS = ("serious", "critical")
 FINGER = 40
 """Least height of what a finger must hit on a phone [px]; Chromium rounds."""
 OVERFLOWING = """() => [...document.querySelectorAll('header, header *, main, main > *, #tabs, #timeline, section')]
@@ -98,17 +97,6 @@ def show(page: Page, name: str, address: str) -> None:
         page.locator("#tables td").first.wait_for()
     elif name == "start":
         page.locator("#capabilities dd").first.wait_for()
-
-
-def serious_findings(page: Page) -> list[str]:
-    """Return what axe-core calls serious or critical on a page."""
-    found: list[dict[str, Any]] = Axe().run(page).response["violations"]
-    return [
-        f"{each['id']}: {node['html'][:160]} {node['any'][0]['message'] if node['any'] else ''}"
-        for each in found
-        if each["impact"] in SERIOUS
-        for node in each["nodes"]
-    ]
 
 
 @pytest.mark.parametrize("name", ["start", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS])

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from support.browser import needs_browser, running_browser
+from support.browser import SCHEMES, WINDOWS, needs_browser, running_browser, serious_findings
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, task
 from support.serving import served
 
@@ -103,3 +103,24 @@ def test_studies_are_listed(page: Page, address: str) -> None:
     page.goto("/viewer/study")
     page.locator(f"a[href='study?study={study['id']}']").click()
     expect(page.locator("#drawing .cell")).to_have_count(5)
+
+
+@pytest.mark.parametrize("what", ["map", "list"])
+def test_the_page_is_readable_at_every_width_in_light_and_dark(page: Page, address: str, what: str) -> None:
+    study = posted(address, "now", X, Y)
+    for scheme in SCHEMES:
+        page.emulate_media(color_scheme=scheme)
+        for size in WINDOWS:
+            page.set_viewport_size(size)
+            page.goto(study["links"]["view"] if what == "map" else "/viewer/study")
+            page.locator("#drawing .cell.best" if what == "map" else "#list li").first.wait_for()
+            assert serious_findings(page) == [], f"{scheme}, {size['width']} px"
+            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+@pytest.mark.parametrize("start", ["/", "/viewer/"])
+def test_the_list_of_studies_is_found_from_where_people_begin(page: Page, start: str) -> None:
+    page.route("**/viewer/scene/**", lambda route: route.fulfill(content_type="text/html", body="<title>Scene</title>"))
+    page.goto(start)
+    page.get_by_role("link", name="Studies").click()
+    page.wait_for_url("**/viewer/study")

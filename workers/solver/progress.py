@@ -33,6 +33,8 @@ STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
 
 Graphs and motion of a suction tool are found in turns with its regrasps and are not counted apart.
 """
+CUP_PLACES_SHARE = 0.4
+"""About how much of a job's time trying places of the cup takes, after the scene, where a task leaves it open [1]."""
 UNCOUNTED_HALF = 20.0
 """A stage that does not know its total is shown half done after so many parts [1]."""
 
@@ -55,7 +57,11 @@ class ProgressScale:
     @classmethod
     def of(cls, task: Mapping[str, Any], begun: float = 0.0) -> Self:
         """Return the scale of a task as accepted."""
-        return cls(STAGE_SHARES[task["kind"]], len(task.get("objects", ())), begun)
+        shares = STAGE_SHARES[task["kind"]]
+        if task["kind"] == "plate_lift" and task["cup"].get("position") is None:
+            scene, *others = ((stage, (1.0 - CUP_PLACES_SHARE) * share) for stage, share in shares.items())
+            shares = dict([scene, ("cup places", CUP_PLACES_SHARE), *others])
+        return cls(shares, len(task.get("objects", ())), begun)
 
     def advance(self, report: Report) -> float:
         """Take a report and return the fraction of the whole, 0 … 1."""

@@ -52,11 +52,11 @@ class LastPath:
     def judge(self, sent: Any) -> FeasibilityDescription | None:
         """Say whether the path holds with the forces of a task, as JSON data; None where it is no path of the task.
 
-        It is none where the task would be refused, or where more than forces has changed.
+        It is none where the task would be refused or leaves the cup's place open, or more than forces has changed.
         """
         try:
             task = read_task(sent)
-            if not isinstance(task, PlateLiftTask) or _but_forces(task) != self._moves:
+            if not isinstance(task, PlateLiftTask) or task.cup.position is None or _but_forces(task) != self._moves:
                 return None
             answer = self._forces.ask(build_scene(task, self._cells))
         except (ValidationError, SceneError):

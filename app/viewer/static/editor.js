@@ -68,7 +68,7 @@ class SceneConnection {
 
 class Editor {
   constructor(capabilities) {
-    Object.assign(this, { capabilities, chosen: null, errors: [], accepted: null, moves: 0, checking: false, plan: null, lastPlan: null });
+    Object.assign(this, { capabilities, chosen: null, errors: [], warnings: [], accepted: null, moves: 0, checking: false, plan: null, lastPlan: null });
     this.draft = new TaskDraft(() => this.changed());
     this.fields = new Fields(this);
     this.frame = byId("scene-frame");
@@ -219,7 +219,7 @@ class Editor {
     if (!rows.length) rows.push(element("li", { className: "none", textContent: "Nothing yet." }));
     keepFocus(byId("things"), rows);
     const needed = (name) => this.errors.some(({ pointer, detail }) => detail === "is required" && within(pointer, `/${name}`)) || (name === "object" && this.errors.some(({ pointer }) => pointer === "/objects"));
-    keepFocus(byId("additions"), addable(this.draft.task).map(([name, words, add]) =>
+    keepFocus(byId("additions"), addable(this.draft.task, this.capabilities).map(([name, words, add]) =>
       Object.assign(element("button", { textContent: words, className: needed(name) ? "needed" : "", onclick: () => this.add(add) }), { id: `add-${name}` })));
   }
 
@@ -293,6 +293,7 @@ class Editor {
         const answer = await fetch("../v1/tasks/check", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(this.draft.task) });
         const told = await answer.json();
         if (this.asked) continue;
+        this.warnings = answer.ok ? told.warnings : [];
         if (answer.ok) [this.errors, this.accepted] = [told.errors, told.task];
         else [this.errors, this.accepted] = [[{ pointer: "", detail: told.detail }], null];
         this.judged(answer.ok && told.accepted);
@@ -308,7 +309,7 @@ class Editor {
     const status = byId("check-status");
     const count = this.errors.length;
     status.className = accepted ? "yes" : "no";
-    status.textContent = accepted ? "The service would take this task." : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
+    status.textContent = accepted ? ["The service would take this task.", ...this.warnings.map(({ pointer, detail }) => `${pointer}: ${detail}.`)].join(" ") : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
     keepFocus(byId("refusals"), this.errors.slice(0, 20).map((error) => {
       const thing = this.thingOf(error.pointer);
       const where = thing ? (error.detail.startsWith(thing.words) ? "" : `${thing.words}: `) : `${error.pointer || "the task"}: `;
@@ -482,6 +483,7 @@ class Fields {
 
   field(field) {
     switch (field.type) {
+      case "act": return this.act(field);
       case "words": return [element("p", { textContent: field.words })];
       case "number": return [this.number(field)];
       case "text": return [this.text(field)];
@@ -576,6 +578,10 @@ class Fields {
     return this.row(label, input, pointer, { className: "tick" });
   }
 
+  act({ label, pointer, act }) {
+    return [element("div", { className: "field-row" }, element("button", { id: `field${pointer}`.replaceAll("/", "-"), textContent: label, onclick: act }))];
+  }
+
   outline({ label, pointer }) {
     const input = element("textarea", { rows: 4, spellcheck: false });
     this.refresh(input, () => (input.value = list(this.value(pointer)).map((point) => list(point).map((value) => rounded(1000 * value, 4)).join(" ")).join("\n")));
@@ -587,7 +593,7 @@ class Fields {
   pose({ pointer, optional }) {
     const pose = () => this.value(pointer);
     if (optional && !pose()) {
-      const put = () => this.draft.set(pointer, [0.45, 0.3, TABLE_TOP, 1, 0, 0, 0]);
+      const put = () => this.draft.set(pointer, [0.45, 0.3, tableTop(this.draft.task, this.editor.capabilities), 1, 0, 0, 0]);
       return [element("p", { textContent: `It is ${optional}.` }), element("button", { textContent: "Put it on the table", onclick: () => (put(), this.editor.nudge([0, 0], 0)) })];
     }
     const part = (index) => ({

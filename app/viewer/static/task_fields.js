@@ -12,8 +12,11 @@ const SHAPES = {
   prism: { type: "prism", outline: [[-0.1, -0.08], [0.1, -0.08], [0, 0.1]], height: 0.04 },
   mesh: { type: "mesh", asset: "can" },
 };
-/** Of new things [m]: where the table of the shipped cells is, and places on it that both arms reach. */
-const TABLE_TOP = 1.094;
+/** Height of the table of a task's cell [m]; of the first cell that is known where the task names none or no such one. */
+function tableTop(task, { cell_limits }) {
+  return (cell_limits[task.cell] ?? Object.values(cell_limits)[0]).table.top;
+}
+
 const EMPTY = {
   plate_lift: { kind: "plate_lift" },
   suction_tool: { kind: "suction_tool", objects: [] },
@@ -51,12 +54,13 @@ function list(value) {
 }
 
 /** What can be added to a task, with what it is at first. */
-function addable(task) {
+function addable(task, capabilities) {
+  const top = tableTop(task, capabilities);
   const additions = [];
   const lift = task.kind === "plate_lift";
   if (lift && !task.plate) additions.push(["plate", "Plate", (draft) => {
     draft.plate = { shape: { type: "box", size: [0.3, 0.3, 0.04] }, mass: 3 };
-    draft.plate_pose = [0.3, 0, TABLE_TOP + 0.02, 1, 0, 0, 0];
+    draft.plate_pose = [0.3, 0, top + 0.02, 1, 0, 0, 0];
     return "/plate_pose";
   }]);
   if (lift && !task.cup) additions.push(["cup", "Cup", (draft) => {
@@ -64,7 +68,7 @@ function addable(task) {
     return "/cup/position";
   }]);
   if (lift && !task.support) additions.push(["support", "Support", (draft) => {
-    draft.support = { shape: { type: "box", size: [0.4, 0.5, 0.044] }, pose: [0.3, 0, TABLE_TOP + 0.022, 1, 0, 0, 0] };
+    draft.support = { shape: { type: "box", size: [0.4, 0.5, 0.044] }, pose: [0.3, 0, top + 0.022, 1, 0, 0, 0] };
     return "/support/pose";
   }]);
   if (!lift) additions.push(["object", "Object", (draft) => {
@@ -72,13 +76,13 @@ function addable(task) {
     const { length } = draft.objects;
     const x = 0.25 + 0.15 * (length % 3);
     const name = freeName(draft, "object");
-    draft.objects.push({ name, shape: { type: "box", size: [0.12, 0.08, 0.06] }, mass: 0.3, pose: [x, 0.3, TABLE_TOP + 0.03, 1, 0, 0, 0], goal_pose: [x, -0.3, TABLE_TOP + 0.03, 1, 0, 0, 0] });
+    draft.objects.push({ name, shape: { type: "box", size: [0.12, 0.08, 0.06] }, mass: 0.3, pose: [x, 0.3, top + 0.03, 1, 0, 0, 0], goal_pose: [x, -0.3, top + 0.03, 1, 0, 0, 0] });
     return `/objects/${length}/pose`;
   }]);
   additions.push(["obstacle", "Obstacle", (draft) => {
     draft.obstacles = list(draft.obstacles);
     const name = freeName(draft, "obstacle");
-    draft.obstacles.push({ name, shape: { type: "box", size: [0.1, 0.1, 0.1] }, pose: [0.6, 0.35, TABLE_TOP + 0.05, 1, 0, 0, 0] });
+    draft.obstacles.push({ name, shape: { type: "box", size: [0.1, 0.1, 0.1] }, pose: [0.6, 0.35, top + 0.05, 1, 0, 0, 0] });
     return `/obstacles/${draft.obstacles.length - 1}/pose`;
   }]);
   return additions;
@@ -107,9 +111,15 @@ function fieldsOf(thing, draft, capabilities) {
       ];
     case "cup":
       return [
-        { title: "Place on the plate, from its origin", fields: [
-          number("x, along the plate", "/cup/position/0", MM), number("y, across the plate", "/cup/position/1", MM),
-        ] },
+        { title: "Place on the plate, from its origin", fields: draft.get("/cup/position")
+          ? [
+              number("x, along the plate", "/cup/position/0", MM), number("y, across the plate", "/cup/position/1", MM),
+              { type: "act", label: "Find the best place", pointer: "/cup/position", act: () => draft.remove("/cup/position") },
+            ]
+          : [
+              { type: "words", words: "It is left open: planning finds where most of every limit is kept back, and says so." },
+              { type: "act", label: "Put it on the plate", pointer: "/cup/position", act: () => draft.set("/cup/position", [0, 0]) },
+            ] },
         { title: "Suction", fields: [
           number("Radius of the pad", "/cup/radius", MM, { step: 0.5 }), number("Largest force", "/cup/max_force", NEWTON),
           number("Friction of the pad", "/cup/mu", RATIO, { optional: true }), number("Bending, kappa", "/cup/kappa", { ...NEWTON, step: 0.001 }, { optional: true }),

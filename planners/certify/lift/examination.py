@@ -62,6 +62,6 @@ class LiftExamination:
             reserve_check(evidence, task.hand_limits(plan), task.stated.lifter_model),
             uncertainty_check(evidence, task.tolerances, task.bounds(plan)),
             torque_check(evidence),
-            *LiftContactPlaces(evidence, task.stated.cup.position).run(),
+            *LiftContactPlaces(evidence, task.stated.cup.place).run(),
             *collision.run(evidence.motions),
         ]

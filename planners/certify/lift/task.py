@@ -42,6 +42,8 @@ class LiftTask:
             MalformedDocument: a member of the task is missing.
         """
         plate, cup = task.plate, task.cup
+        if cup.position is None:
+            raise MalformedDocument("task/cup/position", "is missing")
         said = plate.model_fields_set
         return cls(
             stated=task,
@@ -114,7 +116,7 @@ def _lifter(evidence: Evidence, task: LiftTask, finding: Finding) -> None:
     T_plate_cup = inverse(plate.T_world_start) @ cup.T_world_start
     rim = cup.shape.vertices @ T_plate_cup[:3, :3].T + T_plate_cup[:3, 3]
     middle = (rim.min(axis=0) + rim.max(axis=0)) / 2
-    seat = np.array([*task.stated.cup.position, plate.shape.vertices[:, 2].max()])
+    seat = np.array([*task.stated.cup.place, plate.shape.vertices[:, 2].max()])
     off = np.linalg.norm(seat - [middle[0], middle[1], rim[:, 2].min()])
     finding.note(settings.attachment_distance - float(off), "body cup: place on the plate")
     narrower = task.cup.radius - float(np.linalg.norm(rim[:, :2] - middle[:2], axis=1).max())

@@ -108,6 +108,17 @@ def generate_pushes(
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
 
 
+def least_thickness(tip_radius: float, margin: float, sampling: PushSampling) -> float:
+    """Return the thickness [m] up to which no plate is pushed at its sides where what it lies on reaches beyond them.
+
+    Args:
+        tip_radius: of the stick's hemispherical tip [m].
+        margin: distance that the tip keeps from what the plate lies on [m].
+        sampling: how close to the top face a plate is pushed.
+    """
+    return tip_radius + margin + sampling.top_margin
+
+
 def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[PlatePush, ...]:
     """Make pushes of those that a task gives, at `rolls` turns of the hand about the stick."""
     contacts = ((push.point, push.normal, push.axis) for push in given)

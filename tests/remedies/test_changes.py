@@ -1,0 +1,116 @@
+"""Changes of tasks: what is lowered stands where it stood, what hangs is raised, what is far off comes nearer."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planners import read_task, solve
+from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
+from planners.geometry.pose import from_pose7
+from planners.manipulation.lift_settings import LiftSettings
+from planners.progress import silent
+from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.lift_changes import LiftChanges
+from planners.remedies.tool_changes import ToolChanges
+from planners.scene.scene import build_scene
+
+TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
+TOP = 1.094
+BOX = {"type": "box", "size": [0.1, 0.2, 0.3]}
+SHAPES = [
+    BOX,
+    {"type": "cylinder", "radius": 0.05, "height": 0.3},
+    {"type": "prism", "outline": [[0, 0], [0.1, 0], [0, 0.1]], "height": 0.3},
+]
+
+
+def posted(name: str, **members: Any) -> Any:
+    return read_task(json.loads((TASKS / f"{name}.json").read_bytes()) | members)
+
+
+def heights(obstacle: Obstacle, shape: Any) -> tuple[float, float]:
+    """Return bottom and top [m]."""
+    half = 0.5 * (shape["size"][2] if shape["type"] == "box" else shape["height"])
+    return obstacle.pose[2] - half, obstacle.pose[2] + half
+
+
+def changed_heights(shape: dict[str, Any], z: float) -> list[tuple[float, float]]:
+    obstacle = Obstacle.model_validate({"name": "it", "shape": shape, "pose": [0.5, 0.1, z, 1, 0, 0, 0]})
+    changes = obstacle_out_of_the_way(0, obstacle, from_pose7(obstacle.pose), TOP)
+    others = [Obstacle.model_validate(change.patch[0].value) for change in changes]
+    assert all(other.pose[:2] == obstacle.pose[:2] for other in others)
+    return [heights(other, other.shape.model_dump(mode="json")) for other in others]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_stands_is_made_lower_and_stays_on_the_table(shape: dict[str, Any]) -> None:
+    changed = changed_heights(shape, TOP + 0.15)
+    assert len(changed) > 1
+    tops = [top for _, top in changed]
+    assert [bottom for bottom, _ in changed] == pytest.approx([TOP] * len(changed))
+    assert all(TOP < lower < upper for upper, lower in zip([TOP + 0.3, *tops], tops, strict=False))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_what_hangs_is_raised_as_it_is(shape: dict[str, Any]) -> None:
+    changed = changed_heights(shape, TOP + 0.5)
+    bottoms = [TOP + 0.35, *(bottom for bottom, _ in changed)]
+    assert (np.diff(bottoms) > 0.0).all()
+    assert [top - bottom for bottom, top in changed] == pytest.approx([0.3] * len(changed))
+
+
+def test_two_changes_are_one_patch() -> None:
+    one, other = (TaskChange(name, f"{name}.", (put(f"/{name}", 1),)) for name in ("here", "there"))
+    both = one.then(other)
+    assert (both.sentence, [step.path for step in both.patch]) == ("here. there.", ["/here", "/there"])
+
+
+def test_every_other_model_of_the_lifter_is_tried() -> None:
+    for model in ("paper", "cable", "dexnet"):
+        task = posted("ab1", lifter_model=model)
+        assert isinstance(task, PlateLiftTask)
+        changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+        changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+        others = [change.patch[0].value for change in changes._lifter()]
+        assert sorted([model, *map(str, others)]) == ["cable", "dexnet", "paper"]
+
+
+def test_a_board_under_a_plate_is_as_large_as_it_is() -> None:
+    thin = {"shape": {"type": "box", "size": [0.3, 0.2, 0.012]}, "mass": 2.0}
+    task = posted("ab1", plate=thin, plate_pose=[0.3, 0, TOP + 0.006, 0.9659258, 0, 0, 0.258819])
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+    scene = changes._on_board(0.03).built(task, build_scene)
+    assert scene is not None
+    assert scene.support is not None
+    assert scene.support_top == pytest.approx(TOP + 0.03)
+    assert scene.support.solid.surface()[0][:, :2].max(axis=0) == pytest.approx([0.15, 0.1])
+
+
+def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres() -> None:
+    thin = {"shape": {"type": "box", "size": [0.3, 0.3, 0.012]}, "mass": 2.0}
+    options = {"remedies": False, "simulate": False, "contact_density": 0.25, "hold_density": 0.5}
+    plan = solve(posted("ab1", plate=thin, plate_pose=[0.3, 0, TOP + 0.006, 1, 0, 0, 0], options=options))
+    cause = plan.explanation.causes[0]
+    assert plan.outcome == "not_found"
+    assert (cause.needed, cause.available, cause.unit) == (pytest.approx(0.016), pytest.approx(0.012), "m")
+    assert "16 mm" in plan.explanation.summary
+    assert "board" in plan.explanation.summary
+
+
+def test_a_goal_far_off_comes_nearer_the_least_way_first() -> None:
+    lid = json.loads((TASKS / "lid_under_roof.json").read_bytes())["objects"][0]
+    far = {**lid, "goal_pose": [0.78, -0.7, *lid["goal_pose"][2:]]}
+    task = posted("lid_under_roof", objects=[far], obstacles=[])
+    assert isinstance(task, SuctionToolTask)
+    failed = solve(posted("lid_too_heavy", options={"remedies": False}))
+    first, *_ = ToolChanges(task, build_scene, failed).by_kind()
+    goals = np.array([change.patch[0].value[:2] for change in list(first)[:3]])  # type: ignore[index]
+    ways = np.linalg.norm(goals - [0.78, -0.7], axis=1)
+    assert (np.diff(ways) > 0.05).all()
+    assert ways[0] < 0.6
