@@ -340,6 +340,7 @@ def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | Non
 
 
 _shipped_tools = cache(load_tools)
+_tool_descriptions = cache(tool_descriptions)
 
 
 @cache
@@ -352,7 +353,7 @@ def _reference(cell: Cell) -> CellReference:
     """Return what the certificate may take for known about a cell."""
     home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
     rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
-    return CellReference(cell.document(), cell.body_documents(), home, rest, tool_descriptions())
+    return CellReference(cell.document(), cell.body_documents(), home, rest, _tool_descriptions())
 
 
 def _plan(

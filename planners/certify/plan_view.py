@@ -63,6 +63,18 @@ class BodyView:
         return poses[:, :3, :3] @ self.com + poses[:, :3, 3]
 
     @cached_property
+    def inertia(self) -> Array:
+        """(3, 3) moment of inertia about the centre of mass, evenly filled; of a body with a mass [kg m²]."""
+        assert self.mass is not None
+        return self.shape.inertia(self.mass, self.com)
+
+    @cached_property
+    def gyration(self) -> float:
+        """The largest radius of gyration; of a body with a mass [m]."""
+        assert self.mass is not None
+        return float(np.sqrt(np.linalg.norm(self.inertia, 2) / self.mass))
+
+    @cached_property
     def heights(self) -> Array:
         """(n,) heights of its vertices at the start [m]."""
         return self.shape.vertices @ self.T_world_start[2, :3] + self.T_world_start[2, 3]

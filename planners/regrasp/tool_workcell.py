@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from planners.cell.arm import Arm
 from planners.cell.cell import Cell
@@ -80,12 +84,32 @@ class ToolWorkcell(Workcell):
         """Return which pairs a choice takes; asked once for each key, which says all of the choice.
 
         Asking every pair takes longer than everything else about a query. Models differ in where fingers are, and have
-        the same bodies in the same order.
+        the same bodies in the same order. Choices look at frames and groups of bodies, and at whether they are hands:
+        of all pairs that are alike in these, one is asked.
         """
         if key not in self._masks:
-            model = self.model({arm: self.gripper(arm).width_max for arm in self.cell.arms})
-            self._masks[key] = model.pair_mask(choice)
+            asked, kinds = self._kinds_of_pairs
+            self._masks[key] = np.array([choice(a, b) for a, b in asked], dtype=bool)[kinds]
         return self._masks[key]
+
+    @cached_property
+    def _kinds_of_pairs(self) -> tuple[list[tuple[CollisionBody, CollisionBody]], NDArray[np.intp]]:
+        """One pair of bodies of each kind, and the kind of every pair of the model."""
+        model = self.model({arm: self.gripper(arm).width_max for arm in self.cell.arms})
+        bodies = {body.name: body for body in model.bodies}
+        alike = {
+            name: (body.frame, body.group, any(self.is_hand(body, arm) for arm in self.cell.arms))
+            for name, body in bodies.items()
+        }
+        kinds: dict[Hashable, int] = {}
+        asked: list[tuple[CollisionBody, CollisionBody]] = []
+        numbers = []
+        for a, b in model.pair_names:
+            number = kinds.setdefault((alike[a], alike[b]), len(asked))
+            if number == len(asked):
+                asked.append((bodies[a], bodies[b]))
+            numbers.append(number)
+        return asked, np.array(numbers, dtype=np.intp)
 
     def query(  # noqa: PLR0913 - openings, places, and what may be how close
         self,

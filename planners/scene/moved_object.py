@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -79,11 +80,15 @@ class MovedObject:
             upright = T_goal_object[2, 2] if self.symmetry == "axis" else abs(T_goal_object[2, 2])
             angle = math.atan2(math.hypot(T_goal_object[0, 2], T_goal_object[1, 2]), upright)
             return max(float(np.linalg.norm(T_goal_object[:3, 3])) / GOAL_DISTANCE, angle / GOAL_ANGLE)
-        turns = symmetry_turns(self.body.solid, self.symmetry)
+        turns = self._symmetry_turns
         distances = np.linalg.norm(T_goal_object[:3, 3] - turns[:, :3, 3], axis=1)
         chords = np.linalg.norm(T_goal_object[:3, :3] - turns[:, :3, :3], axis=(1, 2)) / math.sqrt(2.0)
         angles = 2.0 * np.arcsin(np.minimum(1.0, chords / 2.0))
         return float(np.maximum(distances / GOAL_DISTANCE, angles / GOAL_ANGLE).min())
+
+    @cached_property
+    def _symmetry_turns(self) -> Array:
+        return symmetry_turns(self.body.solid, self.symmetry)
 
 
 def side_of(T_world_bodies: Array, point: Array) -> float:

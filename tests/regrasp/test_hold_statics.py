@@ -179,7 +179,6 @@ def test_a_way_there_and_back_needs_sets_like_any_other() -> None:
 def test_an_object_that_hangs_still_leaves_the_cup_what_it_does_not_weigh(mass: float) -> None:
     held = statics(mass=mass)
     worst = held.worst(*still(held))
-    assert worst.margin == pytest.approx(worst.at_rest)
     assert worst.margin <= 1.0 - mass * GRAVITY / CUP_FORCE + 1e-9
 
 
@@ -241,7 +240,8 @@ def test_sets_of_what_does_not_hold_are_an_error_that_says_so() -> None:
 def test_a_stretched_motion_holds_and_a_little_less_does_not() -> None:
     held = statics(mass=1.2)
     fast, places = swing(held, step=0.004, way=0.15, turn=0.1)
-    assert held.worst(fast, places).margin < 0.0 <= held.worst(fast, places).at_rest
+    slowest = held.worst(*swing(held, step=4.0, way=0.15, turn=0.1))
+    assert held.worst(fast, places).margin < 0.0 <= slowest.margin
     slowness = held.stretch(fast, places)
     assert slowness is not None
     assert slowness > 1.0
@@ -275,16 +275,17 @@ def test_limits_that_are_smaller_by_the_reserve_are_just_kept(members: dict[str,
     swung, places = swing(held, step=0.015, turn=0.2)
     both, _ = still(held, holds=(hold("left", 0.10), hold("right", 0.18)))
     for made in (swung, both):
-        found = held.reserve(made, places)
+        found = held.balanced([made])[0].reserve
         assert found is not None
         assert found.least == pytest.approx(held.worst(made, places).margin)
         assert 0.0 < found.least == found.values.min() < 1.0
         for share, holds in ((found.least - 1e-6, True), (found.least + 1e-6, False)):
             weaker = HoldStatics(held.scene.keeping_back(share))
             assert (weaker.worst(made, places).margin >= 0.0) == holds
-            weakest = weaker.reserve(made, places)
-            assert weakest is not None
-            assert weakest.limited_by == found.limited_by
+            if holds:
+                weakest = weaker.balanced([made])[0].reserve
+                assert weakest is not None
+                assert weakest.limited_by == found.limited_by
         assert found.body == ("block" if found.limited_by.startswith("cup") else "tool")
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.certify.finding import Finding
+from planners.certify.geometry.vectors import angle, cross, length
 from planners.certify.motion.segment_motion import BodyContacts
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 from planners.plan.contacts import BearingContact, EnvironmentContact, PointContact, SoftFingerContact, SuctionContact
-from planners.plan.scenery import ARMS
 from planners.plan.verdicts import Check
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -84,7 +84,7 @@ class ConeChecks:
                     self._suction_limits(contact, where)
                 else:
                     self._contact(contact, where)
-            for arm, net in net_forces(contact_set).items():
+            for arm, net in contact_set.net_forces.items():
                 self._hand.note(self._limits.hands[arm] + self._slack - net, f"{contact_set.where} by {arm}")
         return [
             self._friction.check(),
@@ -99,9 +99,9 @@ class ConeChecks:
 
     def _contact(self, contact: SoftFingerContact | PointContact | EnvironmentContact, where: str) -> None:
         pressed = float(contact.force @ contact.normal)
-        sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
+        sliding = length(contact.force - pressed * contact.normal)
         turning = float(contact.torque @ contact.normal)
-        other = float(np.linalg.norm(contact.torque - turning * contact.normal))
+        other = length(contact.torque - turning * contact.normal)
         self._same(contact.mu, self._limits.friction.get(contact.kind), f"{where}: mu")
         if contact.kind == "soft_finger":
             self._same(contact.eps, self._limits.eps, f"{where}: eps")
@@ -135,9 +135,9 @@ class ConeChecks:
         self._cup.note(force + slack, f"{where}: presses")
         if self._limits.model == "cable":
             up = float(contact.force @ _UP)
-            self._suction.note(slack - float(np.linalg.norm(contact.force - up * _UP)), f"{where}: not vertical")
+            self._suction.note(slack - length(contact.force - up * _UP), f"{where}: not vertical")
             self._suction.note(slack - abs(up - force), f"{where}: suction_force")
-            self._torque.note(slack - float(np.linalg.norm(contact.torque)), where)
+            self._torque.note(slack - length(contact.torque), where)
             return
         pull, shear, twist, bend = pad_loads(contact)
         self._suction.note(slack - abs(pull - force), f"{where}: suction_force")
@@ -146,12 +146,6 @@ class ConeChecks:
         self._suction.note(float(slips) + slack, f"{where}: shear")
         self._suction_moment.note(float(twists) + slack, f"{where}: twist")
         self._suction_moment.note(float(peels) + slack, f"{where}: peel")
-
-
-def net_forces(contact_set: BodyContacts) -> dict[str, float]:
-    """Return what each hand that touches the body exerts on it in all [N]."""
-    forces = {arm: contact_set.forces(arm) for arm in ARMS}
-    return {arm: float(np.linalg.norm(np.sum(found, axis=0))) for arm, found in forces.items() if found}
 
 
 def contact_name(contact: BearingContact) -> str:
@@ -167,7 +161,7 @@ def pad_loads(contact: SuctionContact) -> tuple[float, Array, float, Array]:
         y (2,) [Nm].
     """
     x, z = contact.x_axis, contact.normal
-    axes = np.array([x, np.cross(z, x)])
+    axes = np.array([x, cross(z, x)])
     return -float(contact.force @ z), axes @ contact.force, float(contact.torque @ z), axes @ contact.torque
 
 
@@ -208,9 +202,3 @@ def pad_x_axes(poses: Array, normals: Array) -> Array:
     x, y = (poses[:, :3, k] - normals * np.sum(poses[:, :3, k] * normals, axis=1, keepdims=True) for k in (0, 1))
     axes = np.where(np.linalg.norm(x, axis=1, keepdims=True) > _SQUARE, x, y)
     return axes / np.linalg.norm(axes, axis=1, keepdims=True)
-
-
-def angle(a: Array, b: Array) -> float:
-    """Return the angle between two vectors [rad]."""
-    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-    return math.atan2(math.hypot(x, y, z), float(a @ b))

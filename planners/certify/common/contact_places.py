@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from planners.certify.common.cones import angle, contact_name
+from planners.certify.common.cones import contact_name
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
+from planners.certify.geometry.vectors import angle, length
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.plan_view import T_flange_tcp
 from planners.geometry.pose import Array, Transform, inverse
@@ -40,10 +41,12 @@ class ContactPlaceChecks(ABC):
 
     def _contact(self, motion: SegmentMotion, contact_set: BodyContacts, contact: BearingContact) -> None:
         where = f"{contact_set.where} by {contact_name(contact)}"
-        body, T = self._plan.bodies[contact.body].shape, contact_set.T_world_body
+        body = self._plan.bodies[contact.body].shape
         # An edge or a corner of the body may press on a face: then the face alone has the normal.
         normal = None if contact.kind == "environment" else -contact.normal
-        self._on_surface(body, T, contact.point, normal, f"{where}: on {contact.body}", self._slant(contact))
+        self._on_surface(
+            body, contact_set.T_body_world, contact.point, normal, f"{where}: on {contact.body}", self._slant(contact)
+        )
         match contact:
             case SoftFingerContact():
                 self._finger(motion, contact, where)
@@ -72,18 +75,17 @@ class ContactPlaceChecks(ABC):
 
     def _on_carrier(self, motion: SegmentMotion, contact: EnvironmentContact, where: str) -> None:
         shape, pose = self._plan.bodies[contact.by].shape, motion.body_poses[contact.by][contact.sample]
-        self._on_surface(shape, pose, contact.point, contact.normal, f"{where}: on {contact.by}")
+        self._on_surface(shape, inverse(pose), contact.point, contact.normal, f"{where}: on {contact.by}")
 
     def _on_surface(
         self,
         shape: BodyShape,
-        T_world_body: Transform,
+        T_body_world: Transform,
         point: Array,
         outward: Array | None,
         where: str,
         slant: float | None = None,
     ) -> None:
-        T_body_world = inverse(T_world_body)
         local = T_body_world[:3, :3] @ point + T_body_world[:3, 3]
         height, normals = self._surface_at(shape, local)
         self._points.note(self._settings.contact_distance - abs(height), where)
@@ -97,14 +99,15 @@ class ContactPlaceChecks(ABC):
 
         A held body is touched at one place through all of a motion, which is looked at once.
         """
-        key = id(shape), np.round(point / _SAME_PLACE).tobytes()
+        # Zero has two signs, which are one place.
+        key = id(shape), (np.round(point / _SAME_PLACE) + 0.0).tobytes()
         if key not in self._known:
             height, _ = shape.surface_distance(point)
             self._known[key] = height, shape.normals_near(point, self._settings.contact_distance)
         return self._known[key]
 
     def _meets(self, contact: BearingContact, point: Array, normal: Array, where: str) -> None:
-        distance = float(np.linalg.norm(contact.point - point))
+        distance = length(contact.point - point)
         self._points.note(self._settings.contact_distance - distance, where)
         self._normals.note(self._settings.contact_angle - angle(contact.normal, normal), where)
 

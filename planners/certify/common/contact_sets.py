@@ -10,6 +10,7 @@ import numpy as np
 
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
+from planners.certify.geometry.vectors import length
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, added_up, turns_between
 from planners.certify.plan_view import BodyView
 from planners.certify.settings import CertifySettings
@@ -35,8 +36,8 @@ def balance_checks(evidence: Evidence) -> list[Check]:
             continue
         centre = T[:3, :3] @ body.com + T[:3, 3]
         left, left_moment = added_up(contact_set.contacts, body.mass * plan.cell.gravity, centre)
-        force.note(settings.force_balance - float(np.linalg.norm(left)), contact_set.where)
-        moment.note(settings.moment_balance - float(np.linalg.norm(left_moment)), contact_set.where)
+        force.note(settings.force_balance - length(left), contact_set.where)
+        moment.note(settings.moment_balance - length(left_moment), contact_set.where)
     return [force.check(), moment.check()]
 
 
@@ -60,13 +61,12 @@ class InertialLoad:
     def of(cls, body: BodyView, mass: float, motion: SegmentMotion) -> InertialLoad:
         """Take the load of a body of that mass [kg] along a segment."""
         time, poses = motion.segment.time, motion.body_poses[body.name]
-        tensor = body.shape.inertia(mass, body.com)
         centres = body.centres(poses)
         return cls(
             centres=centres,
             forces=-mass * _rates(time, np.diff(centres, axis=0)),
-            moments=-_rates(time, _momenta(poses, tensor)),
-            lever=float(np.sqrt(np.linalg.norm(tensor, 2) / mass)),
+            moments=-_rates(time, _momenta(poses, body.inertia)),
+            lever=body.gyration,
         )
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planners.certify.common.cones import contact_name, net_forces, pad_loads
+from planners.certify.common.cones import contact_name, pad_loads
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
+from planners.certify.geometry.vectors import length
 from planners.certify.motion.segment_motion import BodyContacts
 from planners.certify.plan_view import NumberedSegment, PlanView
 from planners.geometry.pose import Array
@@ -48,7 +49,7 @@ def payload_check(evidence: Evidence, carried: Iterable[tuple[NumberedSegment, s
     finding, slack = Finding("payload", "N"), evidence.settings.cone_slack
     limits = payload_limits(evidence.plan)
     for contact_set in evidence.contacts:
-        for arm, net in net_forces(contact_set).items():
+        for arm, net in contact_set.net_forces.items():
             finding.note(limits[arm] + slack - net, f"{contact_set.where} by {arm}")
     for segment, arm, nets in carried:
         finding.note_all(limits[arm] + slack - nets, lambda i, s=segment, by=arm: f"{s.place(i)} by {by}")
@@ -124,14 +125,14 @@ def uses(contact_set: BodyContacts, hands: Mapping[str, float], model: str, slac
     """
     for contact in contact_set.bearing:
         yield from _of_cup(contact, model, slack) if contact.kind == "suction" else _of_contact(contact, slack)
-    for arm, net in net_forces(contact_set).items():
+    for arm, net in contact_set.net_forces.items():
         yield Use(max(0.0, net - slack) / hands[arm], f"{arm} hand's payload")
 
 
 def _of_contact(contact: SoftFingerContact | PointContact | EnvironmentContact, slack: float) -> Iterator[Use]:
     name, squeeze = contact_name(contact), 0.0
     pressed = float(contact.force @ contact.normal)
-    sliding = float(np.linalg.norm(contact.force - pressed * contact.normal))
+    sliding = length(contact.force - pressed * contact.normal)
     if contact.kind == "soft_finger":
         squeeze = contact.squeeze or 0.0
         sliding = math.hypot(sliding, float(contact.torque @ contact.normal) / max(contact.eps, _NOTHING))

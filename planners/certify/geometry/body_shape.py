@@ -103,6 +103,18 @@ class BodyShape:
                 normals += list(part.planes[heights >= -distance, :3])
         return normals
 
+    def faces_near(self, points: Array, distance: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return normals (f, 3) of faces, and which of them are near each of the points (n, 3), see `normals_near`."""
+        if self.surface is not None:
+            return self.surface.faces_near(points, distance)
+        masks = []
+        for part in self.parts:
+            heights = points @ part.planes[:, :3].T + part.planes[:, 3]
+            masks.append((heights >= -distance) & (heights.max(axis=1, keepdims=True) <= distance))
+        near = np.concatenate(masks, axis=1)
+        met = near.any(axis=0)
+        return np.concatenate([part.planes[:, :3] for part in self.parts])[met], near[:, met]
+
 
 def convex_part(points: Array) -> ConvexPart:
     """Return the convex hull of (n, 3) points.

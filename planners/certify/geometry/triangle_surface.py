@@ -42,6 +42,14 @@ class TriangleSurface:
         near = self._near(point, distance)
         return self.normals[near[self._distances(near, point) <= distance]]
 
+    def faces_near(self, points: Array, distance: float) -> tuple[Array, NDArray[np.bool_]]:
+        """Return normals (f, 3), and which of them each of the points (n, 3) is no farther than `distance` from."""
+        middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        near = self._near(middle, distance + float(np.linalg.norm(points - middle, axis=1).max()))
+        masks = np.stack([self._distances(near, point) <= distance for point in points])
+        met = masks.any(axis=0)
+        return self.normals[near[met]], masks[:, met]
+
     def _near(self, point: Array, reach: float) -> NDArray[np.intp]:
         """Return the triangles whose boxes come within `reach` of a point: the others are farther away."""
         low, high = self._boxes

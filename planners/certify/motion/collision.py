@@ -103,7 +103,7 @@ class PairMotion:
         if self._relative and self._second_is_the_base(anchors, a, b):
             a, b, anchors = b, a, anchors[::-1]
         self.a, self.b = a, b
-        far = float(np.linalg.norm(b.centre)) + b.bound
+        far = b.far
         if self._relative:
             poses = _AT_REST, relative(motion.poses(a.frame), motion.poses(b.frame))
             ways = chord_lengths(poses[1], b.centre, b.bound)
@@ -122,10 +122,10 @@ class PairMotion:
             self._moves = bool(np.any(ways) or np.any(bend))
         else:
             poses = motion.poses(a.frame), motion.poses(b.frame)
-            bend = motion.stray(a.frame, float(np.linalg.norm(a.centre)) + a.bound) + motion.stray(b.frame, far)
+            bend = motion.stray(a.frame, a.far) + motion.stray(b.frame, far)
             self._turn = np.zeros(1)
             self._moves = motion.moves(a.frame) or motion.moves(b.frame)
-        self._poses = tuple(np.ascontiguousarray(each) for each in poses)
+        self._poses = poses
         self._turn = np.broadcast_to(self._turn, (motion.samples - 1,))
         self._bend = np.broadcast_to(bend, (motion.samples - 1,))
 
@@ -308,6 +308,7 @@ class CollisionCheck:
         self._free = Finding("collision", "m")
         self._touch = Finding("touch_depth", "m")
         self._given_up = False
+        self._frames = tuple(dict.fromkeys(solid.frame for solid in solids))
         self._versions: dict[Frame, int] = {}
         self._seen: dict[tuple[int, int], tuple[int, int, bool]] = {}
         self._boxes: dict[int, tuple[int, Array, Array]] = {}
@@ -320,7 +321,7 @@ class CollisionCheck:
 
     def _segment(self, motion: SegmentMotion) -> None:
         rule = self._rule_of(motion.segment)
-        moving = {frame: motion.moves(frame) for frame in {solid.frame for solid in self._solids}}
+        moving = {frame: motion.moves(frame) for frame in self._frames}
         for frame, moves in moving.items():
             self._versions[frame] = self._versions.get(frame, 0) + moves
         near = self._near_blocks(motion, moving)
@@ -369,10 +370,11 @@ class CollisionCheck:
         starts = np.arange(0, motion.samples - 1, _BLOCK)
         low = np.empty((len(self._solids), len(starts), 3))
         high = np.empty_like(low)
+        swept = [index for index, solid in enumerate(self._solids) if moving[solid.frame]]
+        if swept:
+            low[swept], high[swept] = _swept_boxes(motion, [self._solids[index] for index in swept], starts)
         for index, solid in enumerate(self._solids):
-            if moving[solid.frame]:
-                low[index], high[index] = _swept_boxes(motion, solid, starts)
-            else:
+            if not moving[solid.frame]:
                 low[index], high[index] = self._box_at_rest(motion, index)
         first, second = self._pairs.T
         return np.all((low[first] <= high[second]) & (low[second] <= high[first]), axis=2)
@@ -392,21 +394,25 @@ class CollisionCheck:
         return f"{motion.segment.place()}, t = {moment:.4f} s: {a.name} and {b.name}"
 
 
-def _swept_boxes(motion: SegmentMotion, solid: ConvexSolid, starts: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return boxes that hold a solid that moves during blocks of samples, in the world: (blocks, 3) twice [m]."""
-    poses = motion.poses(solid.frame)
-    points = poses[:, :3, :3] @ solid.corners.T + poses[:, :3, 3:]
-    low, high = points.min(axis=2), points.max(axis=2)
-    stray = motion.stray(solid.frame, float(np.linalg.norm(solid.centre)) + solid.bound)
-    stray = np.broadcast_to(stray + motion.finger_travel(solid.frame), (motion.samples - 1,))[:, None]
+def _swept_boxes(motion: SegmentMotion, solids: Sequence[ConvexSolid], starts: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return boxes that hold solids that move during blocks of samples, in the world: (solids, blocks, 3) twice [m]."""
+    poses = np.stack([motion.poses(solid.frame) for solid in solids])
+    corners = np.stack([solid.corners.T for solid in solids])[:, None]
+    points = poses[:, :, :3, :3] @ corners + poses[:, :, :3, 3:]
+    low, high = points.min(axis=3), points.max(axis=3)
+    stray = np.empty((len(solids), motion.samples - 1, 1))
+    for row, solid in zip(stray[:, :, 0], solids, strict=True):
+        row[:] = motion.stray(solid.frame, solid.far) + motion.finger_travel(solid.frame)
     return (
-        np.minimum.reduceat(np.minimum(low[:-1], low[1:]) - stray, starts),
-        np.maximum.reduceat(np.maximum(high[:-1], high[1:]) + stray, starts),
+        np.minimum.reduceat(np.minimum(low[:, :-1], low[:, 1:]) - stray, starts, axis=1),
+        np.maximum.reduceat(np.maximum(high[:, :-1], high[:, 1:]) + stray, starts, axis=1),
     )
 
 
 def _runs(steps: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
     """Yield the runs of steps that are marked, as the numbers of their first and last samples."""
+    if not steps.any():
+        return
     edges = np.diff(np.concatenate([[0], steps.astype(int), [0]]))
     for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
         yield int(first), int(last)

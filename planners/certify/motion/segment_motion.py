@@ -9,11 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
+from planners.certify.geometry.vectors import cross, length
 from planners.certify.motion.kinematics import ArmKinematics, HermiteCurve
 from planners.certify.motion.robot_surfaces import GripperSurfaces, RobotSurfaces
 from planners.certify.motion.solids import ConvexSolid, Frame, gripper_of
 from planners.certify.plan_view import NumberedSegment, PlanView
-from planners.geometry.pose import Array, Transform, skew, transform
+from planners.geometry.pose import Array, Transform, inverse, skew, transform
 from planners.plan.contacts import BearingContact, Contact, InertiaEntry
 from planners.plan.scenery import ARMS
 
@@ -39,10 +40,15 @@ class BodyContacts:
     T_world_body: Transform
     contacts: tuple[Contact, ...]
 
-    @property
+    @cached_property
     def where(self) -> str:
         """Name the set."""
         return f"{self.segment.place(self.sample)}: {self.body}"
+
+    @cached_property
+    def T_body_world(self) -> Transform:
+        """The world in the frame of the body."""
+        return inverse(self.T_world_body)
 
     @cached_property
     def bearing(self) -> list[BearingContact]:
@@ -54,9 +60,14 @@ class BodyContacts:
         """The inertia that is counted."""
         return [contact for contact in self.contacts if contact.kind == "inertia"]
 
-    def forces(self, arm: str) -> list[Array]:
-        """Return what the contacts of one hand exert [N]."""
-        return [contact.force for contact in self.contacts if contact.by == arm]
+    @cached_property
+    def net_forces(self) -> dict[str, float]:
+        """What each hand that touches the body exerts on it in all [N]."""
+        forces: dict[str, Array] = {}
+        for contact in self.contacts:
+            if contact.by in ARMS:
+                forces[contact.by] = forces[contact.by] + contact.force if contact.by in forces else contact.force
+        return {arm: length(forces[arm]) for arm in ARMS if arm in forces}
 
 
 def added_up(contacts: Iterable[Contact], force: Array, point: Array) -> tuple[Array, Array]:
@@ -64,7 +75,7 @@ def added_up(contacts: Iterable[Contact], force: Array, point: Array) -> tuple[A
     moment = np.zeros(3)
     for contact in contacts:
         force = force + contact.force
-        moment = moment + contact.torque + np.cross(contact.point - point, contact.force)
+        moment = moment + contact.torque + cross(contact.point - point, contact.force)
     return force, moment
 
 
@@ -88,6 +99,7 @@ class SegmentMotion:
     curves: Mapping[str, HermiteCurve]
     grippers: Mapping[str, GripperSurfaces]
     _poses: dict[Frame, Array] = field(default_factory=dict)
+    _strays: dict[tuple[Frame, float, int], Array] = field(default_factory=dict)
     _between: dict[tuple[str, int, float], Array] = field(default_factory=dict)
 
     @property
@@ -132,7 +144,7 @@ class SegmentMotion:
     def poses(self, frame: Frame) -> Array:
         """Return `T_world_frame` at the samples: (n, 4, 4)."""
         if frame not in self._poses:
-            self._poses[frame] = self._sample_poses(frame)
+            self._poses[frame] = np.ascontiguousarray(self._sample_poses(frame))
         return self._poses[frame]
 
     def pose(self, frame: Frame, interval: int, u: float) -> Transform:
@@ -166,6 +178,12 @@ class SegmentMotion:
             far: The point's distance from the frame's origin, or more [m].
             first_joint: Joints up to this one are taken as fixed: motion relative to the frame after them.
         """
+        key = frame, far, first_joint
+        if key not in self._strays:
+            self._strays[key] = self._stray(frame, far, first_joint)
+        return self._strays[key]
+
+    def _stray(self, frame: Frame, far: float, first_joint: int) -> Array:
         if frame.kind == "body" and frame.owner not in self.riders:
             return far * turns_between(self.poses(frame)) ** 2 / 8
         arm, link = self._link_of(frame)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import fcl
 import numpy as np
@@ -59,6 +60,11 @@ class ConvexSolid:
     """Radius of the bounding sphere [m]."""
     corners: Array
     """(8, 3) of a bounding box [m]."""
+
+    @cached_property
+    def far(self) -> float:
+        """How far any of its points is from the frame's origin, or more [m]."""
+        return float(np.linalg.norm(self.centre)) + self.bound
 
     @property
     def arm(self) -> str | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
+from planners.certify.geometry.vectors import cross, length
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.motion.solids import ConvexSolid, signed_distance
 from planners.certify.plan_view import NumberedSegment
@@ -167,7 +168,7 @@ class ToolCourse:
             return
         for contact in one.bearing:
             if contact.kind == "suction":
-                left = self.settings.force_balance - float(np.linalg.norm(contact.force))
+                left = self.settings.force_balance - length(contact.force)
                 self._vacuum.note(left, f"{one.where}: the cup bears something without vacuum")
 
     def _reactions(self, step: CourseStep, group: Sequence[BodyContacts]) -> None:
@@ -192,7 +193,7 @@ def _suction(one: BodyContacts | None, by: str) -> Array | None:
     if len(found) != 1:
         return None
     # The torque is taken about the world's origin, so that a reaction at another point is not opposite.
-    return np.concatenate([found[0].force, found[0].torque + np.cross(found[0].point, found[0].force)])
+    return np.concatenate([found[0].force, found[0].torque + cross(found[0].point, found[0].force)])
 
 
 def _listed(names: set[str] | frozenset[str]) -> str:

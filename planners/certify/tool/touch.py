@@ -6,18 +6,19 @@ import math
 
 import numpy as np
 
-from planners.certify.common.cones import angle, x_axis_error
+from planners.certify.common.cones import x_axis_error
 from planners.certify.common.contact_places import ContactPlaceChecks
 from planners.certify.common.holds import drift_checks, resting_check
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.cover import SealingDisc
+from planners.certify.geometry.vectors import angle, length
 from planners.certify.motion.collision import TouchRule, holds_around
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.plan_view import PlanView
 from planners.certify.tool.course import CourseStep
 from planners.certify.tool.task import TOOL
-from planners.geometry.pose import Array, frame_from_z, inverse
+from planners.geometry.pose import Array, frame_from_z
 from planners.plan.contacts import BearingContact, EnvironmentContact, SuctionContact
 from planners.plan.verdicts import Check
 
@@ -52,11 +53,12 @@ class ToolContactPlaces(ContactPlaceChecks):
         error = x_axis_error(contact, contact_set.T_world_body)
         self._normals.note(self._settings.contact_angle - error, f"{where}: x axis")
         if contact.body != TOOL:
-            self._lip(contact, inverse(contact_set.T_world_body) @ T_world_tool, where)
+            self._lip(contact, contact_set.T_body_world @ T_world_tool, where)
 
     def _lip(self, contact: SuctionContact, T_object_tool: Array, where: str) -> None:
         """The whole lip lies on the object; looked at once for each place of the cup."""
-        key = contact.body, np.round(T_object_tool, 5).tobytes()
+        # Zero has two signs, which are one place.
+        key = contact.body, (np.round(T_object_tool, 5) + 0.0).tobytes()
         if key in self._sealed:
             return
         self._sealed.add(key)
@@ -67,14 +69,14 @@ class ToolContactPlaces(ContactPlaceChecks):
         pad = SealingDisc(radius + self._settings.contact_distance, self._settings.lip_give, self._settings.seam)
         gap = pad.gap((shape.triangles - T_object_tool[:3, 3]) @ R)
         if gap is not None:
-            self._points.note(float(np.linalg.norm(gap)) - pad.outer_radius, f"{where}: nothing seals there")
+            self._points.note(length(gap) - pad.outer_radius, f"{where}: nothing seals there")
         angles = 2.0 * math.pi * np.arange(_RIM) / _RIM
-        for share in (0.5, 1.0):
-            circle = share * radius * np.column_stack([np.cos(angles), np.sin(angles)])
-            for point in circle @ R[:, :2].T + T_object_tool[:3, 3]:
-                normals = shape.normals_near(point, self._settings.lip_give)
-                slant = min((angle(R[:, 2], normal) for normal in normals), default=math.pi)
-                self._normals.note(self._settings.pad_slant - slant, where)
+        circle = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        points = np.vstack([0.5 * circle, circle]) @ R[:, :2].T + T_object_tool[:3, 3]
+        normals, near = shape.faces_near(points, self._settings.lip_give)
+        slants = np.array([angle(R[:, 2], normal) for normal in normals])
+        least = np.where(near, slants, math.pi).min(axis=1, initial=math.pi)
+        self._normals.note(self._settings.pad_slant - float(least.max()), where)
 
 
 def tool_touch_rule(plan: PlanView, steps: list[CourseStep], index: int) -> TouchRule:

@@ -118,13 +118,18 @@ class HandoverWays:
 
     def _in_orientation(self, number: int) -> Array:
         """Return (2 n, 8, 6)."""
-        T_world_tool, grasps = self.handovers.T_world_tool[number], self.handovers.grasps
+        T_world_tool = self.handovers.T_world_tool[number]
         parts = []
-        for name in self.workcell.cell.arms:
-            T_tool_flange = grasps.T_tool_flange(self.workcell.gripper(name))
+        for name, T_tool_flange in self._T_tool_flanges.items():
             branches = self.handovers.reached(name)[number]
             parts.append(solutions(self.workcell.arm(name), T_world_tool, T_tool_flange, branches))
         return np.concatenate(parts)
+
+    @cached_property
+    def _T_tool_flanges(self) -> dict[str, Array]:
+        """(n, 4, 4) the flange on the tool in each grasp, by arm."""
+        grasps = self.handovers.grasps
+        return {arm: grasps.T_tool_flange(self.workcell.gripper(arm)) for arm in self.workcell.cell.arms}
 
     def _by_node(self, positions: Array) -> Array:
         """Bring (o, 2 n, 8, 6) to (2 n, 8 o, 6)."""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from planners.collision.model import Fixed, PairMask, Placement
+import numpy as np
+
+from planners.collision.kernel import CollisionKernel, first_collisions, set_frame
+from planners.collision.model import CollisionQuery, Fixed, PairMask, Placement
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import Transform
+from planners.geometry.pose import Array, Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.motion.state_queries import StateQueries
@@ -43,8 +47,9 @@ class ToolRoom:
             rejections: what was in the way is added.
         """
         kept: list[SuctionPose] = []
+        room = _Room.of(self._queries, state, self._pairs(target.name))
         for pose in poses:
-            in_the_way = self._in_the_way(state, target, pose)
+            in_the_way = self._in_the_way(room, target, state.T_world_objects[target.name], pose)
             if in_the_way is None:
                 kept.append(pose)
             else:
@@ -53,29 +58,16 @@ class ToolRoom:
                 break
         return tuple(kept)
 
-    def _in_the_way(self, state: SceneState, target: MovedObject, pose: SuctionPose) -> str | None:
+    def _in_the_way(self, room: _Room, target: MovedObject, T_world_object: Transform, pose: SuctionPose) -> str | None:
         T_object_tool = pose.T_object_tool
-        touched = self._touched(state, target.name, state.T_world_objects[target.name] @ T_object_tool)
+        touched = room.touched(T_world_object @ T_object_tool, self._descent)
         if touched is not None:
             return f"With its cup on the object at its start, the tool has no room beside {touched}."
-        at_goals = (self._touched(state, target.name, T_world_goal @ T_object_tool) for T_world_goal in target.goals)
+        at_goals = (room.touched(T_world_goal @ T_object_tool, self._descent) for T_world_goal in target.goals)
         first = next(at_goals)
         if first is None or any(touched is None for touched in at_goals):
             return None
         return f"With its cup on the object at its goal, the tool has no room beside {first}."
-
-    def _touched(self, state: SceneState, name: str, T_world_tool: Transform) -> str | None:
-        """Return what the tool overlaps on the object, or is too close to where its straight way there begins."""
-        workcell = self._queries.workcell
-        away = moved_by(T_world_tool, self._descent * T_world_tool[:3, 2])
-        placements: dict[str, Placement | None] = {key: Fixed(T) for key, T in state.T_world_objects.items()}
-        for T, share in ((T_world_tool, 0.0), (away, 1.0)):
-            placements[TOOL_FRAME] = Fixed(T)
-            query = workcell.query(state.widths, placements, share=share, only=self._pairs(name))
-            pair = int(query.first_collision(state.q)[0])
-            if pair >= 0:
-                return next(touched for touched in query.pair_names(pair) if touched != workcell.tool.body.name)
-        return None
 
     def _pairs(self, name: str) -> PairMask:
         """Choose the pairs of the tool with all but the arms and the object it is on."""
@@ -87,3 +79,37 @@ class ToolRoom:
             return one and not {a.group, b.group} & arms.keys() and not {a.frame, b.frame} & left_out
 
         return workcell.pairs(("room", left_out), chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """What stands still in one state, asked about one place of the tool after the other."""
+
+    queries: tuple[CollisionQuery, CollisionQuery]
+    """With no margins, and with all of them."""
+    kernels: tuple[CollisionKernel, CollisionKernel]
+    """Theirs, in which the tool is placed."""
+    q: Array
+    """(1, 12) [rad]"""
+    tool: str
+    """Name of its body."""
+
+    @classmethod
+    def of(cls, queries: StateQueries, state: SceneState, pairs: PairMask) -> _Room:
+        """Place everything but the tool."""
+        placements: dict[str, Placement | None] = {name: Fixed(T) for name, T in state.T_world_objects.items()}
+        placements[TOOL_FRAME] = Fixed(state.T_world_tool)
+        workcell = queries.workcell
+        touching, close = (workcell.query(state.widths, placements, share=share, only=pairs) for share in (0.0, 1.0))
+        kernels = touching.kernel_copy(), close.kernel_copy()
+        return cls((touching, close), kernels, np.ascontiguousarray(state.q[None]), workcell.tool.body.name)
+
+    def touched(self, T_world_tool: Transform, descent: float) -> str | None:
+        """Return what the tool overlaps on the object, or is too close to where its straight way there begins."""
+        away = moved_by(T_world_tool, descent * T_world_tool[:3, 2])
+        for query, kernel, T in zip(self.queries, self.kernels, (T_world_tool, away), strict=True):
+            set_frame(kernel, query.frame_index(TOOL_FRAME), T)
+            pair = int(first_collisions(kernel, self.q)[0])
+            if pair >= 0:
+                return next(name for name in query.pair_names(pair) if name != self.tool)
+        return None

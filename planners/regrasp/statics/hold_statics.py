@@ -100,8 +100,6 @@ class WorstHold:
     margin: float
     """Reserve: share of the limits that could be missing, negative where they are exceeded [1]; infinite where nothing
     is held."""
-    at_rest: float
-    """The same if the motion were made very slowly: where this is negative too, slowing down does not help [1]."""
     rejection: Rejection | None
     """What gives way; None where all holds."""
 
@@ -171,6 +169,15 @@ class _Bearing:
         return HeldReserve(left, sample, use.words, use.body)
 
 
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """What is asked for during a segment, and who bears it."""
+
+    loads: Mapping[str, _Load]
+    """By body."""
+    bearing: _Bearing
+
+
 class HoldStatics:
     """Contact forces of one suction-tool scene."""
 
@@ -194,21 +201,8 @@ class HoldStatics:
             segment: timed; its contact sets are not read.
             places: where tool and objects are when it begins.
         """
-        if not bearers(segment):
-            return WorstHold(math.inf, math.inf, None)
-        if segment.kind in _CUP_KINDS and self._resting(segment, places)[1] is None:
-            assert segment.sucked is not None
-            reason = "The object does not stand where the cup takes it or puts it down."
-            return WorstHold(-math.inf, -math.inf, Rejection("rest", reason, segment.sucked.name))
-        loads = self._loads(segment, places)
-        bearing = self._bearing(segment, loads)
-        margin = bearing.margin
-        rejection = self._rejection(segment, loads, bearing) if margin < 0.0 else None
-        return WorstHold(margin, self._bearing(segment, loads, math.inf).margin, rejection)
-
-    def reserve(self, segment: ToolSegment, places: Mapping[str, Transform]) -> HeldReserve | None:
-        """Return what is left of the limits at every sample; None where no hand bears anything. As for `worst`."""
-        return self._bearing(segment, self._loads(segment, places)).reserve() if bearers(segment) else None
+        held = self._held(segment, places)
+        return WorstHold(math.inf, None) if held is None else self._worst(segment, places, held)
 
     def stretch(self, segment: ToolSegment, places: Mapping[str, Transform]) -> float | None:
         """Return the factor, 1 or more, by which a segment's time must be stretched for cup and fingers to hold.
@@ -241,9 +235,12 @@ class HoldStatics:
         places = self.start()
         complete = []
         for segment in segments:
-            complete.append(
-                replace(segment, contact_sets=self.sets(segment, places), reserve=self.reserve(segment, places))
-            )
+            held = self._held(segment, places)
+            if held is None:
+                complete.append(replace(segment, contact_sets=(), reserve=None))
+            else:
+                sets = self._contact_sets(segment, places, held)
+                complete.append(replace(segment, contact_sets=sets, reserve=held.bearing.reserve()))
             places.update({name: poses[-1] for name, poses in segment.body_poses.items()})
         return tuple(complete)
 
@@ -253,21 +250,38 @@ class HoldStatics:
         Raises:
             UnheldError: Cup or fingers give way, or an object would tip over where it is put down.
         """
-        if not bearers(segment):
-            return ()
-        worst = self.worst(segment, places)
-        if worst.rejection is not None:
-            raise UnheldError(worst.rejection)
-        loads = self._loads(segment, places)
-        bearing = self._bearing(segment, loads)
+        held = self._held(segment, places)
+        return () if held is None else self._contact_sets(segment, places, held)
+
+    def _contact_sets(
+        self, segment: ToolSegment, places: Mapping[str, Transform], held: _Held
+    ) -> tuple[ToolContactSet, ...]:
+        rejection = self._worst(segment, places, held).rejection
+        if rejection is not None:
+            raise UnheldError(rejection)
         standing = self._standing(segment, places) if segment.kind in _CUP_KINDS else ()
         return tuple(
             contact_set
-            for sample in self._samples(segment, loads)
-            for contact_set in self._sets_at(segment, loads, bearing, standing, sample)
+            for sample in self._samples(segment, held.loads)
+            for contact_set in self._sets_at(segment, held.loads, held.bearing, standing, sample)
         )
 
     # Loads and who bears them.
+
+    def _held(self, segment: ToolSegment, places: Mapping[str, Transform]) -> _Held | None:
+        """Return what is borne during a segment; None where no hand bears anything."""
+        if not bearers(segment):
+            return None
+        loads = self._loads(segment, places)
+        return _Held(loads, self._bearing(segment, loads))
+
+    def _worst(self, segment: ToolSegment, places: Mapping[str, Transform], held: _Held) -> WorstHold:
+        if segment.kind in _CUP_KINDS and self._resting(segment, places)[1] is None:
+            assert segment.sucked is not None
+            reason = "The object does not stand where the cup takes it or puts it down."
+            return WorstHold(-math.inf, Rejection("rest", reason, segment.sucked.name))
+        margin = held.bearing.margin
+        return WorstHold(margin, self._rejection(segment, held.loads, held.bearing) if margin < 0.0 else None)
 
     def _loads(self, segment: ToolSegment, places: Mapping[str, Transform]) -> dict[str, _Load]:
         names = [TOOL_NAME] if segment.sucked is None else [TOOL_NAME, segment.sucked.name]

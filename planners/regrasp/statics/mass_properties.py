@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class MassProperties:
         second = np.einsum("n,nki,nkj->ij", volumes, corners, corners) / 20.0 * (mass / volumes.sum())
         return cls(mass, np.asarray(com, dtype=float), np.trace(second) * np.eye(3) - second)
 
-    @property
+    @cached_property
     def gyration(self) -> float:
         """The largest radius of gyration about the centre of mass [m]."""
         return float(np.sqrt(np.linalg.norm(self.tensor, 2) / self.mass))

@@ -32,3 +32,18 @@ def test_a_body_of_two_parts_has_the_inertia_of_the_whole() -> None:
     point = np.array([0.03, -0.02, 0.01])
     whole = box(np.array([0.4, 0.2, 0.04]))
     assert BodyShape(whole.vertices, parts).inertia(3.0, point) == pytest.approx(whole.inertia(3.0, point))
+
+
+def test_faces_near_many_points_are_those_near_each_of_them() -> None:
+    rng = np.random.default_rng(5)
+    beside = np.array([0.2, 0.0, 0.0])
+    parts = tuple(convex_part(rng.normal(scale=0.05, size=(12, 3)) + shift) for shift in (np.zeros(3), beside))
+    shape = BodyShape(np.vstack([part.vertices for part in parts]), parts)
+    corners, middles = shape.vertices, shape.triangles.mean(axis=1)
+    points = np.vstack([corners, middles, rng.uniform(-0.1, 0.3, (50, 3))])
+    normals, near = shape.faces_near(points, 1e-3)
+    assert near.any(axis=0).all()
+    assert near[: len(corners) + len(middles)].any(axis=1).all()
+    for point, mask in zip(points, near, strict=True):
+        one_by_one = np.array(shape.normals_near(point, 1e-3)).reshape(-1, 3)
+        assert np.array_equal(normals[mask], one_by_one)

@@ -42,6 +42,15 @@ def test_normals_near_a_point_are_those_of_the_triangles_within_reach(point: Arr
     assert SURFACE.normals_near(point, reach) == pytest.approx(np.asarray(TORUS.face_normals)[within])
 
 
+@pytest.mark.parametrize("reach", [0.002, 0.02])
+@pytest.mark.parametrize("points", [AROUND, ON_CORNERS])
+def test_faces_near_many_points_are_those_near_each_of_them(points: Array, reach: float) -> None:
+    normals, near = SURFACE.faces_near(points, reach)
+    assert near.any(axis=0).all()
+    for point, mask in zip(points, near, strict=True):
+        assert np.array_equal(normals[mask], SURFACE.normals_near(point, reach))
+
+
 def test_a_step_off_the_surface_is_as_far_as_it_is_long() -> None:
     centres = SURFACE.triangles.mean(axis=1)
     for centre, normal in zip(centres[::20], SURFACE.normals[::20], strict=True):
