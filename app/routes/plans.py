@@ -20,7 +20,6 @@ from app.resources.schemas import (
     PlanList,
     PlanResource,
     PostedPlan,
-    ProblemItem,
     StudyResource,
     warnings_of,
 )
@@ -88,7 +87,7 @@ async def post_plan(
 
     plan, is_new = await plans.submit(partial(parse_json, body), accepted, key, order, address_of(request))
     setattr(request.state, KEPT, is_new)
-    warnings = warnings_of(parse_json(body))
+    warnings = await run_in_threadpool(lambda: warnings_of(parse_json(body)))
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
