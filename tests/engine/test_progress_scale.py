@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 from planners.progress import Report
 from workers.solver.progress import STAGE_SHARES, ProgressScale
 
-TASKS = [{"kind": "plate_lift"}, {"kind": "suction_tool", "objects": [{}, {}, {}]}]
+TASKS = [
+    {"kind": "plate_lift", "cup": {"position": [0.0, 0.1]}},
+    {"kind": "plate_lift", "cup": {}},
+    {"kind": "suction_tool", "objects": [{}, {}, {}]},
+]
 STAGES = sorted({stage for shares in STAGE_SHARES.values() for stage in shares})
 COUNT = st.integers(0, 10**6)
 REPORTS = st.lists(
