@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
-from functools import partial
+from functools import cache, partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
@@ -85,9 +85,11 @@ async def post_plan(
             webhooks.require_usable(order.webhook_id)
         return intake(sent)
 
-    plan, is_new = await plans.submit(partial(parse_json, body), accepted, key, order, address_of(request))
+    # Parsed where the task is checked, beside the requests, and once.
+    sent = cache(partial(parse_json, body))
+    plan, is_new = await plans.submit(sent, accepted, key, order, address_of(request))
     setattr(request.state, KEPT, is_new)
-    warnings = await run_in_threadpool(lambda: warnings_of(parse_json(body)))
+    warnings = warnings_of(sent())
     headers = {"Location": plan.links.self}
     if wait is not None:
         await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
