@@ -5,13 +5,16 @@ Any number of workers may do so at once: what is done is done.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+
 import structlog
 
 from workers.stores.job_queue import JobQueue
+from workers.stores.jobs import Job
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
-from workers.stores.tables import now_us
+from workers.stores.tables import Position, now_us
 
 BATCH = 100
 DELETION_PAUSE_SECONDS = 3600.0
@@ -49,32 +52,34 @@ def delete_old(store: PlanStore, scenes: SceneStore, studies: StudyStore, queue:
     stay, since tasks may name them for ever.
     """
     before = now_us() - round(days * US_PER_DAY)
-    position, gone = (0, ""), 0
-    while batch := store.created_before(before, position, BATCH):
-        position = batch[-1]
-        jobs = queue.jobs([plan_id for _, plan_id in batch])
-        for _, plan_id in batch:
-            job = jobs.get(plan_id)
-            if job is None or (job.state.done and (job.ended_us or 0) < before):
-                # In this order: a plan without a job is found again by the next round.
-                queue.forget(plan_id)
-                store.delete(plan_id)
-                gone += 1
-    studies_gone = _delete_old_studies(studies, before)
+
+    def delete_plan(plan_id: str) -> None:
+        # In this order: a plan without a job is found again by the next round.
+        queue.forget(plan_id)
+        store.delete(plan_id)
+
+    gone = _delete_ended(store.created_before, queue.jobs, delete_plan, before)
+    studies_gone = _delete_ended(studies.created_before, studies.jobs, studies.delete, before)
     scenes_gone = scenes.delete_before(before)
     if gone or scenes_gone or studies_gone:
         log.info("old plans deleted", plans=gone, studies=studies_gone, scenes=scenes_gone, days=days)
     return gone
 
 
-def _delete_old_studies(studies: StudyStore, before: int) -> int:
+def _delete_ended(
+    created_before: Callable[[int, Position, int], Sequence[Position]],
+    jobs: Callable[[Sequence[str]], Mapping[str, Job]],
+    delete: Callable[[str], None],
+    before: int,
+) -> int:
+    """Delete whatever was created and has ended before a time, batch by batch, and return how much there was."""
     position, gone = (0, ""), 0
-    while batch := studies.created_before(before, position, BATCH):
+    while batch := created_before(before, position, BATCH):
         position = batch[-1]
-        jobs = studies.jobs([study_id for _, study_id in batch])
-        for _, study_id in batch:
-            job = jobs.get(study_id)
+        known = jobs([each for _, each in batch])
+        for _, each in batch:
+            job = known.get(each)
             if job is None or (job.state.done and (job.ended_us or 0) < before):
-                studies.delete(study_id)
+                delete(each)
                 gone += 1
     return gone
