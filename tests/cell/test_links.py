@@ -13,10 +13,11 @@ from scipy.spatial import ConvexHull
 from planners.cell.arm import load_robot
 from planners.cell.asset_files import shipped_shelf
 from planners.cell.cell import load_cell
-from planners.geometry.convex import HullSettings, enclosing_hull
+from planners.geometry.convex import ConvexShape, HullSettings, enclosing_hull
 from planners.geometry.surface import hull_with_faces
 from planners.kinematics.forward import link_frames
 from tests.cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
+from tests.collision.coal_scene import coal_geometry
 from tests.kinematics.arm_oracle import published_urdf
 
 URDF_LINKS = {
@@ -32,10 +33,14 @@ URDF_LINKS = {
 ROBOTS = shipped_shelf().names("robots")
 
 
-def coal_hull(points):
-    vertices = coal.StdVec_Vec3s()
-    vertices.extend(list(points))
-    return coal.ConvexBase.convexHull(vertices, True, "Qt")
+def placed_links(robot, q):
+    """Return the convex pieces of each link in the frame of the base, at the joint positions q (6,) [rad]."""
+    frames = np.empty((7, 4, 4))
+    link_frames(robot.dh, np.eye(4), q, frames)
+    return [
+        [coal_geometry(ConvexShape(moved(T, piece)))[0] for piece in link.pieces]
+        for T, link in zip(frames, robot.links, strict=True)
+    ]
 
 
 def distance(a, b):
@@ -127,12 +132,8 @@ def test_a_links_centre_of_mass_lies_well_within_it(robot):
 def test_neighbouring_links_hang_together_in_any_posture(robot):
     """A link in the frame of another joint, or with another sign, would leave a gap."""
     made = load_robot(robot, shipped_shelf(), "test")
-    frames = np.empty((7, 4, 4))
     for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (10, 6)):
-        link_frames(made.dh, np.eye(4), q, frames)
-        placed = [
-            [coal_hull(moved(T, each)) for each in link.pieces] for T, link in zip(frames, made.links, strict=True)
-        ]
+        placed = placed_links(made, q)
         for before, after in itertools.pairwise(placed):
             assert min(distance(a, b) for a in before for b in after) < 2e-3
     assert made.links[0].points[:, 2].min() > -1e-3
@@ -142,9 +143,7 @@ def test_neighbouring_links_hang_together_in_any_posture(robot):
 def test_an_arm_at_rest_is_clear_of_itself(robot):
     """Stretched out sideways with the wrist turned down, as arms are shipped: no link touches one two joints away."""
     made = load_robot(robot, shipped_shelf(), "test")
-    frames = np.empty((7, 4, 4))
-    link_frames(made.dh, np.eye(4), np.radians([0.0, -60.0, 60.0, -90.0, -90.0, 0.0]), frames)
-    placed = [[coal_hull(moved(T, each)) for each in link.pieces] for T, link in zip(frames, made.links, strict=True)]
+    placed = placed_links(made, np.radians([0.0, -60.0, 60.0, -90.0, -90.0, 0.0]))
     for (i, before), (j, after) in itertools.combinations(enumerate(placed), 2):
         if j > i + 1:
             assert min(distance(a, b) for a in before for b in after) > 2e-3, (i, j)
