@@ -7,6 +7,7 @@ import threading
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import get_args
 
 import httpx
 import pytest
@@ -68,7 +69,8 @@ def service(store: SlowStore) -> FastAPI:
     asgi = FastAPI()
     asgi.state.settings = ServiceSettings()
     asgi.state.meshes, asgi.state.cells = store, {}
-    asgi.dependency_overrides[dependencies.scenes_of] = lambda: None
+    asks_for_scenes = get_args(dependencies.Scenes)[1].dependency
+    asgi.dependency_overrides[asks_for_scenes] = lambda: None
     asgi.state.mesh_limits = asgi.state.scan_limits = UploadLimits(HELD, WORKED)
     install_error_handlers(asgi)
     asgi.include_router(meshes.router)
