@@ -26,7 +26,7 @@ from planners.cell.hand import Gripper, Pusher
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody, ConvexShape, cylinder, enclosing_hull
 from planners.geometry.pose import Array, Transform, frame_from_z, pose_row, transform
-from planners.kinematics.inverse import is_ur_type
+from planners.kinematics.arm_kind import NoClosedForm, arm_kind
 from planners.kinematics.joint_torque import WeighedArm
 from planners.plan.scenery import ArmDocument, LinkDocument
 
@@ -52,7 +52,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A six-joint arm of the UR family. Arrays of joint limits are (6,), in SI units."""
+    """An arm of six joints of which `arm_kind` knows the kind. Arrays of joint limits are (6,), in SI units."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -82,17 +82,15 @@ def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
         where: the field that names the robot, for messages.
 
     Raises:
-        AssetError: A file is missing or wrong, or its table is not one of the UR family.
+        AssetError: A file is missing or wrong, or its table is that of no kind of arm that has a closed form.
     """
     path = shelf.find("robots", name, where)
     file = read_robot_file(path)
     joints = file.joints
     dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
-    if not is_ur_type(dh):
-        raise AssetError(
-            f"{path}: joints: alpha_deg must be 90, 0, 0, 90, -90, 0 and a must be zero except for joints 2 and 3: "
-            "the closed-form inverse kinematics is that of the UR family"
-        )
+    kind = arm_kind(dh)
+    if isinstance(kind, NoClosedForm):
+        raise AssetError(f"{path}: joints: {kind.reason}")
     position = np.radians([j.position_deg for j in joints])
     link_files = _link_files(file, shelf, path)
     return Robot(

@@ -233,7 +233,7 @@ WRONG = {
         [180, -180],
         "joints.2: position_deg must list the lower limit first",
     ),
-    "an arm of another family": ("robots/ur3e", ["joints", 1, "alpha_deg"], 90, "joints: alpha_deg must be"),
+    "an arm of another family": ("robots/ur3e", ["joints", 1, "alpha_deg"], 90, "alpha 2 is 90 deg, not 0 or 180"),
     "links in another order": ("robots/ur3e", ["links", 0, "name"], "forearm", "links must be named base, shoulder"),
     "a link without a centre of mass": (
         "robots/ur3e",
