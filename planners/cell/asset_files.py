@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
@@ -27,6 +27,10 @@ PositiveNumber = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Triple = tuple[float, float, float]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
+PositionLimit = Annotated[float, Field(ge=-540.0, le=540.0)]
+"""[deg]: a whole turn away from any position in (-180, 180], and no further; who has more states less."""
+AxisAngle = Annotated[float, Field(ge=-180.0, le=180.0)]
+"""From one joint's axis to the next [deg]."""
 LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 ArmSide = Literal["left", "right"]
 
@@ -37,6 +41,14 @@ ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 
 MESHES = "meshes"
 """The folder of meshes, all OBJ and in metres."""
+
+
+JOINTS = 6
+"""Of an arm."""
+ONLY_SIX_JOINTS = (
+    "An arm has six joints here: with a seventh it reaches a pose in infinitely many ways, and plans are made of the "
+    "eight of an arm of six"
+)
 
 
 class _Part(BaseModel):
@@ -78,10 +90,10 @@ class JointFile(_Part):
 
     name: AssetName
     a: float
-    alpha_deg: float
+    alpha_deg: AxisAngle
     d: float
     theta0_deg: float
-    position_deg: tuple[float, float]
+    position_deg: tuple[PositionLimit, PositionLimit]
     velocity_deg: PositiveNumber
     """[deg/s]"""
     acceleration: PositiveNumber
@@ -144,10 +156,16 @@ class MassFile(_Part):
     """In the frame after the link's joint [m]."""
 
 
+def _no_seventh(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
+    if len(joints) > JOINTS:
+        raise ValueError(f"{len(joints)} are listed. {ONLY_SIX_JOINTS}")
+    return joints
+
+
 class RobotFile(_Asset):
     """robots/*.yaml: one arm, whatever it is mounted on."""
 
-    joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
+    joints: Annotated[tuple[JointFile, ...], Field(min_length=JOINTS), AfterValidator(_no_seventh)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
     links_of: AssetName | None = None
     """Another robot whose links stand in."""

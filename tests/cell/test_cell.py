@@ -215,6 +215,10 @@ def test_a_cell_of_ones_own_may_name_shipped_parts(tmp_path):
     assert load_cell_file(path).name == "mine"
 
 
+A_JOINT = {
+    **{"name": "joint", "a": 0.1, "alpha_deg": 0, "d": 0.1, "theta0_deg": 0},
+    **{"position_deg": [-170, 170], "velocity_deg": 90, "acceleration": 5, "torque": 10},
+}
 WRONG = {
     "an unknown field": ("cells/dual_ur3e_lift", ["color"], "red", "color: is not known here"),
     "a string for a number": (
@@ -226,7 +230,10 @@ WRONG = {
     "a boolean for a number": ("robots/ur3e", ["payload"], True, "payload: must be a valid number"),
     "not a number": ("mounts/dual_column", ["table", "center", 2], float("nan"), "table.center.2"),
     "a flat table": ("mounts/dual_column", ["table", "size", 2], 0.0, "table.size.2: must be greater than 0"),
-    "five joints": ("robots/ur3e", ["joints"], [], "joints: "),
+    "no joints": ("robots/ur3e", ["joints"], [], "joints: "),
+    "seven joints": ("robots/ur3e", ["joints"], [A_JOINT] * 7, "joints: 7 are listed. An arm has six joints here"),
+    "a range of many turns": ("robots/ur3e", ["joints", 5, "position_deg", 1], 2700, "less than or equal to 540"),
+    "an angle beyond half a turn": ("robots/ur3e", ["joints", 0, "alpha_deg"], 270, "less than or equal to 180"),
     "limits the wrong way round": (
         "robots/ur3e",
         ["joints", 2, "position_deg"],
