@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from planners.cell.asset_files import (
     AssetShelf,
@@ -16,6 +17,7 @@ from planners.cell.asset_files import (
     LinkFile,
     LinkName,
     MeshLinkFile,
+    PiecesLinkFile,
     RobotFile,
     fingerprint,
     hull_points,
@@ -40,7 +42,7 @@ class Link:
 
     name: LinkName
     pieces: tuple[Array, ...]
-    """(n, 3) corners of each convex piece: the hull of the mesh, or one cylinder each [m]."""
+    """(n, 3) corners of each convex piece: the hull of the mesh, one cylinder each, or as the file has them [m]."""
     shapes: tuple[ConvexShape, ...]
     """Few vertices around each of the `pieces`."""
 
@@ -56,6 +58,8 @@ class Robot:
 
     name: str
     joint_names: tuple[str, ...]
+    T_mount_base: Transform
+    """The frame before the first joint, on the frame with which the arm is mounted."""
     dh: Array
     """(6, 4) columns a, alpha, d, theta0 [m, rad]."""
     position_min: Array
@@ -96,6 +100,7 @@ def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
     return Robot(
         name=file.name,
         joint_names=tuple(j.name for j in joints),
+        T_mount_base=np.eye(4) if file.base is None else file.base.transform(),
         dh=dh,
         position_min=np.ascontiguousarray(position[:, 0]),
         position_max=np.ascontiguousarray(position[:, 1]),
@@ -119,7 +124,8 @@ def _link_files(file: RobotFile, shelf: AssetShelf, path: Path) -> tuple[LinkFil
 
 
 def _contents(file: RobotFile, links: tuple[LinkFile, ...]) -> Iterator[bytes]:
-    yield file.model_dump_json().encode()
+    # Plans state hashes from before files could say where the base is.
+    yield file.model_dump_json(exclude={"base"} if file.base is None else None).encode()
     for link in links:
         yield link.model_dump_json().encode()
         if isinstance(link, MeshLinkFile):
@@ -130,6 +136,9 @@ def _link(file: LinkFile, where: str) -> Link:
     if isinstance(file, CylinderLinkFile):
         shapes = tuple(_cylinder(each) for each in file.cylinders)
         return Link(file.name, tuple(shape.vertices for shape in shapes), shapes)
+    if isinstance(file, PiecesLinkFile):
+        pieces = tuple(_piece(np.array(corners), f"{where}.pieces.{i}") for i, corners in enumerate(file.pieces))
+        return Link(file.name, pieces, tuple(ConvexShape(enclosing_hull(piece)) for piece in pieces))
     T_frame_mesh = file.transform()
     try:
         points = hull_points(file.mesh)
@@ -137,6 +146,13 @@ def _link(file: LinkFile, where: str) -> Link:
         raise AssetError(f"{where}.mesh: {error}") from error
     points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
     return Link(file.name, (points,), (ConvexShape(enclosing_hull(points)),))
+
+
+def _piece(corners: Array, where: str) -> Array:
+    try:
+        return corners[ConvexHull(corners).vertices]
+    except QhullError as error:
+        raise AssetError(f"{where}: spans no volume") from error
 
 
 def _cylinder(file: CylinderFile) -> ConvexShape:
@@ -155,7 +171,7 @@ class Arm:
     name: str
     robot: Robot
     T_world_base: Transform
-    """The controller's base frame."""
+    """The frame before the first joint; the controller's base frame, unless the robot's file says otherwise."""
     home: Array
     """(6,) where the joints rest [rad]."""
     hand: Gripper | Pusher

@@ -136,12 +136,25 @@ class CylinderLinkFile(_Part):
     cylinders: Annotated[tuple[CylinderFile, ...], Field(min_length=1)]
 
 
+class PiecesLinkFile(_Part):
+    """A link as convex pieces: each the corners of one, in the frame that the link moves with [m]."""
+
+    name: LinkName
+    pieces: Annotated[
+        tuple[Annotated[tuple[Triple, ...], Field(min_length=4, max_length=5000)], ...], Field(min_length=1)
+    ]
+
+
 def _kind_of_link(link: Any) -> str:
-    return "[cylinders]" if isinstance(link, CylinderLinkFile) or "cylinders" in link else "[mesh]"
+    if isinstance(link, CylinderLinkFile) or "cylinders" in link:
+        return "[cylinders]"
+    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in link else "[mesh]"
 
 
 LinkFile = Annotated[
-    Annotated[MeshLinkFile, Tag("[mesh]")] | Annotated[CylinderLinkFile, Tag("[cylinders]")],
+    Annotated[MeshLinkFile, Tag("[mesh]")]
+    | Annotated[CylinderLinkFile, Tag("[cylinders]")]
+    | Annotated[PiecesLinkFile, Tag("[pieces]")],
     Discriminator(_kind_of_link),
 ]
 
@@ -165,6 +178,8 @@ def _no_seventh(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
 class RobotFile(_Asset):
     """robots/*.yaml: one arm, whatever it is mounted on."""
 
+    base: PlacementFile | None = None
+    """Where the frame before the first joint is, on the frame with which the arm is mounted; None: they are one."""
     joints: Annotated[tuple[JointFile, ...], Field(min_length=JOINTS), AfterValidator(_no_seventh)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
     links_of: AssetName | None = None

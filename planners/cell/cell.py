@@ -237,7 +237,7 @@ def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> di
     for name in ARM_NAMES:
         place, robot = mount.arms[name], robots[wanted[name].robot]
         home = np.radians(place.home_deg)
-        arms[name] = Arm(name, robot, place.transform(), home, hands[wanted[name].hand])
+        arms[name] = Arm(name, robot, place.transform() @ robot.T_mount_base, home, hands[wanted[name].hand])
         if arms[name].spare_payload <= 0.0:
             hand = arms[name].hand
             bears = f"{robot.name} bears {robot.payload:.4g} kg at its flange"
