@@ -81,11 +81,16 @@ def _next_frame(frame: Transform, axis: Array, point: Array) -> tuple[Array, Arr
         across = point - start - ((point - start) @ before) * before
         if np.linalg.norm(across) < ROUNDED_LENGTH:
             return frame[:3, 0], start
-        return across / np.linalg.norm(across), start + across
-    x /= np.linalg.norm(x)
+        return _near(across, frame[:3, 0]), start + across
+    x = _near(x, frame[:3, 0])
     # start + s before + a x = point + t axis
     steps = np.linalg.solve(np.column_stack([before, x, -axis]), point - start)
     return x, point + float(steps[2]) * axis
+
+
+def _near(normal: Array, x: Array) -> Array:
+    """Return the unit vector along a normal, turned towards another, so that offsets of joints are small."""
+    return normal / math.copysign(float(np.linalg.norm(normal)), float(normal @ x))
 
 
 def _row(frame: Transform, x: Array, axis: Array, origin: Array) -> list[float]:

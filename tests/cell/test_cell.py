@@ -278,7 +278,7 @@ WRONG = {
     "a stick inside its sensor": ("hands/pushing_stick_ft300", ["tip_distance"], 0.05, "tip_distance: leaves no stick"),
     "an unknown hand": ("cells/dual_ur3e_lift", ["arms", "left", "hand"], "hook", "arms.left.hand: no file 'hook'"),
     "an unknown sensor": ("hands/pushing_stick_ft300", ["sensor"], "ft9", "sensor: no file 'ft9' among the sensors"),
-    "an unknown robot": ("cells/dual_ur3e_lift", ["arms", "left", "robot"], "ur9", "there are: ur10, "),
+    "an unknown robot": ("cells/dual_ur3e_lift", ["arms", "left", "robot"], "ur9", ", ur10, "),
     "an unknown mount": ("cells/dual_ur3e_lift", ["mount"], "wall", "mount: no file 'wall'"),
     "a third arm": ("cells/dual_ur3e_lift", ["arms", "middle"], {"robot": "ur3", "hand": "x"}, "arms.middle: must be"),
     "one arm": ("mounts/dual_column", ["arms"], {}, "arms.left is required"),
