@@ -202,31 +202,6 @@ class RobotFile(_Asset):
         return self
 
 
-SixNumbers = tuple[PositiveNumber, PositiveNumber, PositiveNumber, PositiveNumber, PositiveNumber, PositiveNumber]
-
-
-class UrdfRobotFile(_Asset):
-    """What is said beside a URDF, which says the rest; `urdf_robot` makes a `RobotFile` of both.
-
-    Six numbers are one a joint, from the base out.
-    """
-
-    urdf: str
-    """The file, expanded, inside the folder or archive that its meshes are in, too."""
-    root: str
-    """The link with which the arm is mounted."""
-    tip: str
-    """The link that hands are bolted to, its z axis out of the flange."""
-    payload: PositiveNumber
-    """[kg]"""
-    acceleration: SixNumbers
-    """[rad/s^2]"""
-    torque: SixNumbers | None = None
-    """[Nm]; None: each joint's `effort`."""
-    mass: SixNumbers | None = None
-    """Of the links that move, each then taken to be in the middle of its shapes [kg]; None: of their `inertial`."""
-
-
 class SensorFile(_Asset):
     """sensors/*.yaml: a force-torque sensor with its coupling, a cylinder from the flange on."""
 

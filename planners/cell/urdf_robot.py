@@ -27,7 +27,6 @@ from planners.cell.asset_files import (
     PlacementFile,
     RobotFile,
     Triple,
-    UrdfRobotFile,
 )
 from planners.cell.urdf_file import (
     CONTINUOUS,
@@ -65,6 +64,25 @@ _FORMATS: Mapping[str, MeshFormat] = {each: each for each in get_args(MeshFormat
 
 
 @dataclass(frozen=True)
+class RobotFigures:
+    """What a URDF does not say of a robot, or not always; six numbers are one a joint, from the base out."""
+
+    name: str
+    root: str
+    """The link with which the arm is mounted."""
+    tip: str
+    """The link that hands are bolted to, its z axis out of the flange."""
+    payload: float
+    """[kg]"""
+    acceleration: Sequence[float]
+    """[rad/s^2]"""
+    torque: Sequence[float] | None = None
+    """[Nm]; None: each joint's `effort`."""
+    mass: Sequence[float] | None = None
+    """Of the links that move, each then taken to be in the middle of its shapes [kg]; None: of their `inertial`."""
+
+
+@dataclass(frozen=True)
 class UrdfRobot:
     """A robot, and what whoever gave the URDF should know."""
 
@@ -77,26 +95,23 @@ class UrdfRobot:
     """What was taken otherwise than written, or left out."""
 
 
-def robot_from_urdf(stated: UrdfRobotFile, resolve: Resolve) -> UrdfRobot:
+def robot_from_urdf(content: bytes, figures: RobotFigures, resolve: Resolve, folder: str = "") -> UrdfRobot:
     """Describe the arm between two links of an expanded URDF.
 
     Args:
-        stated: what the URDF does not say.
+        content: of the URDF.
+        figures: what it does not say.
         resolve: returns files of the folder or archive that the URDF is in. Paths have no "..".
+        folder: of the URDF in there; meshes that are named by a path are looked for beside it.
 
     Raises:
-        AssetError: The URDF is not there or wrong, has another number of joints, is of no kind that has a closed form,
-            or leaves something out that the file does not state; the message names the element.
+        AssetError: The URDF is wrong, has another number of joints, is of no kind that has a closed form, or leaves
+            something out that the figures do not give; the message names the element.
     """
-    steps = inner_path(stated.urdf)
-    content = resolve(steps) if steps else None
-    if content is None:
-        raise AssetError(f"urdf: there is no file {stated.urdf[:200]!r} in the same folder")
     urdf = read_urdf(content)
-    folder = str(PurePosixPath(str(steps)).parent)
-    chain = urdf.chain(stated.root, stated.tip)
-    moving = _moving(chain, stated)
-    notes = [*_left_out(urdf, chain, stated)]
+    chain = urdf.chain(figures.root, figures.tip)
+    moving = _moving(chain, figures)
+    notes = [*_left_out(urdf, chain, figures)]
     T_root_0, dh = table_of_axes(*_axes(chain))
     kind = arm_kind(dh)
     if isinstance(kind, NoClosedForm):
@@ -107,25 +122,25 @@ def robot_from_urdf(stated: UrdfRobotFile, resolve: Resolve) -> UrdfRobot:
         notes.append(f"rounded angles and lengths were taken as exact; that moves the flange by up to {far}")
     frames = np.empty((JOINTS + 1, 4, 4))
     link_frames(dh, T_root_0, np.zeros(JOINTS), frames)
-    bodies = list(_bodies(urdf, chain, stated))
+    bodies = list(_bodies(urdf, chain, figures))
     pieces = [_pieces(body, frames[i], _Meshes(resolve, folder)) for i, body in enumerate(bodies)]
     placement = _placement(T_root_0)
     file = RobotFile(
-        name=stated.name,
+        name=figures.name,
         base=None if placement == _AT_ORIGIN else placement,
-        joints=tuple(_joint_file(i, joint, dh[i], stated, notes) for i, joint in enumerate(moving)),
+        joints=tuple(_joint_file(i, joint, dh[i], figures, notes) for i, joint in enumerate(moving)),
         links=tuple(
             PiecesLinkFile(name=name, pieces=tuple(_corners(piece) for piece in parts))
             for name, parts in zip(LINK_NAMES, pieces, strict=True)
         ),
-        masses=tuple(_mass_files(bodies[1:], frames[1:], pieces[1:], stated)),
-        payload=stated.payload,
+        masses=tuple(_mass_files(bodies[1:], frames[1:], pieces[1:], figures)),
+        payload=figures.payload,
         reach=round(_span(dh), 3),
     )
     return UrdfRobot(file, tuple(joint.name for joint in moving), deviation, tuple(notes))
 
 
-def _moving(chain: Sequence[UrdfJoint], stated: UrdfRobotFile) -> tuple[UrdfJoint, ...]:
+def _moving(chain: Sequence[UrdfJoint], figures: RobotFigures) -> tuple[UrdfJoint, ...]:
     moving = tuple(joint for joint in chain if joint.kind != FIXED)
     for joint in moving:
         if joint.kind not in (REVOLUTE, CONTINUOUS):
@@ -133,35 +148,39 @@ def _moving(chain: Sequence[UrdfJoint], stated: UrdfRobotFile) -> tuple[UrdfJoin
                 f"joint {joint.name!r}: type {joint.kind!r}: joints of an arm turn, {REVOLUTE} or {CONTINUOUS}"
             )
     if len(moving) != JOINTS:
-        between = f"{len(moving)} joints turn between {stated.root!r} and {stated.tip!r}"
+        between = f"{len(moving)} joints turn between {figures.root!r} and {figures.tip!r}"
         names = ", ".join(joint.name for joint in moving) or "none"
         raise AssetError(f"{between} ({names}). " + (ONLY_SIX_JOINTS if len(moving) > JOINTS else "An arm has six."))
+    for name in ("acceleration", "torque", "mass"):
+        given = getattr(figures, name)
+        if given is not None and (len(given) != JOINTS or min(given) <= 0.0):
+            raise AssetError(f"{name}: must be {JOINTS} numbers greater than 0, one a joint")
     return moving
 
 
-def _left_out(urdf: Urdf, chain: Sequence[UrdfJoint], stated: UrdfRobotFile) -> Iterator[str]:
+def _left_out(urdf: Urdf, chain: Sequence[UrdfJoint], figures: RobotFigures) -> Iterator[str]:
     """Say what moves beside the arm, and what hangs on its tip: neither is part of it."""
-    on_chain = {stated.root, *(joint.child for joint in chain)}
+    on_chain = {figures.root, *(joint.child for joint in chain)}
     for joint in urdf.joints:
-        if joint.parent == stated.tip:
+        if joint.parent == figures.tip:
             yield f"{joint.child!r} hangs on the tip by joint {joint.name!r}, and is not part of the arm"
         elif joint.kind != FIXED and joint.child not in on_chain and joint.parent in on_chain:
             yield f"{joint.child!r} moves on {joint.parent!r} by joint {joint.name!r}, and is not part of the arm"
 
 
 def _bodies(
-    urdf: Urdf, chain: Sequence[UrdfJoint], stated: UrdfRobotFile
+    urdf: Urdf, chain: Sequence[UrdfJoint], figures: RobotFigures
 ) -> Iterator[list[tuple[Transform, UrdfLink]]]:
     """Yield the links, with `T_root_link` at zero, of what the joints of the chain leave rigid: base to flange."""
     on_chain = {joint.child for joint in chain}
-    T_root_link, seeds = np.eye(4), [(np.eye(4), stated.root)]
+    T_root_link, seeds = np.eye(4), [(np.eye(4), figures.root)]
     for joint in chain:
         T_root_link = T_root_link @ joint.T_parent_joint
         if joint.kind != FIXED:
-            yield _rigid(urdf, seeds, on_chain, stated.tip)
+            yield _rigid(urdf, seeds, on_chain, figures.tip)
             seeds = []
         seeds.append((T_root_link, joint.child))
-    yield _rigid(urdf, seeds, on_chain, stated.tip)
+    yield _rigid(urdf, seeds, on_chain, figures.tip)
 
 
 def _rigid(
@@ -208,12 +227,12 @@ def _deviation(chain: Sequence[UrdfJoint], T_root_0: Transform, dh: Array) -> tu
     return distance, angle
 
 
-def _joint_file(i: int, joint: UrdfJoint, row: Array, stated: UrdfRobotFile, notes: list[str]) -> JointFile:
+def _joint_file(i: int, joint: UrdfJoint, row: Array, figures: RobotFigures, notes: list[str]) -> JointFile:
     where = f"joint {joint.name!r}: limit"
     velocity, effort = joint.limits.get("velocity", 0.0), joint.limits.get("effort", 0.0)
     if velocity <= 0.0:
         raise AssetError(f"{where}: velocity must be greater than 0 rad/s")
-    if stated.torque is None and effort <= 0.0:
+    if figures.torque is None and effort <= 0.0:
         raise AssetError(f"{where}: effort must be greater than 0 Nm, or `torque` be given for all joints")
     return JointFile(
         name=JOINT_NAMES[i],
@@ -223,8 +242,8 @@ def _joint_file(i: int, joint: UrdfJoint, row: Array, stated: UrdfRobotFile, not
         theta0_deg=_degrees(row[3]),
         position_deg=_range(joint, where, notes),
         velocity_deg=math.degrees(velocity),
-        acceleration=float(stated.acceleration[i]),
-        torque=float(effort if stated.torque is None else stated.torque[i]),
+        acceleration=float(figures.acceleration[i]),
+        torque=float(effort if figures.torque is None else figures.torque[i]),
     )
 
 
@@ -253,12 +272,12 @@ def _mass_files(
     bodies: Sequence[list[tuple[Transform, UrdfLink]]],
     frames: Array,
     pieces: Sequence[list[Array]],
-    stated: UrdfRobotFile,
+    figures: RobotFigures,
 ) -> Iterator[MassFile]:
     """Yield masses and centres of mass of the links that move, each in its own frame."""
     for i, name in enumerate(LINK_NAMES[1:]):
-        if stated.mass is not None:
-            yield MassFile(name=name, mass=float(stated.mass[i]), com=_triple(_middle(pieces[i])))
+        if figures.mass is not None:
+            yield MassFile(name=name, mass=float(figures.mass[i]), com=_triple(_middle(pieces[i])))
             continue
         total = sum(link.mass for _, link in bodies[i])
         if total <= 0.0:
@@ -310,18 +329,18 @@ class _Meshes:
 def _inside(name: str, folder: str) -> Iterator[str]:
     """Yield where a mesh may be inside the folder: a package as a folder of its name, or as the folder itself."""
     package = "package://"
+    paths = [name.removeprefix(package)] if name.startswith(package) else [f"{folder}/{name}" if folder else name]
     if name.startswith(package):
-        whole = name.removeprefix(package)
-        paths = [whole, whole.partition("/")[2]]
-    else:
-        # An absolute path stays one.
-        paths = [name if name.startswith("/") else f"{folder}/{name}"]
-    yield from (found for path in paths if (found := inner_path(path)))
+        paths.append("/".join(PurePosixPath(paths[0]).parts[1:]))
+    for path in paths:
+        parts = _resolved(path)
+        if parts:
+            yield "/".join(parts)
 
 
-def inner_path(path: str) -> str | None:
-    """Return a path without steps back, None where it leads out of where it begins or is none."""
-    if path.startswith("/") or any(each in path for each in ("\\", ":", "\0")):
+def _resolved(path: str) -> list[str] | None:
+    """Return the steps of a relative path, None where it leads out of where it begins."""
+    if path.startswith("/") or "\\" in path or ":" in path or "\0" in path:
         return None
     steps: list[str] = []
     for step in path.split("/"):
@@ -331,7 +350,7 @@ def inner_path(path: str) -> str | None:
             steps.pop()
         elif step not in ("", "."):
             steps.append(step)
-    return "/".join(steps) or None
+    return steps
 
 
 def _pieces(body: Sequence[tuple[Transform, UrdfLink]], frame: Transform, meshes: _Meshes) -> list[Array]:

@@ -13,8 +13,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from planners.cell.arm import Robot, load_robot
-from planners.cell.asset_files import AssetShelf, UrdfRobotFile
-from planners.cell.urdf_robot import UrdfRobot, robot_from_urdf
+from planners.cell.asset_files import AssetShelf
+from planners.cell.urdf_robot import RobotFigures, UrdfRobot, robot_from_urdf
 from planners.certify import load_surfaces
 from planners.errors import AssetError
 from planners.geometry.pose import transform
@@ -22,7 +22,7 @@ from planners.kinematics.arm_kind import ArmKind, arm_kind
 from planners.kinematics.forward import flange_pose, link_frames
 from tests.cell.urdf_arms import UrdfArm, industrial, ur5e
 
-STATED = UrdfRobotFile(name="mine", urdf="arm.urdf", root="l0", tip="tip", payload=5.0, acceleration=(5.0,) * 6)
+FIGURES = RobotFigures(name="mine", root="l0", tip="tip", payload=5.0, acceleration=(5.0,) * 6)
 TURNED = transform(Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix(), [0.2, -0.1, 0.3])
 SIDEWAYS = transform(Rotation.from_euler("xyz", [0.0, math.pi / 2, 0.7]).as_matrix(), [0.0, 0.0, 0.3])
 ARMS = {
@@ -40,9 +40,8 @@ def no_files(path: str) -> None:
     return None
 
 
-def described(arm: UrdfArm, resolve=no_files, **stated) -> UrdfRobot:
-    file = STATED.model_copy(update=stated)
-    return robot_from_urdf(file, lambda path: arm.write() if path == file.urdf else resolve(path))
+def described(arm: UrdfArm, resolve=no_files, folder="", **figures) -> UrdfRobot:
+    return robot_from_urdf(arm.write(), replace(FIGURES, **figures), resolve, folder)
 
 
 def loaded(found: UrdfRobot, tmp_path) -> Robot:
@@ -172,7 +171,7 @@ PATHS = {
 def test_a_mesh_is_found_by_package_or_beside_the_urdf_and_scaled(name, tmp_path):
     files = {PATHS[name]: mesh_stl()}
     arm = ur5e(shape=f'<mesh filename="{name}" scale="0.001 0.001 0.001"/>')
-    robot = loaded(described(arm, files.get, urdf="urdf/arm.urdf"), tmp_path)
+    robot = loaded(described(arm, files.get, "urdf"), tmp_path)
     box = loaded(described(ur5e()), tmp_path)
     for ours, expected in zip(robot.links, box.links, strict=True):
         np.testing.assert_allclose(np.sort(ours.points, axis=0), np.sort(expected.points, axis=0), atol=2e-7)
@@ -189,7 +188,7 @@ def test_a_mesh_outside_the_folder_is_not_asked_for(name):
         asked.append(path)
 
     with pytest.raises(AssetError, match="not there"):
-        described(ur5e(shape=f'<mesh filename="{name}"/>'), resolve, urdf="urdf/arm.urdf")
+        described(ur5e(shape=f'<mesh filename="{name}"/>'), resolve, "urdf")
     assert all(".." not in path and not path.startswith("/") and ":" not in path for path in asked)
 
 
@@ -278,20 +277,17 @@ def test_what_is_wrong_is_told_by_name(case):
 )
 def test_what_is_no_urdf_is_refused(content):
     with pytest.raises(AssetError, match="URDF"):
-        robot_from_urdf(STATED, lambda path: content)
+        robot_from_urdf(content, FIGURES, no_files)
 
 
-WRONG_FILES = {
-    "no such root": ({"root": "x"}, "root: there is no link 'x'"),
-    "a tip before the root": ({"tip": "l0", "root": "tip"}, "does not hang on"),
-    "no such file": ({"urdf": "other.urdf"}, "urdf: there is no file 'other.urdf'"),
-    "a file elsewhere": ({"urdf": "../arm.urdf"}, r"urdf: there is no file '\.\./arm\.urdf'"),
-}
-
-
-@pytest.mark.parametrize("case", WRONG_FILES.values(), ids=WRONG_FILES.keys())
-def test_what_is_stated_beside_the_urdf_and_does_not_fit_it_is_refused(case):
-    stated, message = case
-    arm = ur5e()
+@pytest.mark.parametrize(
+    ("figures", "message"),
+    [
+        ({"root": "x"}, "root: there is no link 'x'"),
+        ({"tip": "l0", "root": "tip"}, "does not hang on"),
+        ({"acceleration": (1.0,)}, "acceleration: must be 6"),
+    ],
+)
+def test_figures_that_do_not_fit_are_refused(figures, message):
     with pytest.raises(AssetError, match=message):
-        robot_from_urdf(STATED.model_copy(update=stated), lambda path: arm.write() if path == "arm.urdf" else None)
+        described(ur5e(), **figures)
