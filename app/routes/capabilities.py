@@ -11,7 +11,7 @@ from app.resources.schemas import Resource
 from app.routes.dependencies import Settings
 from planners.cell.arm import Arm
 from planners.cell.arm_span import ArmSpan
-from planners.cell.asset_files import known_meshes
+from planners.cell.asset_shelf import known_meshes
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.contract.task_spec import LifterModel

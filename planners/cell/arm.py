@@ -9,21 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.cell.asset_files import (
-    AssetShelf,
-    CylinderFile,
-    CylinderLinkFile,
-    LinkFile,
-    LinkName,
-    MeshLinkFile,
-    RobotFile,
-    fingerprint,
-    hull_points,
-    mesh_path,
-    read_robot_file,
-)
+from planners.cell.asset_files import CylinderFile, CylinderLinkFile, LinkFile, LinkName, MeshLinkFile, RobotFile
+from planners.cell.asset_shelf import AssetShelf, fingerprint, read_robot_file
 from planners.cell.hand import Gripper, Pusher
-from planners.errors import AssetError
+from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, cylinder, enclosing_hull
 from planners.geometry.pose import Array, Transform, frame_from_z, pose_row, transform
 from planners.kinematics.inverse import is_ur_type
@@ -73,26 +62,26 @@ class Robot:
     """Hash of the files it was loaded from, meshes included."""
 
 
-def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
+def load_robot(name: str, shelf: AssetShelf) -> Robot:
     """Load robots/<name>.yaml with its meshes.
 
     Args:
         name: name of the robot.
         shelf: where to look.
-        where: the field that names the robot, for messages.
 
     Raises:
         AssetError: A file is missing or wrong, or its table is not one of the UR family.
     """
-    path = shelf.find("robots", name, where)
+    path = shelf.find("robots", name)
     file = read_robot_file(path)
     joints = file.joints
     dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
     if not is_ur_type(dh):
-        raise AssetError(
-            f"{path}: joints: alpha_deg must be 90, 0, 0, 90, -90, 0 and a must be zero except for joints 2 and 3: "
-            "the closed-form inverse kinematics is that of the UR family"
+        detail = (
+            "alpha_deg must be 90, 0, 0, 90, -90, 0 and a must be zero except for joints 2 and 3: the closed-form "
+            "inverse kinematics is that of the UR family"
         )
+        raise AssetError(AssetFault(detail, str(path), "/joints"))
     position = np.radians([j.position_deg for j in joints])
     link_files = _link_files(file, shelf, path)
     return Robot(
@@ -104,39 +93,48 @@ def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
         velocity_max=np.radians([j.velocity_deg for j in joints]),
         acceleration_max=np.array([j.acceleration for j in joints]),
         torque_max=np.array([j.torque for j in joints]),
-        links=tuple(_link(link, f"{path}: links.{i}") for i, link in enumerate(link_files)),
+        links=_links(link_files, shelf, str(path)),
         masses=np.array([[link.mass, *link.com] for link in file.masses]),
         payload=file.payload,
-        fingerprint=fingerprint(_contents(file, link_files)),
+        fingerprint=fingerprint(_contents(file, link_files, shelf)),
     )
+
+
+def _links(files: tuple[LinkFile, ...], shelf: AssetShelf, path: str) -> tuple[Link, ...]:
+    faults, links = AssetFaults(), list[Link]()
+    for i, file in enumerate(files):
+        with faults.at(path, f"/links/{i}/mesh"):
+            links.append(_link(file, shelf))
+    faults.raise_any()
+    return tuple(links)
 
 
 def _link_files(file: RobotFile, shelf: AssetShelf, path: Path) -> tuple[LinkFile, ...]:
     if file.links is not None:
         return file.links
-    stand_in = read_robot_file(shelf.find("robots", str(file.links_of), f"{path}: links_of"))
+    try:
+        stand_in = read_robot_file(shelf.find("robots", str(file.links_of)))
+    except AssetError as error:
+        raise error.at(str(path), "/links_of") from error
     if stand_in.links is None:
-        raise AssetError(f"{path}: links_of: {file.links_of!r} has no links of its own")
+        raise AssetError(AssetFault(f"{file.links_of!r} has no links of its own", str(path), "/links_of"))
     return stand_in.links
 
 
-def _contents(file: RobotFile, links: tuple[LinkFile, ...]) -> Iterator[bytes]:
+def _contents(file: RobotFile, links: tuple[LinkFile, ...], shelf: AssetShelf) -> Iterator[bytes]:
     yield file.model_dump_json().encode()
     for link in links:
         yield link.model_dump_json().encode()
         if isinstance(link, MeshLinkFile):
-            yield mesh_path(link.mesh).read_bytes()
+            yield shelf.mesh_path(link.mesh).read_bytes()
 
 
-def _link(file: LinkFile, where: str) -> Link:
+def _link(file: LinkFile, shelf: AssetShelf) -> Link:
     if isinstance(file, CylinderLinkFile):
         shapes = tuple(_cylinder(each) for each in file.cylinders)
         return Link(file.name, tuple(shape.vertices for shape in shapes), shapes)
     T_frame_mesh = file.transform()
-    try:
-        points = hull_points(file.mesh)
-    except AssetError as error:
-        raise AssetError(f"{where}.mesh: {error}") from error
+    points = shelf.hull_points(file.mesh)
     points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
     return Link(file.name, (points,), (ConvexShape(enclosing_hull(points)),))
 

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
-from scipy.spatial import ConvexHull, QhullError
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from assets import assets_folder
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
-from planners.errors import AssetError
-from planners.geometry.mesh_file import obj_vertices
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_y, rotation_z, transform
+from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
 AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 PositiveNumber = Annotated[float, Field(gt=0.0)]
@@ -29,14 +19,13 @@ Triple = tuple[float, float, float]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
 LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 ArmSide = Literal["left", "right"]
+RELATIVE_PATH = r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*(?:/[A-Za-z0-9_-][A-Za-z0-9_.-]*)*$"
+"""Of a file: forward slashes, and no name that begins with a dot."""
 
 LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """In the order of the frames they move with."""
 ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 """In the order of their joints."""
-
-MESHES = "meshes"
-"""The folder of meshes, all OBJ and in metres."""
 
 
 class _Part(BaseModel):
@@ -45,7 +34,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class _Asset(_Part):
+class Asset(_Part):
     """A whole file, found by its name."""
 
     name: AssetName
@@ -64,11 +53,12 @@ class PlacementFile(_Part):
 
 
 class MeshFile(_Part):
-    """A mesh that an installed package ships."""
+    """A mesh: STL, OBJ, PLY or GLB. Collisions are checked with its convex hull."""
 
-    package: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
-    path: str
-    """Inside the package."""
+    package: Literal["airo_models"] | None = None
+    """An installed package that ships it; None: it is among the files of the cell."""
+    path: Annotated[str, Field(pattern=RELATIVE_PATH, max_length=200)]
+    """Inside the package, or inside the folder that `robots`, `hands` and so on are in."""
     scale: PositiveNumber = 1.0
     """Metres a unit of the file."""
 
@@ -144,7 +134,7 @@ class MassFile(_Part):
     """In the frame after the link's joint [m]."""
 
 
-class RobotFile(_Asset):
+class RobotFile(Asset):
     """robots/*.yaml: one arm, whatever it is mounted on."""
 
     joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
@@ -169,7 +159,7 @@ class RobotFile(_Asset):
         return self
 
 
-class SensorFile(_Asset):
+class SensorFile(Asset):
     """sensors/*.yaml: a force-torque sensor with its coupling, a cylinder from the flange on."""
 
     radius: PositiveNumber
@@ -210,7 +200,7 @@ class GripperMeshes(_Part):
     inner_knuckle: MeshFile
 
 
-class _HandFile(_Asset):
+class _HandFile(Asset):
     sensor: AssetName
     mass: PositiveNumber
     """[kg], without the sensor."""
@@ -245,7 +235,7 @@ class StickFile(_HandFile):
     """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
 
 
-class ToolFile(_Asset):
+class ToolFile(Asset):
     """tools/*.yaml: a suction tool, as a task would describe its own, with a stated centre of mass."""
 
     tool: CustomTool
@@ -283,7 +273,7 @@ class FrameFile(_Part):
     """Centres [x, y] on the floor [m]."""
 
 
-class MountFile(_Asset):
+class MountFile(Asset):
     """mounts/*.yaml: everything of a cell that does not depend on which hands the arms carry."""
 
     arms: dict[ArmSide, ArmMountFile]
@@ -318,7 +308,7 @@ class ToolRestFile(_Part):
     """Of the walls [m]."""
 
 
-class CellFile(_Asset):
+class CellFile(Asset):
     """cells/*.yaml."""
 
     mount: AssetName
@@ -337,161 +327,3 @@ def _require_both_arms(arms: Mapping[ArmSide, object]) -> None:
     missing = [name for name in ARM_NAMES if name not in arms]
     if missing:
         raise ValueError(f"arms.{missing[0]} is required")
-
-
-_HAND_KINDS: dict[str, type[GripperFile | StickFile]] = {"gripper": GripperFile, "stick": StickFile}
-_File = TypeVar("_File", bound=_Asset)
-
-
-@dataclass(frozen=True)
-class AssetShelf:
-    """Folders of assets, searched in order: `<folder>/robots/<name>.yaml` and so on."""
-
-    folders: tuple[Path, ...]
-
-    def names(self, kind: str) -> list[str]:
-        """List the names of all files of a kind ("robots", "hands", "sensors", "mounts", "cells", "tools")."""
-        return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
-
-    def find(self, kind: str, name: str, where: str) -> Path:
-        """Return the file of a name; `where` says which field asks for it.
-
-        Raises:
-            AssetError: There is none; the message lists those there are.
-        """
-        for folder in self.folders:
-            path = folder / kind / f"{name}.yaml"
-            if path.is_file():
-                return path
-        known = ", ".join(self.names(kind)) or "none"
-        raise AssetError(f"{where}: no file {name!r} among the {kind}; there are: {known}")
-
-
-def shipped_shelf() -> AssetShelf:
-    """Return the assets that are part of the product."""
-    return AssetShelf((assets_folder(),))
-
-
-def fingerprint(contents: Iterable[bytes]) -> str:
-    """Return a hash of contents in this order, the same on every machine."""
-    digest = hashlib.sha256()
-    for content in contents:
-        digest.update(hashlib.sha256(content).digest())
-    return digest.hexdigest()
-
-
-def read_cell_file(path: Path) -> CellFile:
-    """Read cells/*.yaml."""
-    return _validated(CellFile, path, _read_mapping(path))
-
-
-def read_mount_file(path: Path) -> MountFile:
-    """Read mounts/*.yaml."""
-    return _validated(MountFile, path, _read_mapping(path))
-
-
-def read_robot_file(path: Path) -> RobotFile:
-    """Read robots/*.yaml."""
-    return _validated(RobotFile, path, _read_mapping(path))
-
-
-def read_hand_file(path: Path) -> GripperFile | StickFile:
-    """Read hands/*.yaml."""
-    data = _read_mapping(path)
-    kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _HAND_KINDS:
-        raise AssetError(f"{path}: kind: must be one of {', '.join(sorted(_HAND_KINDS))}")
-    return _validated(_HAND_KINDS[kind], path, data)
-
-
-def read_sensor_file(path: Path) -> SensorFile:
-    """Read sensors/*.yaml."""
-    return _validated(SensorFile, path, _read_mapping(path))
-
-
-def known_meshes() -> list[str]:
-    """List the names of the meshes that are shipped."""
-    return sorted(path.stem for path in (assets_folder() / MESHES).glob("*.obj"))
-
-
-def read_mesh_asset(name: str) -> tuple[bytes, Literal["obj"]]:
-    """Return a shipped mesh's file, in metres, and its format.
-
-    Raises:
-        AssetError: There is none of this name.
-    """
-    path = assets_folder() / MESHES / f"{name}.obj"
-    try:
-        return path.read_bytes(), "obj"
-    except OSError as error:
-        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
-
-
-def read_tool_file(path: Path) -> ToolFile:
-    """Read tools/*.yaml."""
-    return _validated(ToolFile, path, _read_mapping(path))
-
-
-def _read_mapping(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise AssetError(f"{path}: is not YAML: {error}") from error
-    if not isinstance(data, dict):
-        raise AssetError(f"{path}: must be a mapping of fields")
-    return data
-
-
-def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
-    """Validate as JSON: there, and only there, does strict mode accept arrays for tuples."""
-    try:
-        document = json.dumps(data)
-    except TypeError as error:
-        raise AssetError(f"{path}: holds something that is neither number, text, list nor mapping: {error}") from error
-    try:
-        file = model.model_validate_json(document)
-    except ValidationError as error:
-        faults = "; ".join(_sentence(fault["loc"], fault["msg"]) for fault in error.errors())
-        raise AssetError(f"{path}: {faults}") from error
-    if file.name != path.stem:
-        raise AssetError(f"{path}: name: must be that of the file, {path.stem!r}")
-    return file
-
-
-def _sentence(location: tuple[int | str, ...], message: str) -> str:
-    # Steps in brackets are pydantic's own: a key of a mapping, a kind among several.
-    field = ".".join(str(step) for step in location if not str(step).startswith("["))
-    text = message.replace("Input should be", "must be").replace("Field required", "is required")
-    text = text.replace("Extra inputs are not permitted", "is not known here").removeprefix("Value error, ")
-    return f"{field}: {text}" if field else text
-
-
-def mesh_path(mesh: MeshFile) -> Path:
-    """Return where an installed package keeps a mesh, without importing the package.
-
-    Raises:
-        AssetError: The package is not installed or has no such file.
-    """
-    spec = find_spec(mesh.package)
-    if spec is None or not spec.submodule_search_locations:
-        raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
-    file = Path(spec.submodule_search_locations[0]) / mesh.path
-    if not file.is_file():
-        raise AssetError(f"the package {mesh.package!r} ships no {mesh.path}")
-    return file
-
-
-def hull_points(mesh: MeshFile) -> Array:
-    """Return the corners (n, 3) of the convex hull of an OBJ file, in its own frame [m].
-
-    Raises:
-        AssetError: There is no such file, or it spans no volume.
-    """
-    path = mesh_path(mesh)
-    try:
-        points = obj_vertices(path.read_bytes()) * mesh.scale
-        return points[ConvexHull(points).vertices]
-    except (QhullError, ValueError) as error:
-        raise AssetError(f"{mesh.path} of the package {mesh.package!r} spans no volume") from error
