@@ -58,6 +58,8 @@ class Robot:
     """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
     payload: float
     """Largest mass at the flange [kg]."""
+    reach: float
+    """As its maker states it [m]."""
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
@@ -96,6 +98,7 @@ def load_robot(name: str, shelf: AssetShelf) -> Robot:
         links=_links(link_files, shelf, str(path)),
         masses=np.array([[link.mass, *link.com] for link in file.masses]),
         payload=file.payload,
+        reach=file.reach,
         fingerprint=fingerprint(_contents(file, link_files, shelf)),
     )
 

@@ -76,6 +76,8 @@ class Cell:
     """Where a suction tool is kept."""
     shelf: AssetShelf
     """Where its files were found."""
+    mount: str
+    """Name of the file that says where arms, table and platform are."""
 
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
@@ -214,7 +216,7 @@ def _load(path: Path, shelf: AssetShelf) -> Cell:
     digest = fingerprint(text.encode() for text in contents)
     rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
     boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
-    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest, shelf)
+    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest, shelf, file.mount)
 
 
 def _parts(
