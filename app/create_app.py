@@ -22,6 +22,7 @@ from app.access.session_store import SessionStore
 from app.errors import install_error_handlers
 from app.middleware import HeadAsGet, RequestLog
 from app.openapi import install_openapi
+from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
 from app.resources.scene_collection import SceneCollection
@@ -30,6 +31,7 @@ from app.resources.webhook_collection import WebhookCollection
 from app.routes import (
     audit,
     capabilities,
+    cells,
     editor,
     login,
     meshes,
@@ -51,6 +53,7 @@ from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
+from workers.stores.cell_store import CellStore
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
@@ -62,7 +65,22 @@ from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.target import TargetRules
 
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
-PARTS = (pages, plans, studies, tasks, scenes, meshes, webhooks, login, editor, viewer, audit, capabilities, probes)
+PARTS = (
+    pages,
+    plans,
+    studies,
+    tasks,
+    scenes,
+    meshes,
+    cells,
+    webhooks,
+    login,
+    editor,
+    viewer,
+    audit,
+    capabilities,
+    probes,
+)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
@@ -81,7 +99,9 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             queue, store, supervisor = JobQueue(database), PlanStore(database), Supervisor()
             to_close.callback(queue.close)
             app.state.supervisor = supervisor
-            app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
+            shipped, app.state.tools = await run_in_threadpool(_load_assets)
+            app.state.cells = CellCollection(shipped, CellStore(database, settings.cells_dir))
+            app.state.cell_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
             app.state.known_tasks = KnownTasks()
             app.state.meshes = MeshStore(database)
             app.state.scenes = SceneCollection(SceneStore(database), store, queue)

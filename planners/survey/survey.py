@@ -126,10 +126,12 @@ class CellSurvey:
             return sides
         gripper, pusher = cell.gripper_arms[0], cell.pusher_arms[0]
         step = np.sqrt(reach.area_of_place)
-        for half in range(1, max(sides.shape)):
+        for half in range(1, (min(sides.shape) + 1) // 2):
             pairs = itertools.permutations(_RIMS, 2)
             held = [_at_rim(reach, gripper, one, half) & _at_rim(reach, pusher, other, half) for one, other in pairs]
-            sides[np.logical_or.reduce(held)] = 2.0 * half * step
+            # All of the plate is above the table.
+            inner = slice(half, sides.shape[0] - half), slice(half, sides.shape[1] - half)
+            sides[inner][np.logical_or.reduce(held)[inner]] = 2.0 * half * step
         return sides
 
     def figures(self) -> SurveyFigures:
@@ -185,10 +187,9 @@ def _at_rim(reach: ReachMap, arm: str, rim: tuple[int, int, str], half: int) -> 
     found = reach.from_way(arm, way)
     n, m = found.shape
     shifted = np.zeros_like(found)
-    if abs(di) < n and abs(dj) < m:
-        shifted[max(0, -di) : n - max(0, di), max(0, -dj) : m - max(0, dj)] = found[
-            max(0, di) : n - max(0, -di), max(0, dj) : m - max(0, -dj)
-        ]
+    shifted[max(0, -di) : n - max(0, di), max(0, -dj) : m - max(0, dj)] = found[
+        max(0, di) : n - max(0, -di), max(0, dj) : m - max(0, -dj)
+    ]
     return shifted
 
 

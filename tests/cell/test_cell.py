@@ -268,12 +268,22 @@ WRONG = {
         "/linkage: the pads are never 0.0 m apart",
     ),
     "a hand of no kind": ("hands/pushing_stick_ft300", ["kind"], "hook", "/kind: must be one of gripper, stick"),
-    "a stick inside its sensor": ("hands/pushing_stick_ft300", ["tip_distance"], 0.05, "/tip_distance: leaves no stick"),
+    "a stick inside its sensor": (
+        "hands/pushing_stick_ft300",
+        ["tip_distance"],
+        0.05,
+        "/tip_distance: leaves no stick",
+    ),
     "an unknown hand": ("cells/dual_ur3e_lift", ["arms", "left", "hand"], "hook", "/arms/left/hand: no file 'hook'"),
     "an unknown sensor": ("hands/pushing_stick_ft300", ["sensor"], "ft9", "/sensor: no file 'ft9' among the sensors"),
     "an unknown robot": ("cells/dual_ur3e_lift", ["arms", "left", "robot"], "ur9", "there are: ur10, "),
     "an unknown mount": ("cells/dual_ur3e_lift", ["mount"], "wall", "/mount: no file 'wall'"),
-    "a third arm": ("cells/dual_ur3e_lift", ["arms", "middle"], {"robot": "ur3", "hand": "x"}, "/arms/middle: is none of the valid choices"),
+    "a third arm": (
+        "cells/dual_ur3e_lift",
+        ["arms", "middle"],
+        {"robot": "ur3", "hand": "x"},
+        "/arms/middle: is none of the valid choices",
+    ),
     "one arm": ("mounts/dual_column", ["arms"], {}, "arms.left is required"),
     "a name that is not the file's": ("mounts/dual_column", ["name"], "wall", "/name: must be that of the file"),
     "a date": ("cells/dual_ur3e_lift", ["gravity"], [0, 0, datetime.date(2026, 1, 1)], "/gravity/2: must be a number"),
@@ -295,9 +305,7 @@ def test_a_hand_that_an_arm_cannot_bear_is_refused_with_both_masses(shelf):
     edit(shelf / "robots" / "ur3e.yaml", ["payload"], 1.3)
     assert load_cell_file(path).arms["right"].spare_payload == pytest.approx(1.3 - 0.300 - 0.905)
     edit(shelf / "robots" / "ur3e.yaml", ["payload"], 1.2)
-    with pytest.raises(
-        AssetError, match=r"/arms/right/hand: robotiq_2f85_ft300 weighs 1\.205 kg, and ur3e bears 1\.2"
-    ):
+    with pytest.raises(AssetError, match=r"/arms/right/hand: robotiq_2f85_ft300 weighs 1\.205 kg, and ur3e bears 1\.2"):
         load_cell_file(path)
 
 
