@@ -13,9 +13,11 @@ from planners.contract.task_spec import CustomTool
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
 AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-PositiveNumber = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Triple = tuple[float, float, float]
+Number = Annotated[float, Field(ge=-1e4, le=1e4)]
+"""A larger one is no length, angle, mass or force of a cell, and no sum of such is right any more."""
+PositiveNumber = Annotated[float, Field(gt=0.0, le=1e4)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
+Triple = tuple[Number, Number, Number]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
 LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 ArmSide = Literal["left", "right"]
@@ -67,11 +69,11 @@ class JointFile(_Part):
     """A row of the Denavit-Hartenberg table, with the joint's limits."""
 
     name: AssetName
-    a: float
-    alpha_deg: float
-    d: float
-    theta0_deg: float
-    position_deg: tuple[float, float]
+    a: Number
+    alpha_deg: Number
+    d: Number
+    theta0_deg: Number
+    position_deg: tuple[Number, Number]
     velocity_deg: PositiveNumber
     """[deg/s]"""
     acceleration: PositiveNumber
@@ -183,11 +185,11 @@ class SensorFile(Asset):
 class LinkageFile(_Part):
     """Joint origins [y, z] of a four-bar finger on the +y side, fully open [m]."""
 
-    outer_knuckle: tuple[float, float]
-    outer_finger: tuple[float, float]
-    inner_finger: tuple[float, float]
-    pad: tuple[float, float]
-    inner_knuckle: tuple[float, float]
+    outer_knuckle: tuple[Number, Number]
+    outer_finger: tuple[Number, Number]
+    inner_finger: tuple[Number, Number]
+    pad: tuple[Number, Number]
+    inner_knuckle: tuple[Number, Number]
 
 
 class GripperMeshes(_Part):
@@ -253,7 +255,7 @@ class ToolFile(Asset):
 class ArmMountFile(PlacementFile):
     """Where an arm's base frame is in the world, and where its joints rest."""
 
-    home_deg: tuple[float, float, float, float, float, float]
+    home_deg: tuple[Number, Number, Number, Number, Number, Number]
 
 
 class BoxFile(_Part):
@@ -269,7 +271,7 @@ class FrameFile(_Part):
 
     profile: PositiveNumber
     height: PositiveNumber
-    columns: tuple[tuple[float, float], ...]
+    columns: tuple[tuple[Number, Number], ...]
     """Centres [x, y] on the floor [m]."""
 
 
@@ -298,7 +300,7 @@ class ArmFile(_Part):
 class ToolRestFile(_Part):
     """A square socket on the table in which a suction tool stands upright."""
 
-    position: tuple[float, float]
+    position: tuple[Number, Number]
     """Its centre [m]."""
     clearance: PositiveNumber
     """From the centre to the inner faces of the walls [m]."""

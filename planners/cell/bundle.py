@@ -205,7 +205,7 @@ class _Layout:
             kind, _, rest = name.partition("/")
             with self._faults.at(name):
                 if name in cells:
-                    self._take("cells", name, content, None)
+                    self._take("cells", name, content, PurePosixPath(rest).stem if rest else None)
                 elif kind in KINDS and "/" not in rest and rest.endswith(_TEXTS):
                     self._take(kind, name, content, PurePosixPath(rest).stem)
                 else:
