@@ -6,8 +6,8 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import fcl
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from planners.cell.arm import Arm
 from planners.cell.cell import Cell
@@ -15,7 +15,6 @@ from planners.collision.distance import distance
 from planners.errors import AssetFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Transform
-from planners.geometry.surface import hull_with_faces
 from planners.hands.workcell import Clearance
 from planners.kinematics.forward import link_frames
 
@@ -122,12 +121,7 @@ def _signed_distance(a: ConvexShape, T_world_a: Transform, b: ConvexShape, T_wor
     apart, radii = distance(a, T_world_a, b, T_world_b), a.radius + b.radius
     if apart > -radii or min(len(a.face_normals), len(b.face_normals)) == 0:
         return apart
-    request, found = fcl.CollisionRequest(num_max_contacts=100, enable_contact=True), fcl.CollisionResult()
-    fcl.collide(_fcl_object(a, T_world_a), _fcl_object(b, T_world_b), request, found)
-    return apart - max((abs(contact.penetration_depth) for contact in found.contacts), default=0.0)
-
-
-def _fcl_object(shape: ConvexShape, T: Transform) -> fcl.CollisionObject:
-    vertices, faces = hull_with_faces(shape.vertices)
-    counted = np.concatenate([np.full((len(faces), 1), 3), faces], axis=1).ravel()
-    return fcl.CollisionObject(fcl.Convex(vertices, len(faces), counted), fcl.Transform(T[:3, :3], T[:3, 3]))
+    # Bodies overlap as deep as the origin is inside the hull of all differences of their points.
+    points, others = (s.vertices @ T[:3, :3].T + T[:3, 3] for s, T in ((a, T_world_a), (b, T_world_b)))
+    differences = (points[:, None, :] - others).reshape(-1, 3)
+    return float(ConvexHull(differences).equations[:, 3].max()) - radii
