@@ -118,7 +118,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
-            app.state.scene_servers = SceneServers(app.state.cells, *folders)
+            app.state.scene_servers = SceneServers(app.state.cells.with_deleted(), *folders)
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)

@@ -20,12 +20,19 @@ class CellCollection(Mapping[str, Cell]):
     cell for long: call them from a thread.
     """
 
-    def __init__(self, shipped: Mapping[str, Cell], store: CellStore, caller: Caller = ANYBODY) -> None:
-        self.shipped, self._store, self._caller = shipped, store, caller
+    def __init__(
+        self, shipped: Mapping[str, Cell], store: CellStore, caller: Caller = ANYBODY, *, deleted_too: bool = False
+    ) -> None:
+        """With `deleted_too`, cells are found by their ids for whoever looks at plans that are in them."""
+        self.shipped, self._store, self._caller, self._deleted_too = shipped, store, caller, deleted_too
 
     def seen_by(self, caller: Caller) -> CellCollection:
         """Return what another caller sees."""
         return CellCollection(self.shipped, self._store, caller)
+
+    def with_deleted(self) -> CellCollection:
+        """Return these and deleted ones, by their ids."""
+        return CellCollection(self.shipped, self._store, self._caller, deleted_too=True)
 
     def __getitem__(self, name: str) -> Cell:
         if name in self.shipped:
@@ -54,7 +61,7 @@ class CellCollection(Mapping[str, Cell]):
         if name in self.shipped:
             return name
         stored = self._find(name)
-        return name if stored is None or stored.deleted else stored.id
+        return name if stored is None else stored.id
 
     def own(self) -> list[StoredCell]:
         """Return the caller's own cells by name, newest version first; an administrator's are everybody's."""
@@ -64,10 +71,10 @@ class CellCollection(Mapping[str, Cell]):
         """Return one of the caller's own cells, by id or name.
 
         Raises:
-            CellNotFound: There is none, or it was deleted.
+            CellNotFound: There is none.
         """
         stored = self._find(cell_id)
-        if stored is None or stored.deleted:
+        if stored is None:
             raise CellNotFound(cell_id)
         return stored
 
@@ -129,6 +136,6 @@ class CellCollection(Mapping[str, Cell]):
 
     def _find(self, name: str) -> StoredCell | None:
         stored = self._store.get(name)
-        if stored is not None and self._caller.may_see(stored.owner):
+        if stored is not None and self._caller.may_see(stored.owner) and (self._deleted_too or not stored.deleted):
             return stored
         return self._store.named(name, self._caller.owner, anybodys=self._sees_all)

@@ -79,11 +79,11 @@ class CellResource(Resource):
     id: str
     """Of owner and content: the same cell of the same owner has the same id. A shipped cell's is its name."""
     name: str
-    """A task may give it in place of the id; then the newest version is meant."""
+    """A task may give it in place of the id; then the version that was posted last is meant."""
     version: int | None
     """Of all that its owner posted under its name, from 1; null: it is shipped."""
     created_at: datetime | None
-    """null: it is shipped."""
+    """When it was posted last; null: it is shipped."""
     hash: str
     """Of its content; plan documents state it as `cell.hash`."""
     figures: SurveyFigures | None

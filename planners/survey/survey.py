@@ -126,11 +126,12 @@ class CellSurvey:
             return sides
         gripper, pusher = cell.gripper_arms[0], cell.pusher_arms[0]
         step = np.sqrt(reach.area_of_place)
-        for half in range(1, (min(sides.shape) + 1) // 2):
+        n, m = len(reach.x), len(reach.y)
+        for half in range(1, (min(n, m) + 1) // 2):
             pairs = itertools.permutations(_RIMS, 2)
             held = [_at_rim(reach, gripper, one, half) & _at_rim(reach, pusher, other, half) for one, other in pairs]
             # All of the plate is above the table.
-            inner = slice(half, sides.shape[0] - half), slice(half, sides.shape[1] - half)
+            inner = slice(half, n - half), slice(half, m - half)
             sides[inner][np.logical_or.reduce(held)[inner]] = 2.0 * half * step
         return sides
 

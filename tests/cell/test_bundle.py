@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from geometry.mesh_shapes import file_of
 from support.own_cell import station, station_files, written, zipped
 from support.samples import sample
 
@@ -79,12 +80,7 @@ def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None
     box = trimesh.creation.box((0.1, 0.1, 0.2))
     shapes = {}
     for kind in ("stl", "obj", "ply", "glb"):
-        files = {
-            **station_files(),
-            f"meshes/wrist.{kind}": bytes(box.export(file_type=kind), "ascii")
-            if kind == "obj"
-            else box.export(file_type=kind),
-        }
+        files = {**station_files(), f"meshes/wrist.{kind}": file_of(box, kind)}
         robot = json.loads(json.dumps(_shipped_robot()))
         mesh = {"path": f"meshes/wrist.{kind}", "scale": 0.5}
         robot["links"][6] = {"name": "wrist_3", "position": [0, 0, 0], "rpy_deg": [0, 0, 0], "mesh": mesh}

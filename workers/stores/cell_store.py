@@ -32,7 +32,7 @@ class StoredCell:
     owner: str | None
     """Whose key it was posted with; None where no keys were asked for."""
     created_us: int
-    """Microseconds since 1970, UTC."""
+    """When it was posted last, in microseconds since 1970, UTC."""
     name: str
     version: int
     """Of all that its owner posted under its name, from 1."""
@@ -58,13 +58,14 @@ class CellStore:
         """Keep a cell, as the next version of its name.
 
         Returns:
-            The cell, and whether this has added it. What the same owner posted before is found again, and if it was
-            deleted it is there again.
+            The cell, and whether this has added it. What the same owner posted before is found again, is there again if
+            it was deleted, and is what its name means from now on.
         """
         cell_id = hashlib.sha256(f"{owner or ''}\0{bundle.digest}".encode()).hexdigest()[:32]
         known = self.get(cell_id)
         if known is not None:
-            self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(deleted_us=None))
+            again = {"deleted_us": None, "created_us": now_us()}
+            self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(again))
             return self._there(cell_id), known.deleted
         version = sa.select(sa.func.coalesce(sa.func.max(CELLS.c.version), 0) + 1).where(
             CELLS.c.name == bundle.name, CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner
@@ -94,7 +95,7 @@ class CellStore:
         return _stored(found[0]) if found else None
 
     def named(self, name: str, owner: str | None, *, anybodys: bool = False) -> StoredCell | None:
-        """Return the newest cell of a name that an owner has; with `anybodys`, that anybody has."""
+        """Return the cell that an owner posted last under a name; with `anybodys`, that anybody did."""
         query = sa.select(*_COLUMNS).where(CELLS.c.name == name, CELLS.c.deleted_us.is_(None))
         if not anybodys:
             query = query.where(CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner)
