@@ -122,7 +122,7 @@ async def get_survey(cell_id: str, cells: Cells, limits: CellLimits) -> SurveyFi
     response_class=Response,
     responses={**NOT_FOUND, 200: {"content": {"image/png": {}}, "description": "Maps of the table, from above"}},
 )
-async def get_picture(cell_id: str, cells: Cells, limits: CellLimits) -> Response:
+async def get_survey_picture(cell_id: str, cells: Cells, limits: CellLimits) -> Response:
     """Return maps of the table: which hand reaches where, what it may hold there, how large plates may be."""
     picture = await to_thread.run_sync(lambda: draw_survey(cells.survey(cell_id)), limiter=limits.worked)
     return Response(picture, media_type="image/png", headers={"Cache-Control": "no-cache"})

@@ -18,7 +18,17 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, Self
 
-from planners.cell.asset_files import RELATIVE_PATH
+from pydantic.json_schema import models_json_schema
+
+from planners.cell.asset_files import (
+    RELATIVE_PATH,
+    CellFile,
+    GripperFile,
+    MountFile,
+    RobotFile,
+    SensorFile,
+    StickFile,
+)
 from planners.cell.asset_shelf import KINDS, AssetKind, AssetShelf, shipped_shelf
 from planners.cell.cell import Cell, load_cell_file
 from planners.contract.strict_yaml import NotYaml, parse_yaml
@@ -174,6 +184,25 @@ class CellBundle:
                 if not place.is_dir():
                     raise
         return place
+
+
+def cell_schema() -> dict[str, Any]:
+    """Return the JSON schema of a cell as one document: each part may stand where it is named."""
+    models = (MountFile, RobotFile, GripperFile, StickFile, SensorFile)
+    _, parts = models_json_schema([(model, "validation") for model in models])
+    schema = CellFile.model_json_schema()
+    definitions: dict[str, Any] = {**schema.pop("$defs"), **parts["$defs"]}
+    schema["$defs"] = definitions
+    hands = ("GripperFile", "StickFile")
+    places = [(schema, "mount", ("MountFile",)), (definitions["ArmFile"], "robot", ("RobotFile",))]
+    places += [
+        (definitions["ArmFile"], "hand", hands),
+        *((definitions[hand], "sensor", ("SensorFile",)) for hand in hands),
+    ]
+    for holder, member, names in places:
+        named = holder["properties"][member]
+        holder["properties"][member] = {"anyOf": [named, *({"$ref": f"#/$defs/{name}"} for name in names)]}
+    return schema
 
 
 def shelf_of(folder: Path) -> AssetShelf:
