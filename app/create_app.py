@@ -29,11 +29,10 @@ from app.resources.scene_collection import SceneCollection
 from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.routes import (
-    audit,
+    access,
     capabilities,
     cells,
     editor,
-    login,
     meshes,
     pages,
     plans,
@@ -65,22 +64,7 @@ from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.target import TargetRules
 
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
-PARTS = (
-    pages,
-    plans,
-    studies,
-    tasks,
-    scenes,
-    meshes,
-    cells,
-    webhooks,
-    login,
-    editor,
-    viewer,
-    audit,
-    capabilities,
-    probes,
-)
+PARTS = (pages, plans, studies, tasks, scenes, meshes, cells, webhooks, access, editor, viewer, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "

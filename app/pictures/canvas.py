@@ -6,9 +6,9 @@ from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from planners.perception.preview import Picture
+
 BlueGreenRed = tuple[int, int, int]
 INK: BlueGreenRed = (40, 40, 40)
 PAPER: BlueGreenRed = (255, 255, 255)

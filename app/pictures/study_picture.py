@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from pydantic import JsonValue
 
-from app.pictures.canvas import INK, PAPER, BlueGreenRed, Picture, viridis, write, write_left
+from app.pictures.canvas import INK, PAPER, BlueGreenRed, viridis, write, write_left
+from planners.perception.preview import Picture
 from planners.study.study_map import StudyMap, StudyPoint
 
 CELL = 44

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import cv2
 import numpy as np
 
-from app.pictures.canvas import INK, BlueGreenRed, Picture, viridis, write, write_left
+from app.pictures.canvas import INK, BlueGreenRed, viridis, write, write_left
 from planners.geometry.pose import Array
+from planners.perception.preview import Picture
 from planners.survey.reach_map import ReachMap
 from planners.survey.survey import CellSurvey
 
@@ -22,7 +23,7 @@ RIGHT: BlueGreenRed = (0, 159, 230)
 BOTH: BlueGreenRed = (115, 158, 0)
 """Of the palette of Okabe and Ito."""
 NONE: BlueGreenRed = (235, 235, 235)
-Colour = Callable[[int, int], BlueGreenRed]
+ColourAt = Callable[[int, int], BlueGreenRed]
 """Of a place of the map, by its column along x and along y."""
 
 
@@ -58,7 +59,7 @@ def draw_survey(survey: CellSurvey) -> bytes:
     return encoded.tobytes()
 
 
-def _who(reach: ReachMap) -> Colour:
+def _who(reach: ReachMap) -> ColourAt:
     left, right = reach.anyhow["left"], reach.anyhow["right"]
 
     def colour(i: int, j: int) -> BlueGreenRed:
@@ -69,7 +70,7 @@ def _who(reach: ReachMap) -> Colour:
     return colour
 
 
-def _shades(title: str, values: Array) -> tuple[str, Colour, list[tuple[BlueGreenRed, str]]]:
+def _shades(title: str, values: Array) -> tuple[str, ColourAt, list[tuple[BlueGreenRed, str]]]:
     """Return a map of values, whose lightness tells their order; nothing is 0."""
     most = float(values.max())
 
@@ -92,7 +93,7 @@ def _meeting_heights(survey: CellSurvey) -> Array:
     return heights
 
 
-def _draw_map(image: Picture, reach: ReachMap, colour: Colour, frame: tuple[int, int, int, int]) -> None:
+def _draw_map(image: Picture, reach: ReachMap, colour: ColourAt, frame: tuple[int, int, int, int]) -> None:
     """Draw x upwards and y to the left, as whoever stands behind the robot sees the table."""
     left, top, width, height = frame
     n, m = len(reach.x), len(reach.y)

@@ -41,7 +41,7 @@ def _limits(request: Request) -> UploadLimits:
     return request.app.state.cell_limits
 
 
-CellLimits = Annotated[UploadLimits, Depends(_limits)]
+CellGate = Annotated[UploadLimits, Depends(_limits)]
 
 
 @router.post(
@@ -53,7 +53,7 @@ CellLimits = Annotated[UploadLimits, Depends(_limits)]
     responses={**REFUSED, 200: {"model": CellResource, "description": "The same cell was there already"}},
 )
 async def post_cell(
-    request: Request, response: Response, cells: Cells, settings: Settings, limits: CellLimits
+    request: Request, response: Response, cells: Cells, settings: Settings, limits: CellGate
 ) -> CellResource:
     """Take a cell in: a zip of its files, or one document of YAML or JSON in which every part stands itself.
 
@@ -76,7 +76,7 @@ async def post_cell(
 @router.post(
     "/check", summary="Check a cell without keeping it", openapi_extra=CELL_BODY, responses=REFUSED, status_code=200
 )
-async def check_cell(request: Request, cells: Cells, settings: Settings, limits: CellLimits) -> SurveyFigures:
+async def check_cell(request: Request, cells: Cells, settings: Settings, limits: CellGate) -> SurveyFigures:
     """Return what a cell can do: where its hands reach and what they bear there."""
     async with limits.held:
         content, suffix = await read_cell(request, settings.max_cell_bytes, settings)
@@ -111,7 +111,7 @@ def get_files(cell_id: str, cells: Cells) -> Response:
 
 
 @router.get("/{cell_id}/survey", summary="What a cell can do", responses=NOT_FOUND)
-async def get_survey(cell_id: str, cells: Cells, limits: CellLimits) -> SurveyFigures:
+async def get_survey(cell_id: str, cells: Cells, limits: CellGate) -> SurveyFigures:
     """Return where the hands of a cell reach and what they bear there, in figures."""
     return await to_thread.run_sync(lambda: cells.survey(cell_id).figures(), limiter=limits.worked)
 
@@ -122,7 +122,7 @@ async def get_survey(cell_id: str, cells: Cells, limits: CellLimits) -> SurveyFi
     response_class=Response,
     responses={**NOT_FOUND, 200: {"content": {"image/png": {}}, "description": "Maps of the table, from above"}},
 )
-async def get_survey_picture(cell_id: str, cells: Cells, limits: CellLimits) -> Response:
+async def get_survey_picture(cell_id: str, cells: Cells, limits: CellGate) -> Response:
     """Return maps of the table: which hand reaches where, what it may hold there, how large plates may be."""
     picture = await to_thread.run_sync(lambda: draw_survey(cells.survey(cell_id)), limiter=limits.worked)
     return Response(picture, media_type="image/png", headers={"Cache-Control": "no-cache"})

@@ -6,7 +6,6 @@ import hashlib
 import io
 import json
 import lzma
-import os
 import re
 import stat
 import tempfile
@@ -178,7 +177,7 @@ class CellBundle:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
             try:
-                os.replace(whole, place)
+                whole.replace(place)
             except OSError:
                 # Another process was faster.
                 if not place.is_dir():
@@ -213,7 +212,7 @@ def shelf_of(folder: Path) -> AssetShelf:
 def _inside(fault: AssetFault, folder: Path) -> AssetFault:
     """Return a fault with its file as it is called inside a folder; of what is shipped, inside the assets."""
     for root in shelf_of(folder).folders:
-        if fault.file.startswith(f"{root}{os.sep}"):
+        if Path(fault.file).is_relative_to(root):
             return replace(fault, file=Path(fault.file).relative_to(root).as_posix())
     return fault
 
