@@ -248,7 +248,7 @@ def _row(cell: CellResource) -> tuple[str, str, str, str]:
 
 
 def _tell(figures: SurveyFigures) -> None:
-    sys.stdout.write(f"{figures.cell}\n" + "".join(f"  {sentence}\n" for sentence in figures.sentences()))
+    sys.stdout.write(f"{figures.cell}\n" + "".join(f"  {sentence}\n" for sentence in figures.sentences))
 
 
 def _refuse(error: AssetError, path: Path) -> int:

@@ -41,7 +41,7 @@ def draw_survey(survey: CellSurvey) -> bytes:
     size = survey.cell.boxes[0].size
     scale = SIDE / max(size[0], size[1])
     width, height = round(scale * size[1]), round(scale * size[0])
-    sentences = survey.figures().sentences()
+    sentences = survey.figures().sentences
     image = np.full(
         (TOP + height + BELOW + LINE * (len(sentences) + 1), MARGIN + len(maps) * (width + BETWEEN), 3), 255, np.uint8
     )

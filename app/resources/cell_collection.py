@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import CellIsShipped, CellNotFound
@@ -11,6 +12,11 @@ from planners.cell.cell import Cell
 from planners.survey.faults import check_cell
 from planners.survey.survey import CellSurvey, SurveyFigures
 from workers.stores.cell_store import CellStore, StoredCell
+
+
+@lru_cache(maxsize=16)
+def _survey(cell: Cell) -> CellSurvey:
+    return CellSurvey.of(cell)
 
 
 class CellCollection(Mapping[str, Cell]):
@@ -99,17 +105,17 @@ class CellCollection(Mapping[str, Cell]):
             raise CellIsShipped(bundle.name)
         cell = bundle.load(self._store.folder)
         check_cell(cell)
-        return CellSurvey.of(cell).figures()
+        return _survey(cell).figures()
 
     def survey(self, name: str) -> CellSurvey:
-        """Look at a cell, anew.
+        """Look at a cell.
 
         Raises:
             CellNotFound: There is none.
         """
         if name not in self:
             raise CellNotFound(name)
-        return CellSurvey.of(self[name])
+        return _survey(self[name])
 
     def files(self, cell_id: str) -> bytes:
         """Return all files of one of the caller's own cells, as a zip.

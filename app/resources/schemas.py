@@ -338,7 +338,7 @@ def _cell_links(cell_id: str, *, shipped: bool) -> CellLinks:
         files=None if shipped else f"{address}/files.zip",
         survey=f"{address}/survey",
         picture=f"{address}/survey.png",
-        view=f"/viewer/cells/{cell_id}",
+        view=f"/viewer/cells?cell={cell_id}",
     )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -108,7 +109,7 @@ class Gripper:
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
-    kind = "gripper"
+    kind: ClassVar[Literal["gripper"]] = "gripper"
 
     def T_flange_tcp(self, width: float) -> Transform:
         """Return `T_flange_tcp` at an opening [m].
@@ -193,7 +194,7 @@ class Pusher:
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
-    kind = "stick"
+    kind: ClassVar[Literal["stick"]] = "stick"
 
     def bodies(self, arm: str) -> tuple[CollisionBody, ...]:
         """Return the sensor, the stick and the tip, in the frame "<arm>/6"."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, computed_field
 
 from planners.cell.cell import Cell
+from planners.cell.hand import Gripper, Pusher
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
 from planners.progress import Progress, silent
@@ -25,6 +28,9 @@ class ArmFigures(StrictModel):
     """What one arm does above the table."""
 
     hand: str
+    """Its name."""
+    kind: Literal["gripper", "stick"]
+    """Of the hand."""
     reached: float
     """Share of the table that its hand reaches, pointing any way [1]."""
     reached_downwards: float
@@ -58,6 +64,9 @@ class HandoverFigures(StrictModel):
 class SurveyFigures(StrictModel):
     """What a cell can do, in figures."""
 
+    # What is written says it in words too, and is read again.
+    model_config = ConfigDict(extra="ignore")
+
     cell: str
     hash: str
     table: tuple[float, float]
@@ -74,8 +83,10 @@ class SurveyFigures(StrictModel):
     handover: HandoverFigures | None
     """None: the cell does not have two grippers, or they never meet."""
 
+    @computed_field
+    @property
     def sentences(self) -> list[str]:
-        """Say it."""
+        """What all of this says, in words."""
         x, y = self.table
         said = [f"Table {x:g} × {y:g} m; hands were sent to places {1e3 * self.height:.0f} mm above it."]
         for name, arm in self.arms.items():
@@ -144,7 +155,7 @@ class CellSurvey:
             hash=cell.hash,
             table=(float(size[0]), float(size[1])),
             height=round(reach.z - cell.table_top, 6),
-            arms={name: _arm_figures(reach, name, arm.hand.name) for name, arm in cell.arms.items()},
+            arms={name: _arm_figures(reach, name, arm.hand) for name, arm in cell.arms.items()},
             common=_share(reach.common),
             dead=_share(reach.dead),
             plate=self._largest_plate(),
@@ -167,10 +178,11 @@ class CellSurvey:
         return HandoverFigures(low=(ax, ay, az), high=(bx, by, bz), volume=round(volume, 6))
 
 
-def _arm_figures(reach: ReachMap, arm: str, hand: str) -> ArmFigures:
+def _arm_figures(reach: ReachMap, arm: str, hand: Gripper | Pusher) -> ArmFigures:
     masses = reach.mass[arm][reach.anyhow[arm]]
     return ArmFigures(
-        hand=hand,
+        hand=hand.name,
+        kind=hand.kind,
         reached=_share(reach.anyhow[arm]),
         reached_downwards=_share(reach.from_way(arm, "down")),
         largest_mass=round(float(masses.max(initial=0.0)), 3),

@@ -109,7 +109,7 @@ def test_a_survey_counts_what_the_map_shows(cell: Cell, reach: ReachMap) -> None
     assert (high >= low).all()
     # The hands meet between the arms, which are mirror images.
     np.testing.assert_allclose(low[1], -high[1], atol=1e-9)
-    assert any("meet" in sentence for sentence in figures.sentences())
+    assert any("meet" in sentence for sentence in figures.sentences)
 
 
 def test_the_largest_plate_has_a_hand_at_each_of_two_sides_and_lies_above_the_table(tmp_path: Path) -> None:

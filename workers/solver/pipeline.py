@@ -19,6 +19,7 @@ from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.suction_tool import SuctionTool, load_tools
+from planners.survey.reach_map import map_reach
 from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest, StudyRequest, uploads_of
@@ -68,6 +69,8 @@ class Pipeline:
                 self.solve({"id": "compile", "task": task}, silent)
             for cell, tool, settings in self.shipped_handovers():
                 self.solver.handovers(cell, tool, settings, silent)
+            # Whoever asks the service what a cell can do does not wait for a compiler.
+            map_reach(self.solver.cells[reference_tool_tasks()[0]["cell"]])
 
     def shipped_handovers(self) -> Iterator[tuple[Cell, SuctionTool, HandoverSettings]]:
         """Yield what handovers are asked for in tasks with shipped tools: of each tool standing, and lying."""
