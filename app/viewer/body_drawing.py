@@ -10,10 +10,10 @@ import numpy as np
 import trimesh
 from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders
+from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders, write_pieces
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
-from planners.cell.asset_files import CylinderLinkFile, GripperFile, LinkFile, MeshFile, RobotFile
+from planners.cell.asset_files import CylinderLinkFile, GripperFile, LinkFile, MeshFile, PiecesLinkFile, RobotFile
 from planners.cell.asset_shelf import AssetShelf, read_hand_file, read_robot_file
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
@@ -265,9 +265,11 @@ class Drawings:
     detail: Detail
 
     def link(self, link: LinkFile) -> bytes:
-        """Return a link's drawing as binary glTF: of the maker's mesh, or of the cylinders that stand in for it."""
+        """Return a link's drawing as binary glTF: of the maker's mesh, or of what stands in for it."""
         if isinstance(link, CylinderLinkFile):
             return write_cylinders([(each.start, each.end, each.radius) for each in link.cylinders])
+        if isinstance(link, PiecesLinkFile):
+            return write_pieces(link.pieces)
         return self.meshes.glb(link.mesh, self.shelf, link.transform(), self.detail.links)
 
     def hand(self, mesh: MeshFile) -> bytes:

@@ -8,7 +8,7 @@ Vertices that share a cell of a grid become one, at the point that fits the plan
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,10 +22,10 @@ from planners.cell.asset_files import MeshFile
 from planners.cell.asset_shelf import AssetShelf
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
-from planners.geometry.surface import Faces
+from planners.geometry.surface import Faces, hull_with_faces
 
 Colour = tuple[float, float, float]
-_CYLINDER_CREASE = np.radians(45.0)
+_CREASE = np.radians(45.0)
 GREY: Colour = (0.32, 0.34, 0.37)
 """Of parts without a material."""
 
@@ -171,14 +171,25 @@ def _write_glb(path: Path, scale: float, T_frame_mesh: Transform, settings: Thin
 
 def write_cylinders(cylinders: Sequence[tuple[Sequence[float], Sequence[float], float]]) -> bytes:
     """Return cylinders as binary glTF, in grey: each the centres of its ends (3,) and its radius [m]."""
+    return _write_grey(
+        trimesh.creation.cylinder(radius, segment=np.array([start, end]), sections=48)
+        for start, end, radius in cylinders
+    )
+
+
+def write_pieces(pieces: Sequence[Sequence[Sequence[float]]]) -> bytes:
+    """Return convex pieces as binary glTF, in grey: each the corners (n, 3) of one [m]."""
+    return _write_grey(trimesh.Trimesh(*hull_with_faces(np.array(corners))) for corners in pieces)
+
+
+def _write_grey(solids: Iterable[trimesh.Trimesh]) -> bytes:
     scene = trimesh.Scene()
     material = PBRMaterial(baseColorFactor=[*GREY, 1.0], metallicFactor=0.0, roughnessFactor=0.55)
-    for index, (start, end, radius) in enumerate(cylinders):
-        drawn = trimesh.creation.cylinder(radius, segment=np.array([start, end]), sections=48)
-        vertices, faces, normals = _with_creases(np.asarray(drawn.vertices), np.asarray(drawn.faces), _CYLINDER_CREASE)
+    for index, solid in enumerate(solids):
+        vertices, faces, normals = _with_creases(np.asarray(solid.vertices), np.asarray(solid.faces), _CREASE)
         drawn = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
         drawn.visual = TextureVisuals(material=material)
-        scene.add_geometry(drawn, geom_name=f"cylinder_{index}")
+        scene.add_geometry(drawn, geom_name=f"solid_{index}")
     return export_glb(scene, include_normals=True)
 
 

@@ -8,14 +8,23 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
-from planners.cell.asset_files import CylinderFile, CylinderLinkFile, LinkFile, LinkName, MeshLinkFile, RobotFile
+from planners.cell.asset_files import (
+    CylinderFile,
+    CylinderLinkFile,
+    LinkFile,
+    LinkName,
+    MeshLinkFile,
+    PiecesLinkFile,
+    RobotFile,
+)
 from planners.cell.asset_shelf import AssetShelf, fingerprint, read_robot_file
 from planners.cell.hand import Gripper, Pusher
 from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, cylinder, enclosing_hull
 from planners.geometry.pose import Array, Transform, frame_from_z, pose_row, transform
-from planners.kinematics.inverse import is_ur_type
+from planners.kinematics.arm_kind import NoClosedForm, arm_kind
 from planners.kinematics.joint_torque import WeighedArm
 from planners.plan.scenery import ArmDocument, LinkDocument
 
@@ -29,7 +38,7 @@ class Link:
 
     name: LinkName
     pieces: tuple[Array, ...]
-    """(n, 3) corners of each convex piece: the hull of the mesh, or one cylinder each [m]."""
+    """(n, 3) corners of each convex piece: the hull of the mesh, one cylinder each, or as the file has them [m]."""
     shapes: tuple[ConvexShape, ...]
     """Few vertices around each of the `pieces`."""
 
@@ -41,10 +50,12 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A six-joint arm of the UR family. Arrays of joint limits are (6,), in SI units."""
+    """An arm of six joints of which `arm_kind` knows the kind. Arrays of joint limits are (6,), in SI units."""
 
     name: str
     joint_names: tuple[str, ...]
+    T_mount_base: Transform
+    """The frame before the first joint, on the frame with which the arm is mounted."""
     dh: Array
     """(6, 4) columns a, alpha, d, theta0 [m, rad]."""
     position_min: Array
@@ -72,23 +83,21 @@ def load_robot(name: str, shelf: AssetShelf) -> Robot:
         shelf: where to look.
 
     Raises:
-        AssetError: A file is missing or wrong, or its table is not one of the UR family.
+        AssetError: A file is missing or wrong, or its table is that of no kind of arm that has a closed form.
     """
     path = shelf.find("robots", name)
     file = read_robot_file(path)
     joints = file.joints
     dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
-    if not is_ur_type(dh):
-        detail = (
-            "alpha_deg must be 90, 0, 0, 90, -90, 0 and a must be zero except for joints 2 and 3: the closed-form "
-            "inverse kinematics is that of the UR family"
-        )
-        raise AssetError(AssetFault(detail, str(path), "/joints"))
+    kind = arm_kind(dh)
+    if isinstance(kind, NoClosedForm):
+        raise AssetError(AssetFault(kind.reason, str(path), "/joints"))
     position = np.radians([j.position_deg for j in joints])
     link_files = _link_files(file, shelf, path)
     return Robot(
         name=file.name,
         joint_names=tuple(j.name for j in joints),
+        T_mount_base=np.eye(4) if file.base is None else file.base.transform(),
         dh=dh,
         position_min=np.ascontiguousarray(position[:, 0]),
         position_max=np.ascontiguousarray(position[:, 1]),
@@ -106,7 +115,7 @@ def load_robot(name: str, shelf: AssetShelf) -> Robot:
 def _links(files: tuple[LinkFile, ...], shelf: AssetShelf, path: str) -> tuple[Link, ...]:
     faults, links = AssetFaults(), list[Link]()
     for i, file in enumerate(files):
-        with faults.at(path, f"/links/{i}/mesh"):
+        with faults.at(path, f"/links/{i}"):
             links.append(_link(file, shelf))
     faults.raise_any()
     return tuple(links)
@@ -125,7 +134,8 @@ def _link_files(file: RobotFile, shelf: AssetShelf, path: Path) -> tuple[LinkFil
 
 
 def _contents(file: RobotFile, links: tuple[LinkFile, ...], shelf: AssetShelf) -> Iterator[bytes]:
-    yield file.model_dump_json().encode()
+    # Plans state hashes from before files could say where the base is.
+    yield file.model_dump_json(exclude={"base"} if file.base is None else None).encode()
     for link in links:
         yield link.model_dump_json().encode()
         if isinstance(link, MeshLinkFile):
@@ -136,10 +146,20 @@ def _link(file: LinkFile, shelf: AssetShelf) -> Link:
     if isinstance(file, CylinderLinkFile):
         shapes = tuple(_cylinder(each) for each in file.cylinders)
         return Link(file.name, tuple(shape.vertices for shape in shapes), shapes)
+    if isinstance(file, PiecesLinkFile):
+        pieces = tuple(_piece(np.array(corners), i) for i, corners in enumerate(file.pieces))
+        return Link(file.name, pieces, tuple(ConvexShape(enclosing_hull(piece)) for piece in pieces))
     T_frame_mesh = file.transform()
     points = shelf.hull_points(file.mesh)
     points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
     return Link(file.name, (points,), (ConvexShape(enclosing_hull(points)),))
+
+
+def _piece(corners: Array, index: int) -> Array:
+    try:
+        return corners[ConvexHull(corners).vertices]
+    except QhullError as error:
+        raise AssetError(f"piece {index} spans no volume") from error
 
 
 def _cylinder(file: CylinderFile) -> ConvexShape:
@@ -158,7 +178,7 @@ class Arm:
     name: str
     robot: Robot
     T_world_base: Transform
-    """The controller's base frame."""
+    """The frame before the first joint; the controller's base frame, unless the robot's file says otherwise."""
     home: Array
     """(6,) where the joints rest [rad]."""
     hand: Gripper | Pusher

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
@@ -19,6 +19,10 @@ PositiveNumber = Annotated[float, Field(gt=0.0, le=1e4)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
 Triple = tuple[Number, Number, Number]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
+PositionLimit = Annotated[float, Field(ge=-540.0, le=540.0)]
+"""[deg]: a whole turn away from any position in (-180, 180], and no further; who has more states less."""
+AxisAngle = Annotated[float, Field(ge=-180.0, le=180.0)]
+"""From one joint's axis to the next [deg]."""
 LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 ArmSide = Literal["left", "right"]
 RELATIVE_PATH = r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*(?:/[A-Za-z0-9_-][A-Za-z0-9_.-]*)*$"
@@ -28,6 +32,14 @@ LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", 
 """In the order of the frames they move with."""
 ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 """In the order of their joints."""
+
+
+JOINTS = 6
+"""Of an arm."""
+ONLY_SIX_JOINTS = (
+    "An arm has six joints here: with a seventh it reaches a pose in infinitely many ways, and plans are made of the "
+    "eight of an arm of six"
+)
 
 
 class _Part(BaseModel):
@@ -70,10 +82,10 @@ class JointFile(_Part):
 
     name: AssetName
     a: Number
-    alpha_deg: Number
+    alpha_deg: AxisAngle
     d: Number
     theta0_deg: Number
-    position_deg: tuple[Number, Number]
+    position_deg: tuple[PositionLimit, PositionLimit]
     velocity_deg: PositiveNumber
     """[deg/s]"""
     acceleration: PositiveNumber
@@ -116,12 +128,25 @@ class CylinderLinkFile(_Part):
     cylinders: Annotated[tuple[CylinderFile, ...], Field(min_length=1)]
 
 
+class PiecesLinkFile(_Part):
+    """A link as convex pieces: each the corners of one, in the frame that the link moves with [m]."""
+
+    name: LinkName
+    pieces: Annotated[
+        tuple[Annotated[tuple[Triple, ...], Field(min_length=4, max_length=5000)], ...], Field(min_length=1)
+    ]
+
+
 def _kind_of_link(link: Any) -> str:
-    return "[cylinders]" if isinstance(link, CylinderLinkFile) or "cylinders" in link else "[mesh]"
+    if isinstance(link, CylinderLinkFile) or "cylinders" in link:
+        return "[cylinders]"
+    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in link else "[mesh]"
 
 
 LinkFile = Annotated[
-    Annotated[MeshLinkFile, Tag("[mesh]")] | Annotated[CylinderLinkFile, Tag("[cylinders]")],
+    Annotated[MeshLinkFile, Tag("[mesh]")]
+    | Annotated[CylinderLinkFile, Tag("[cylinders]")]
+    | Annotated[PiecesLinkFile, Tag("[pieces]")],
     Discriminator(_kind_of_link),
 ]
 
@@ -136,10 +161,18 @@ class MassFile(_Part):
     """In the frame after the link's joint [m]."""
 
 
+def _no_seventh(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
+    if len(joints) > JOINTS:
+        raise ValueError(f"{len(joints)} are listed. {ONLY_SIX_JOINTS}")
+    return joints
+
+
 class RobotFile(Asset):
     """robots/*.yaml: one arm, whatever it is mounted on."""
 
-    joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
+    base: PlacementFile | None = None
+    """Where the frame before the first joint is, on the frame with which the arm is mounted; None: they are one."""
+    joints: Annotated[tuple[JointFile, ...], Field(min_length=JOINTS), AfterValidator(_no_seventh)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
     links_of: AssetName | None = None
     """Another robot whose links stand in."""

@@ -146,9 +146,8 @@ class Cell:
         - Nothing that never moves is checked against another: cell bodies, and the base links bolted to them. No
           motion changes these pairs. (The bases overlap the platform, which is how they are mounted.)
         - On one arm, nothing is checked whose frames are at most one joint apart: parts of one link or hand, and
-          neighbours across a joint, which touch in its housing. The makers let every joint turn all the way round, so
-          that neighbours never meet elsewhere; and what is mounted on the flange stays on the far side of it, where
-          wrist 2 never is.
+          neighbours across a joint, which touch in its housing. The makers' ranges keep neighbours from meeting
+          elsewhere; and what is mounted on the flange stays on the far side of it, where wrist 2 never is.
         """
         bodies = self.collision_bodies()
         pairs = itertools.combinations(bodies, 2)
@@ -242,7 +241,9 @@ def _arms(
     arms = {}
     for name in ARM_NAMES:
         place, wanted = mount.arms[name], file.arms[name]
-        arms[name] = Arm(name, robots[wanted.robot], place.transform(), np.radians(place.home_deg), hands[wanted.hand])
+        robot = robots[wanted.robot]
+        T_world_base, home = place.transform() @ robot.T_mount_base, np.radians(place.home_deg)
+        arms[name] = Arm(name, robot, T_world_base, home, hands[wanted.hand])
     return arms
 
 

@@ -215,6 +215,10 @@ def test_a_cell_of_ones_own_may_name_shipped_parts(tmp_path):
     assert load_cell_file(path).name == "mine"
 
 
+A_JOINT = {
+    **{"name": "joint", "a": 0.1, "alpha_deg": 0, "d": 0.1, "theta0_deg": 0},
+    **{"position_deg": [-170, 170], "velocity_deg": 90, "acceleration": 5, "torque": 10},
+}
 WRONG = {
     "an unknown field": ("cells/dual_ur3e_lift", ["color"], "red", "/color: is not known here"),
     "a string for a number": (
@@ -226,14 +230,17 @@ WRONG = {
     "a boolean for a number": ("robots/ur3e", ["payload"], True, "/payload: must be a number"),
     "not a number": ("mounts/dual_column", ["table", "center", 2], float("nan"), "/table/center/2: must be a number"),
     "a flat table": ("mounts/dual_column", ["table", "size", 2], 0.0, "/table/size/2: must be greater than 0"),
-    "five joints": ("robots/ur3e", ["joints"], [], "/joints: "),
+    "no joints": ("robots/ur3e", ["joints"], [], "/joints: "),
+    "seven joints": ("robots/ur3e", ["joints"], [A_JOINT] * 7, "/joints: 7 are listed. An arm has six joints here"),
+    "a range of many turns": ("robots/ur3e", ["joints", 5, "position_deg", 1], 2700, "less than or equal to 540"),
+    "an angle beyond half a turn": ("robots/ur3e", ["joints", 0, "alpha_deg"], 270, "less than or equal to 180"),
     "limits the wrong way round": (
         "robots/ur3e",
         ["joints", 2, "position_deg"],
         [180, -180],
         "/joints/2: position_deg must list the lower limit first",
     ),
-    "an arm of another family": ("robots/ur3e", ["joints", 1, "alpha_deg"], 90, "/joints: alpha_deg must be"),
+    "an arm of another family": ("robots/ur3e", ["joints", 1, "alpha_deg"], 90, "alpha 2 is 90 deg, not 0 or 180"),
     "links in another order": ("robots/ur3e", ["links", 0, "name"], "forearm", "links must be named base, shoulder"),
     "a link without a centre of mass": (
         "robots/ur3e",
@@ -247,7 +254,7 @@ WRONG = {
         "robots/ur3e",
         ["links", 4, "mesh", "path"],
         "arms/none.obj",
-        "/links/4/mesh: the package 'airo_models' ships no arms/none.obj",
+        "/links/4: the package 'airo_models' ships no arms/none.obj",
     ),
     "a mesh that is no mesh": (
         "hands/robotiq_2f85_ft300",
@@ -276,7 +283,7 @@ WRONG = {
     ),
     "an unknown hand": ("cells/dual_ur3e_lift", ["arms", "left", "hand"], "hook", "/arms/left/hand: no file 'hook'"),
     "an unknown sensor": ("hands/pushing_stick_ft300", ["sensor"], "ft9", "/sensor: no file 'ft9' among the sensors"),
-    "an unknown robot": ("cells/dual_ur3e_lift", ["arms", "left", "robot"], "ur9", "there are: ur10, "),
+    "an unknown robot": ("cells/dual_ur3e_lift", ["arms", "left", "robot"], "ur9", ", ur10, "),
     "an unknown mount": ("cells/dual_ur3e_lift", ["mount"], "wall", "/mount: no file 'wall'"),
     "a third arm": (
         "cells/dual_ur3e_lift",

@@ -12,7 +12,7 @@ from planners.errors import LiftwrightError, PlanningCancelled
 from planners.geometry.pose import inverse, transform
 from planners.kinematics.inverse import follow_branch
 from planners.progress import Report
-from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, manipulability, tool_poses_at
+from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
 from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
     HandoverDataError,
@@ -137,16 +137,6 @@ def test_both_ways_to_ask_for_partners_agree(short_handovers):
         assert len(there)
         assert np.array_equal(there, database.orientations("right", partner, "left", grasp))
     assert len(database.orientations("left", grasp, "left", grasp)) == 0
-
-
-def test_the_manipulability_is_the_determinant_of_the_jacobian(cell):
-    rng = np.random.default_rng(11)
-    arm = cell.arms["left"]
-    for _ in range(50):
-        q = rng.uniform(-np.pi, np.pi, 6)
-        assert manipulability(arm.dh, q) == pytest.approx(
-            abs(np.linalg.det(PinocchioArm(arm.dh).jacobian(q))), rel=1e-9, abs=1e-12
-        )
 
 
 def slow_manipulability(cell, grasps, place: np.ndarray, chosen, best: int, axis_rolls: int) -> float:

@@ -14,7 +14,7 @@ from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
-from planners.kinematics.inverse import inverse_kinematics, multiply, within_limits
+from planners.kinematics.inverse import inverse_kinematics, manipulability, multiply, within_limits
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 
 
@@ -99,19 +99,6 @@ def _manipulability(
         arm.dh, inverse(arm.T_world_base), arm.position_min, arm.position_max, T_world_tools, T_tool_flange
     )
     return float(np.sort(values, axis=1)[:, -settings.best :].mean())
-
-
-@njit(cache=True, nogil=True)
-def manipulability(dh: Array, q: Array) -> float:
-    """Return |det J| of an arm of the UR family at q (6,) [m^3]: J from joint rates to the flange's twist.
-
-    Three of its axes are parallel, which leaves the product of how far the elbow is from straight, how far wrist 2 is
-    from parallel, and how far the wrist is from the shoulder's axis.
-    """
-    q2, q3, q4 = q[1] + dh[1, 3], q[2] + dh[2, 3], q[3] + dh[3, 3]
-    q23 = q2 + q3
-    lever = dh[1, 0] * math.cos(q2) + dh[2, 0] * math.cos(q23) + dh[4, 2] * math.sin(q23 + q4)
-    return abs(dh[1, 0] * dh[2, 0] * math.sin(q3) * math.sin(q[4] + dh[4, 3]) * lever)
 
 
 @njit(cache=True, nogil=True)
