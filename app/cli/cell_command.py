@@ -60,31 +60,23 @@ def check_cell_files(path: Path, picture: Path | None) -> int:
         OSError: A file cannot be read or written.
     """
     try:
-        survey = CellSurvey.of(load_checked(path))
+        bundle = CellBundle.read(path)
+        survey = CellSurvey.of(_checked(bundle))
     except AssetError as error:
         return _refuse(error, path)
+    for note in bundle.notes:
+        sys.stderr.write(f"note: {note}\n")
     _tell(survey.figures())
     if picture is not None:
         picture.write_bytes(draw_survey(survey))
     return DONE
 
 
-def load_checked(path: Path, folder: Path | None = None) -> Cell:
-    """Return the cell in a folder, a zip or a file.
-
-    Args:
-        path: of it.
-        folder: where it is unpacked; None: elsewhere, and only for now.
-
-    Raises:
-        AssetError: Something is wrong with it.
-        OSError: A file cannot be read.
-    """
-    bundle = CellBundle.read(path)
-    with _some(folder) as place:
-        cell = bundle.load(place)
-        check_cell(cell)
-        return cell
+def _checked(bundle: CellBundle) -> Cell:
+    with tempfile.TemporaryDirectory(prefix="liftwright-cell-") as place:
+        cell = bundle.load(Path(place))
+    check_cell(cell)
+    return cell
 
 
 def add_cell(path: Path, keeper: CellKeeper) -> int:
@@ -231,15 +223,6 @@ def _said_plainly() -> Iterator[None]:
         yield
     except ServiceError as error:
         raise BadInput(str(error)) from error
-
-
-@contextmanager
-def _some(folder: Path | None) -> Iterator[Path]:
-    if folder is not None:
-        yield folder
-        return
-    with tempfile.TemporaryDirectory(prefix="liftwright-cell-") as place:
-        yield Path(place)
 
 
 def _row(cell: CellResource) -> tuple[str, str, str, str]:

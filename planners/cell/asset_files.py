@@ -167,6 +167,9 @@ def _no_seventh(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
     return joints
 
 
+OfEachJoint = Annotated[tuple[PositiveNumber, ...], Field(min_length=JOINTS, max_length=JOINTS)]
+
+
 class RobotFile(Asset):
     """robots/*.yaml: one arm, whatever it is mounted on."""
 
@@ -192,6 +195,25 @@ class RobotFile(Asset):
         if tuple(link.name for link in self.masses) != LINK_NAMES[1:]:
             raise ValueError(f"masses must be named {', '.join(LINK_NAMES[1:])}, in this order")
         return self
+
+
+class UrdfRobotFile(Asset):
+    """robots/*.yaml of a cell of one's own: the arm between two links of a URDF, and what a URDF does not say."""
+
+    urdf: Annotated[str, Field(pattern=RELATIVE_PATH, max_length=200)]
+    """Its path among the files of the cell; what it names by `package://` is looked for there as well."""
+    root: Annotated[str, Field(max_length=200)]
+    """The link with which the arm is mounted."""
+    tip: Annotated[str, Field(max_length=200)]
+    """The link that hands are bolted to, its z axis out of the flange."""
+    payload: PositiveNumber
+    """[kg]"""
+    acceleration: OfEachJoint
+    """Base to flange [rad/s^2]."""
+    torque: OfEachJoint | None = None
+    """[Nm]; None: each joint's `effort`."""
+    mass: OfEachJoint | None = None
+    """Of the links that move [kg]; None: of their `inertial`."""
 
 
 class SensorFile(Asset):

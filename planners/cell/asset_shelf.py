@@ -195,12 +195,21 @@ def _read_mapping(path: Path) -> dict[str, Any]:
     return data
 
 
-def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
-    """Validate as JSON: there, and only there, does strict mode accept arrays for tuples."""
+def validated(model: type[_File], data: Mapping[str, Any], called: str) -> _File:
+    """Return what a file says, which messages call so.
+
+    Raises:
+        AssetError: It lists everything that is wrong with it.
+    """
     try:
-        file = model.model_validate_json(json.dumps(data))
+        # Validated as JSON: there, and only there, does strict mode accept arrays for tuples.
+        return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise AssetError(*(_fault(each, str(path)) for each in error.errors(include_url=False))) from error
+        raise AssetError(*(_fault(each, called) for each in error.errors(include_url=False))) from error
+
+
+def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
+    file = validated(model, data, str(path))
     if file.name != path.stem:
         raise AssetError(AssetFault(f"must be that of the file, {path.stem!r}", str(path), "/name"))
     return file

@@ -27,9 +27,11 @@ from planners.cell.asset_files import (
     RobotFile,
     SensorFile,
     StickFile,
+    UrdfRobotFile,
 )
-from planners.cell.asset_shelf import KINDS, AssetKind, AssetShelf, shipped_shelf
+from planners.cell.asset_shelf import KINDS, AssetKind, AssetShelf, shipped_shelf, validated
 from planners.cell.cell import Cell, load_cell_file
+from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
 from planners.contract.strict_yaml import NotYaml, parse_yaml
 from planners.errors import AssetError, AssetFault, AssetFaults
 
@@ -74,6 +76,8 @@ class CellBundle:
 
     files: Mapping[str, bytes]
     """By path inside the folder: `cells/NAME.yaml`, and what belongs to it in `mounts`, `robots`, `hands` and so on."""
+    notes: tuple[str, ...] = ()
+    """What was taken otherwise than written, or left out."""
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -127,7 +131,8 @@ class CellBundle:
             if name.endswith(_TEXTS) and len(content) > LONGEST_TEXT:
                 faults.add(f"has {len(content)} bytes; at most {LONGEST_TEXT} are read", name)
         faults.raise_any()
-        return cls(_Layout().laid_out(files))
+        layout = _Layout(files)
+        return cls(layout.laid_out(), tuple(layout.notes))
 
     @cached_property
     def name(self) -> str:
@@ -187,13 +192,13 @@ class CellBundle:
 
 def cell_schema() -> dict[str, Any]:
     """Return the JSON schema of a cell as one document: each part may stand where it is named."""
-    models = (MountFile, RobotFile, GripperFile, StickFile, SensorFile)
+    models = (MountFile, RobotFile, UrdfRobotFile, GripperFile, StickFile, SensorFile)
     _, parts = models_json_schema([(model, "validation") for model in models])
     schema = CellFile.model_json_schema()
     definitions: dict[str, Any] = {**schema.pop("$defs"), **parts["$defs"]}
     schema["$defs"] = definitions
     hands = ("GripperFile", "StickFile")
-    places = [(schema, "mount", ("MountFile",)), (definitions["ArmFile"], "robot", ("RobotFile",))]
+    places = [(schema, "mount", ("MountFile",)), (definitions["ArmFile"], "robot", ("RobotFile", "UrdfRobotFile"))]
     places += [
         (definitions["ArmFile"], "hand", hands),
         *((definitions[hand], "sensor", ("SensorFile",)) for hand in hands),
@@ -220,11 +225,14 @@ def _inside(fault: AssetFault, folder: Path) -> AssetFault:
 class _Layout:
     """Brings files to the layout of the assets folder: one file a part, named by its name."""
 
-    def __init__(self) -> None:
+    def __init__(self, given: Mapping[str, bytes]) -> None:
+        self._given = given
         self._files: dict[str, bytes] = {}
         self._faults = AssetFaults()
+        self.notes: list[str] = []
 
-    def laid_out(self, given: Mapping[str, bytes]) -> dict[str, bytes]:
+    def laid_out(self) -> dict[str, bytes]:
+        given = self._given
         cells = [name for name in given if _CELL.match(name)]
         if len(cells) != 1:
             found = f"{len(cells)} were found: {', '.join(sorted(cells)[:5])}" if cells else "none was found"
@@ -250,7 +258,7 @@ class _Layout:
             raise AssetError(AssetFault(f"must be that of the file, {stem!r}", name, "/name"))
         if self._take_parts(kind, data, name) or not name.endswith(".yaml"):
             content = _written(data)
-        self._keep(f"{kind}/{given}.yaml", content, name)
+        self._keep(f"{kind}/{given}.yaml", self._robot_of_urdf(data, name) or content, name)
 
     def _take_parts(self, kind: AssetKind, data: dict[str, Any], name: str) -> bool:
         """Give each part that stands in another's file a file of its own; tell whether there was one."""
@@ -267,8 +275,27 @@ class _Layout:
             part.setdefault("name", f"{data['name']}_{member.replace('/', '_').removeprefix('arms_')}")
             holder[last] = part["name"]
             self._take_parts(of_kind, part, name)
-            self._keep(f"{of_kind}/{part['name']}.yaml", _written(part), name)
+            with self._faults.at(name, f"/{member}"):
+                content = self._robot_of_urdf(part, name) or _written(part)
+                self._keep(f"{of_kind}/{part['name']}.yaml", content, name)
         return taken
+
+    def _robot_of_urdf(self, data: Mapping[str, Any], name: str) -> bytes | None:
+        """Return a robot's file that says what a URDF does; None: `data` does not name one."""
+        if "urdf" not in data:
+            return None
+        file = validated(UrdfRobotFile, data, name)
+        content = self._given.get(file.urdf)
+        if content is None:
+            raise AssetError(AssetFault(f"there is no file {file.urdf} in the cell", name, "/urdf"))
+        figures = RobotFigures(**file.model_dump(exclude={"urdf"}))
+        folder = PurePosixPath(file.urdf).parent.as_posix().removeprefix(".")
+        try:
+            robot = robot_from_urdf(content, figures, self._given.get, folder)
+        except AssetError as error:
+            raise error.at(file.urdf) from error
+        self.notes += (f"{file.name}: {note}" for note in robot.notes)
+        return _written(robot.file.model_dump(mode="json", exclude_none=True))
 
     def _keep(self, path: str, content: bytes, given: str) -> None:
         if not _PATH.match(path):

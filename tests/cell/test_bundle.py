@@ -24,6 +24,7 @@ from planners.cell import bundle as bundle_module
 from planners.cell.bundle import CellBundle
 from planners.errors import AssetError
 from planners.survey.faults import check_cell
+from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
 
 MUTATIONS = 300
 
@@ -250,3 +251,53 @@ def test_whatever_is_wrong_with_a_cell_is_told_as_a_fault_and_nothing_is_written
         assert fault.detail
         assert str(tmp_path) not in f"{fault.file} {fault.detail}"
     assert {path.name for path in tmp_path.iterdir()} <= {"cells"}
+
+
+INDUSTRIAL = {
+    "urdf": "arm/arm.urdf",
+    "root": "l0",
+    "tip": "tip",
+    "payload": 12.0,
+    "acceleration": [5.0, 5.0, 5.0, 8.0, 8.0, 8.0],
+}
+
+
+def urdf_files(**changes: Any) -> dict[str, bytes]:
+    """Return the station with arms from a URDF that is among its files."""
+    robot = {"name": "industrial", **INDUSTRIAL, **changes}
+    cell = station()
+    for side in ("left", "right"):
+        cell["arms"][side]["robot"] = "industrial"
+    arm = UrdfArm(INDUSTRIAL_AXES, INDUSTRIAL_TIP)
+    return {"cell.yaml": written(cell), "robots/industrial.yaml": written(robot), "arm/arm.urdf": arm.write()}
+
+
+def test_an_arm_may_come_as_a_urdf_among_the_files(tmp_path: Path) -> None:
+    bundle = CellBundle.of_zip(zipped(urdf_files()))
+    cell = bundle.load(tmp_path)
+    robot = cell.arms["left"].robot
+    assert (robot.name, robot.payload) == ("industrial", 12.0)
+    np.testing.assert_allclose(robot.acceleration_max, INDUSTRIAL["acceleration"])
+    # What is sent back says the same without being made again.
+    again = CellBundle.of_zip(bundle.zip())
+    assert again.digest == bundle.digest
+    assert again.load(tmp_path).hash == cell.hash
+
+
+@pytest.mark.parametrize(
+    ("changes", "file", "pointer", "detail"),
+    [
+        ({"urdf": "arm/other.urdf"}, "robots/industrial.yaml", "/urdf", "there is no file arm/other.urdf"),
+        ({"payload": -1.0}, "robots/industrial.yaml", "/payload", "greater than 0"),
+        ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "at least 6"),
+        ({"tip": "hand"}, "arm/arm.urdf", "", "hand"),
+    ],
+)
+def test_what_is_wrong_with_a_urdf_or_with_what_is_said_of_it_is_told(
+    changes: dict[str, Any], file: str, pointer: str, detail: str
+) -> None:
+    with pytest.raises(AssetError) as caught:
+        CellBundle.of_zip(zipped(urdf_files(**changes)))
+    (fault,) = caught.value.faults
+    assert (fault.file, fault.pointer) == (file, pointer)
+    assert detail in fault.detail

@@ -48,7 +48,7 @@ def loaded(found: UrdfRobot, tmp_path) -> Robot:
     """Write a robot's file and read it as a cell does."""
     (tmp_path / "robots").mkdir(exist_ok=True)
     (tmp_path / "robots" / "mine.yaml").write_text(found.file.model_dump_json(exclude_none=True))
-    return load_robot("mine", AssetShelf((tmp_path,)), "test")
+    return load_robot("mine", AssetShelf((tmp_path,)))
 
 
 class Model:
