@@ -20,10 +20,11 @@ from app.access.key_store import KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import install_error_handlers
-from app.middleware import HeadAsGet, RequestLog
+from app.middleware import HeadAsGet, OneLength, RequestLog
 from app.openapi import install_openapi
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
+from app.resources.recordings import Recordings
 from app.resources.scene_collection import SceneCollection
 from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
@@ -45,7 +46,8 @@ from app.routes import (
 from app.settings import ServiceSettings
 from app.task_intake import KnownTasks, accept_task
 from app.uploads.uploads import UploadLimits
-from app.viewer.scene_servers import SceneServers
+from app.viewer.page import recording_software
+from app.viewer.scene_servers import SceneServers, WatcherRoom
 from planners.cell.cell import Cell, load_cells
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
@@ -98,7 +100,15 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
-            app.state.scene_servers = SceneServers(app.state.cells, *folders)
+            watchers = WatcherRoom(settings.max_watchers, settings.max_watchers_of_owner)
+            servers = app.state.scene_servers = SceneServers(app.state.cells, *folders, watchers)
+            app.state.recordings = Recordings(
+                settings.data_dir / "recordings",
+                servers.record,
+                recording_software(),
+                settings.recordings_mb * 2**20,
+                settings.max_recordings_waiting,
+            )
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)
@@ -124,6 +134,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     install_error_handlers(app)
     app.add_middleware(AccessControl)
     app.add_middleware(HeadAsGet)
+    app.add_middleware(OneLength)
     app.add_middleware(RequestLog)
     for part in PARTS:
         app.include_router(part.router)
