@@ -89,7 +89,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.scenes = SceneCollection(SceneStore(database), store, queue)
             app.state.scan_limits = UploadLimits(settings.max_scans_held, settings.max_perceived)
             app.state.mesh_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
-            room = Room(settings.max_queued, settings.max_delayed)
+            room = Room(settings.max_queued, settings.max_queued_of_owner, settings.max_delayed)
             writer = PlanWriter(store, queue, room)
             to_close.push_async_callback(run_in_threadpool, writer.close)
             app.state.plans = PlanCollection(store, queue, writer, room)

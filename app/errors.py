@@ -268,6 +268,14 @@ class QueueFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too ma
         self.headers = {"Retry-After": "10"}
 
 
+class ShareFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs of one owner"):
+    """There are too many unfinished jobs of one owner."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} of your jobs are waiting already, which is an owner's share of the queue")
+        self.headers = {"Retry-After": "10"}
+
+
 class TooManyDelayed(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs for later"):
     """Too many jobs of one owner wait for their start."""
 

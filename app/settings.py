@@ -44,6 +44,8 @@ class ServiceSettings(WorkerSettings):
     """So many mesh files are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished that may be begun, a new one is refused [1]."""
+    max_queued_of_owner: int = Field(default=500, ge=1)
+    """So many of them may be one owner's, where keys tell owners apart [1]."""
     max_study_points: int = Field(default=1000, ge=1)
     """A study with more is refused [1]."""
     max_studies: int = Field(default=20, ge=1)

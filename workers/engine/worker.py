@@ -7,9 +7,12 @@ import logging
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from typing import Any
 
+import sqlalchemy as sa
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
+from dbos._dbos import _get_dbos_instance
 
 from workers.engine.executor_lock import AdvisoryLock
 from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, count_failures, delete_old
@@ -27,6 +30,7 @@ from workers.stores.job_queue import (
     APPLICATION,
     APPLICATION_VERSION,
     DELIVERY_WORKFLOW,
+    QUEUE,
     STUDY_WORKFLOW,
     WORKFLOW,
     JobQueue,
@@ -95,6 +99,7 @@ class Worker:
         slots = self._settings.worker_slots, self._settings.study_slots
         await asyncio.to_thread(self._queue.open, *slots, self._settings.poll_seconds)
         DBOS.launch()
+        take_turns(self._queue)
 
     async def stop(self) -> None:
         """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker.
@@ -191,6 +196,27 @@ class Worker:
         for job_id in lost:
             self._runner.leave(job_id)
             self._study_runner.leave(job_id)
+
+
+def take_turns(queue: JobQueue) -> None:
+    """Have the engine of this process begin jobs as `queue` says whose turn it is, one at each look.
+
+    By itself it knows one order for all: whoever posts with the highest priority again and again would be the only one.
+    Workers that look at the same time may both want the same job: the engine has the second skip it, and look again.
+    """
+    engine = _engine()
+
+    def gate(queue_name: str, _partition: str | None) -> list[sa.ColumnElement[bool]]:
+        return [queue.is_next(engine.tables.workflow_status.c.workflow_uuid)] if queue_name == QUEUE else []
+
+    assert hasattr(engine, "_claim_gate"), "this version of the engine cannot be told whose turn it is"
+    # What its own kinds of databases override, to say what else must hold of the jobs that it takes.
+    engine._claim_gate = gate
+
+
+def _engine() -> Any:
+    """Return the engine's own database, which has no public name."""
+    return _get_dbos_instance()._sys_db
 
 
 def _is_news(record: logging.LogRecord) -> bool:
