@@ -51,6 +51,7 @@ from app.viewer.scene_servers import SceneServers, WatcherRoom
 from planners.cell.cell import Cell, load_cells
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
+from workers.engine.deadline import PatientQuestion
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
 from workers.stores.database import Database, open_database
@@ -63,6 +64,8 @@ from workers.stores.study_store import StudyStore
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.target import TargetRules
 
+WRITABLE_SECONDS = 0.1
+"""So long it holds that the database takes writes [s]."""
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
 PARTS = (pages, plans, studies, tasks, scenes, meshes, webhooks, login, editor, viewer, audit, capabilities, probes)
 """In the order in which addresses are matched."""
@@ -80,6 +83,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         async with AsyncExitStack() as to_close:
             database = app.state.database = await run_in_threadpool(open_database, settings)
             to_close.callback(database.close)
+            # Anybody may ask, and each answer is a write.
+            app.state.writable = PatientQuestion(database.require_writable, WRITABLE_SECONDS)
             queue, store, supervisor = JobQueue(database), PlanStore(database), Supervisor()
             to_close.callback(queue.close)
             app.state.supervisor = supervisor

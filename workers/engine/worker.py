@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
@@ -87,6 +87,7 @@ class Worker:
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": self._database.engine_url,
+            "system_database_engine": self._database.shared_engine,
             "application_version": APPLICATION_VERSION,
             "executor_id": self._settings.executor_name,
             "log_level": "WARNING",
@@ -120,6 +121,7 @@ class Worker:
         """Have everything looked after that no request and no job would see to."""
         settings, repeat, store, queue = self._settings, self._supervisor.repeat, self._store, self._queue
         repeat("jobs", self._leave_lost_jobs, settings.cancel_poll_seconds)
+        repeat("proof of life", self._leave_all_if_alone, settings.cancel_poll_seconds)
         repeat("fleet", self._takeover.look, settings.watch_seconds)
         repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
@@ -189,11 +191,16 @@ class Worker:
         solving = [*self._runner.solving, *self._study_runner.examining]
         if not solving:
             return
-        try:
-            lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
-        except DATABASE_GONE:
-            lost = set(solving) if self._takeover.alone else set()
-        for job_id in lost:
+        with suppress(*DATABASE_GONE):
+            self._leave(await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving))
+
+    async def _leave_all_if_alone(self) -> None:
+        """Leave all jobs once others may have them; beside what looks for lost ones, which may hang on the database."""
+        if self._takeover.alone:
+            self._leave([*self._runner.solving, *self._study_runner.examining])
+
+    def _leave(self, job_ids: Collection[str]) -> None:
+        for job_id in job_ids:
             self._runner.leave(job_id)
             self._study_runner.leave(job_id)
 

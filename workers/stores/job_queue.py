@@ -81,7 +81,10 @@ class JobQueue:
 
     def __init__(self, database: Database) -> None:
         self._client = DBOSClient(
-            system_database_url=database.engine_url, application_name=APPLICATION, retry_connection_errors=False
+            system_database_url=database.engine_url,
+            system_database_engine=database.shared_engine,
+            application_name=APPLICATION,
+            retry_connection_errors=False,
         )
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
