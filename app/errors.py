@@ -73,10 +73,21 @@ class ForeignPage(ServiceError, status=HTTPStatus.FORBIDDEN, title="Not allowed"
 
 
 class WrongHost(ServiceError, status=HTTPStatus.MISDIRECTED_REQUEST, title="Not this service"):
-    """A service that asks for no keys is called by a name that is not its machine's own."""
+    """A service is called by a name that is none of its own."""
 
-    def __init__(self, host: str) -> None:
-        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
+    def __init__(self, host: str, allowed: Sequence[str]) -> None:
+        """`allowed` are the names it answers to; none: those of its own machine."""
+        names = ", ".join(allowed) or "localhost only"
+        super().__init__(f"this service answers to {names}, not to {host[:100]!r} (LIFTWRIGHT_ALLOWED_HOSTS)")
+
+
+class TwoLengths(ServiceError, status=HTTPStatus.BAD_REQUEST, title="A body of two lengths"):
+    """A request tells in two ways where its body ends."""
+
+    headers = {"Connection": "close"}  # noqa: RUF012 - read only
+
+    def __init__(self) -> None:
+        super().__init__("a request has a Content-Length or a Transfer-Encoding, not both")
 
 
 class TooManyRequests(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many requests"):
@@ -280,6 +291,14 @@ class QueueFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too ma
         self.headers = {"Retry-After": "10"}
 
 
+class ShareFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs of one owner"):
+    """There are too many unfinished jobs of one owner."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} of your jobs are waiting already, which is an owner's share of the queue")
+        self.headers = {"Retry-After": "10"}
+
+
 class TooManyDelayed(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs for later"):
     """Too many jobs of one owner wait for their start."""
 
@@ -299,8 +318,17 @@ class TooManyWatchers(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title
 
     headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
 
+    def __init__(self, limit: int, whose: str = "people are watching") -> None:
+        super().__init__(f"{limit} {whose} already; close a viewer and try again")
+
+
+class TooManyRecordings(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many recordings"):
+    """Too many recordings wait to be made."""
+
+    headers = {"Retry-After": "20"}  # noqa: RUF012 - read only
+
     def __init__(self, limit: int) -> None:
-        super().__init__(f"{limit} people are watching already; close a viewer and try again")
+        super().__init__(f"{limit} recordings wait to be made already, at this process of the service")
 
 
 class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"):

@@ -205,7 +205,7 @@ class PlanResource(Resource):
     work_master: str | None
     """The recipe by which the caller made the task; ISA-95's WorkMasterID."""
     priority: int
-    """0 … 9; the highest goes first."""
+    """0 … 9; of its owner's jobs the highest goes first."""
     start_time: datetime | None
     """The job is not begun before."""
     end_time: datetime | None

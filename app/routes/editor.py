@@ -7,6 +7,7 @@ from functools import partial
 from fastapi import APIRouter, WebSocket
 from starlette.responses import HTMLResponse, Response
 
+from app.routes.dependencies import caller_of
 from app.routes.pages import PageResponse
 from app.routes.viewer import visible_now
 from app.viewer.editor.editing import Workshop, edit
@@ -25,4 +26,5 @@ def get_editor() -> Response:
 async def edit_task(socket: WebSocket) -> None:
     """Open a scene with a draft in it for as long as the page is open."""
     state = socket.app.state
-    await edit(socket, Workshop(state.scene_servers, state.meshes.get, state.tools, partial(visible_now, socket)))
+    workshop = Workshop(state.scene_servers, state.meshes.get, state.tools, partial(visible_now, socket))
+    await edit(socket, workshop, caller_of(socket).owner)
