@@ -20,7 +20,7 @@ from planners.regrasp.grasps.tool_grasps import ToolGrasps
 
 @dataclass(frozen=True)
 class HandoverPlaceSettings:
-    """What is searched for the handover place. Lengths are shares of the shorter reach of both arms, as makers state it."""
+    """What is searched for the handover place. Lengths are shares of what the shorter arm reaches by its data sheet."""
 
     lowest: tuple[float, float, float] = (0.6, -0.2, 0.5)
     """Corner of the box that is searched [1]: from the middle between the bases towards the table and to the left, and
