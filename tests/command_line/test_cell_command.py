@@ -17,6 +17,7 @@ from support.serving import served
 from app.cli.main import main
 from app.cli.output import BAD_INPUT
 from app.settings import ServiceSettings
+from planners.cell.cell import known_cells
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -65,7 +66,7 @@ def test_a_cell_is_kept_listed_shown_and_deleted(
     # A service in this process writes its log there, too.
     lines = [line for line in capsys.readouterr().out.splitlines() if "request_id" not in line]
     names = [line.split()[0] for line in lines]
-    assert names == ["name", "dual_ur3e_lift", "dual_ur3e_tool", "station"]
+    assert names == ["name", *known_cells(), "station"]
     assert main(["cell", "show", "station", "--out", str(files), "--png", str(picture), *at]) == 0
     with zipfile.ZipFile(files) as archive:
         assert sorted(archive.namelist()) == sorted(station_files())
