@@ -173,7 +173,7 @@ def worker_lives(settings: WorkerSettings) -> bool:
     except NotInTime:
         raise CannotTell(f"it has not answered within {CHECK_SECONDS:g} s") from None
     except DATABASE_GONE as error:
-        raise CannotTell(said_by(error).strip()) from error
+        raise CannotTell(said_by(error).strip().partition("\n")[0]) from error
 
 
 def _proves_life(database: Database, settings: WorkerSettings) -> bool:
