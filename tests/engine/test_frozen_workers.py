@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from support.postgres import needs_postgres, running_postgres
 from support.service import task, wait_for
 
-from workers.engine.deadline import NotInTime, PatientQuestion
+from workers.engine.deadline import PatientQuestion
 from workers.engine.executor_lock import AdvisoryLock, worker_lives
 from workers.engine.takeover import Takeover
 from workers.settings import WorkerSettings
@@ -161,7 +161,7 @@ def test_a_question_that_hangs_costs_one_thread_and_no_more_than_its_time() -> N
     question = PatientQuestion(hang)
     before = threading.active_count()
     for _ in range(20):
-        with pytest.raises(NotInTime):
+        with pytest.raises(TimeoutError):
             question.within(0.01)
     assert threading.active_count() == before + 1
     free.set()

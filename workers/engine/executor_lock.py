@@ -20,7 +20,7 @@ from sqlalchemy import exc
 from sqlalchemy.pool import NullPool
 
 from planners.errors import LiftwrightError
-from workers.engine.deadline import NotInTime, PatientQuestion
+from workers.engine.deadline import PatientQuestion
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, server_database
 from workers.stores.database_loss import DATABASE_GONE, said_by
@@ -170,10 +170,10 @@ def worker_lives(settings: WorkerSettings) -> bool:
     database = server_database(settings, CHECK_CONNECT_SECONDS)
     try:
         return PatientQuestion(partial(_proves_life, database, settings)).within(CHECK_SECONDS)
-    except NotInTime:
+    except TimeoutError:
         raise CannotTell(f"it has not answered within {CHECK_SECONDS:g} s") from None
     except DATABASE_GONE as error:
-        raise CannotTell(said_by(error).strip()) from error
+        raise CannotTell(said_by(error).strip().partition("\n")[0]) from error
 
 
 def _proves_life(database: Database, settings: WorkerSettings) -> bool:
