@@ -18,7 +18,8 @@ from trimesh.exchange.gltf import export_glb
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from planners.cell.asset_files import MeshFile, mesh_path
+from planners.cell.asset_files import MeshFile
+from planners.cell.asset_shelf import AssetShelf
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
 from planners.geometry.surface import Faces, hull_with_faces
@@ -73,18 +74,19 @@ class LinkMeshes:
         self._folder = folder
         self._read: dict[str, bytes] = {}
 
-    def glb(self, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
+    def glb(self, mesh: MeshFile, shelf: AssetShelf, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         """Return a mesh as binary glTF, in the frame that it moves with.
 
         Args:
             mesh: what collides; what is drawn is its twin in the folder "visual", where the package has one.
+            shelf: where it is looked for.
             T_frame_mesh: where the mesh is in that frame.
             settings: how coarse the drawing is.
 
         Raises:
             AssetError: There is no such mesh.
         """
-        path = visual_path(mesh)
+        path = visual_path(mesh, shelf)
         asked = repr((path, settings, mesh.scale, T_frame_mesh.round(9).tolist()))
         if asked not in self._read:
             self._read[asked] = self._kept(path, mesh, T_frame_mesh, settings)
@@ -102,12 +104,12 @@ class LinkMeshes:
         return kept.read_bytes()
 
 
-def visual_path(mesh: MeshFile) -> Path:
+def visual_path(mesh: MeshFile, shelf: AssetShelf) -> Path:
     """Return the drawing that belongs to a collision mesh, or the collision mesh if there is no drawing."""
     try:
-        return mesh_path(mesh.model_copy(update={"path": mesh.path.replace("/collision/", "/visual/")}))
+        return shelf.mesh_path(mesh.model_copy(update={"path": mesh.path.replace("/collision/", "/visual/")}))
     except AssetError:
-        return mesh_path(mesh)
+        return shelf.mesh_path(mesh)
 
 
 def thin_out(vertices: Array, faces: Faces, cell: float) -> tuple[Array, Faces]:
@@ -222,11 +224,15 @@ def _with_creases(vertices: Array, faces: Faces, crease: float) -> tuple[Array, 
 
 
 def _read_pieces(path: Path) -> Iterator[Piece]:
-    """Read an OBJ file, material by material."""
-    scene = trimesh.load_scene(path, process=False, split_objects=False, group_material=True)
+    """Read a mesh file; an OBJ material by material."""
+    if path.suffix.lower() == ".obj":
+        scene = trimesh.load_scene(path, process=False, split_objects=False, group_material=True)
+    else:
+        scene = trimesh.load_scene(path, process=False)
     for mesh in scene.geometry.values():
         # A corner has a vertex of its own for every normal and texture coordinate that it appears with.
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         material = getattr(mesh.visual, "material", None)
-        colour = GREY if material is None else tuple(material.diffuse[:3] / 255.0)
+        diffuse = getattr(material, "diffuse", None)
+        colour = GREY if diffuse is None else tuple(diffuse[:3] / 255.0)
         yield Piece(np.asarray(mesh.vertices), np.asarray(mesh.faces), colour)

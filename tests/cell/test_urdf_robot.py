@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from planners.cell.arm import Robot, load_robot
-from planners.cell.asset_files import AssetShelf
+from planners.cell.asset_shelf import AssetShelf
 from planners.cell.urdf_robot import RobotFigures, UrdfRobot, robot_from_urdf
 from planners.certify import load_surfaces
 from planners.errors import AssetError
@@ -53,7 +53,7 @@ def loaded(found: UrdfRobot, tmp_path) -> Robot:
     """Write a robot's file and read it as a cell does."""
     (tmp_path / "robots").mkdir(exist_ok=True)
     (tmp_path / "robots" / "mine.yaml").write_text(found.file.model_dump_json(exclude_none=True))
-    return load_robot("mine", AssetShelf((tmp_path,)), "test")
+    return load_robot("mine", AssetShelf((tmp_path,)))
 
 
 class Model:

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from support.samples import sample
 
 from planners.cell.arm import load_robot
-from planners.cell.asset_files import shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf
 from planners.kinematics.arm_kind import ArmKind, NoClosedForm, arm_kind
 from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics, manipulability
@@ -30,7 +30,7 @@ KINDS = {
 
 @cache
 def table_of(name: str) -> np.ndarray:
-    return ARMS[name] if name in ARMS else load_robot(name, shipped_shelf(), "test").dh
+    return ARMS[name] if name in ARMS else load_robot(name, shipped_shelf()).dh
 
 
 def all_branches(dh: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

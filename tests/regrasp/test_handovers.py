@@ -28,7 +28,7 @@ from tests.kinematics.arm_oracle import PinocchioArm
 from tests.regrasp.hand_oracle import NEAR, ToolCell
 
 SMALL = HandoverSettings(
-    ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1
+    ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.2, finest=0.2, grasps=16, best=2), axis_rolls=1
 )
 ARRAYS = ("place", "T_world_tool", "left", "right", "codes")
 
@@ -164,7 +164,7 @@ def _within(arm, q: np.ndarray) -> bool:
 
 
 def test_no_place_of_the_grid_beats_the_handover_place(cell, short_grasps):
-    settings = HandoverPlaceSettings(step=0.1, finest=0.1, grasps=6, best=2, axis_rolls=1)
+    settings = HandoverPlaceSettings(step=0.2, finest=0.2, grasps=6, best=2, axis_rolls=1)
     place = handover_place(cell, short_grasps, settings)
     chosen = np.unique(np.linspace(0, len(short_grasps) - 1, 6).round().astype(int))
     most = slow_manipulability(cell, short_grasps, place, chosen, 2, 1)
