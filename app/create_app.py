@@ -20,18 +20,20 @@ from app.access.key_store import KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import install_error_handlers
-from app.middleware import HeadAsGet, RequestLog
+from app.middleware import HeadAsGet, OneLength, RequestLog
 from app.openapi import install_openapi
+from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
+from app.resources.recordings import Recordings
 from app.resources.scene_collection import SceneCollection
 from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.routes import (
-    audit,
+    access,
     capabilities,
+    cells,
     editor,
-    login,
     meshes,
     pages,
     plans,
@@ -45,12 +47,15 @@ from app.routes import (
 from app.settings import ServiceSettings
 from app.task_intake import KnownTasks, accept_task
 from app.uploads.uploads import UploadLimits
-from app.viewer.scene_servers import SceneServers
+from app.viewer.page import recording_software
+from app.viewer.scene_servers import SceneServers, WatcherRoom
 from planners.cell.cell import Cell, load_cells
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
+from workers.engine.deadline import PatientQuestion
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
+from workers.stores.cell_store import CellStore
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
@@ -61,8 +66,10 @@ from workers.stores.study_store import StudyStore
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.target import TargetRules
 
+WRITABLE_SECONDS = 0.1
+"""So long it holds that the database takes writes [s]."""
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
-PARTS = (pages, plans, studies, tasks, scenes, meshes, webhooks, login, editor, viewer, audit, capabilities, probes)
+PARTS = (pages, plans, studies, tasks, scenes, meshes, cells, webhooks, access, editor, viewer, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
@@ -78,16 +85,20 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
         async with AsyncExitStack() as to_close:
             database = app.state.database = await run_in_threadpool(open_database, settings)
             to_close.callback(database.close)
+            # Anybody may ask, and each answer is a write.
+            app.state.writable = PatientQuestion(database.require_writable, WRITABLE_SECONDS)
             queue, store, supervisor = JobQueue(database), PlanStore(database), Supervisor()
             to_close.callback(queue.close)
             app.state.supervisor = supervisor
-            app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
+            shipped, app.state.tools = await run_in_threadpool(_load_assets)
+            app.state.cells = CellCollection(shipped, CellStore(database, settings.cells_dir))
+            app.state.cell_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
             app.state.known_tasks = KnownTasks()
             app.state.meshes = MeshStore(database)
             app.state.scenes = SceneCollection(SceneStore(database), store, queue)
             app.state.scan_limits = UploadLimits(settings.max_scans_held, settings.max_perceived)
             app.state.mesh_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
-            room = Room(settings.max_queued, settings.max_delayed)
+            room = Room(settings.max_queued, settings.max_queued_of_owner, settings.max_delayed)
             writer = PlanWriter(store, queue, room)
             to_close.push_async_callback(run_in_threadpool, writer.close)
             app.state.plans = PlanCollection(store, queue, writer, room)
@@ -98,7 +109,15 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
-            app.state.scene_servers = SceneServers(app.state.cells, *folders)
+            watchers = WatcherRoom(settings.max_watchers, settings.max_watchers_of_owner)
+            servers = app.state.scene_servers = SceneServers(app.state.cells.with_deleted(), *folders, watchers)
+            app.state.recordings = Recordings(
+                settings.data_dir / "recordings",
+                servers.record,
+                recording_software(),
+                settings.recordings_mb * 2**20,
+                settings.max_recordings_waiting,
+            )
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)
@@ -124,6 +143,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     install_error_handlers(app)
     app.add_middleware(AccessControl)
     app.add_middleware(HeadAsGet)
+    app.add_middleware(OneLength)
     app.add_middleware(RequestLog)
     for part in PARTS:
         app.include_router(part.router)

@@ -19,7 +19,7 @@ from starlette.routing import compile_path
 
 from planners.contract.problems import Problem, problem_of, problems_of
 from planners.contract.strict_json import NotJson
-from planners.errors import LiftwrightError, SceneError
+from planners.errors import AssetError, LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.scan_files import ScanRefused
 from planners.study.study import NotAStudy
@@ -73,10 +73,21 @@ class ForeignPage(ServiceError, status=HTTPStatus.FORBIDDEN, title="Not allowed"
 
 
 class WrongHost(ServiceError, status=HTTPStatus.MISDIRECTED_REQUEST, title="Not this service"):
-    """A service that asks for no keys is called by a name that is not its machine's own."""
+    """A service is called by a name that is none of its own."""
 
-    def __init__(self, host: str) -> None:
-        super().__init__(f"without keys this service answers to localhost only, not to {host[:100]!r}")
+    def __init__(self, host: str, allowed: Sequence[str]) -> None:
+        """`allowed` are the names it answers to; none: those of its own machine."""
+        names = ", ".join(allowed) or "localhost only"
+        super().__init__(f"this service answers to {names}, not to {host[:100]!r} (LIFTWRIGHT_ALLOWED_HOSTS)")
+
+
+class TwoLengths(ServiceError, status=HTTPStatus.BAD_REQUEST, title="A body of two lengths"):
+    """A request tells in two ways where its body ends."""
+
+    headers = {"Connection": "close"}  # noqa: RUF012 - read only
+
+    def __init__(self) -> None:
+        super().__init__("a request has a Content-Length or a Transfer-Encoding, not both")
 
 
 class TooManyRequests(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many requests"):
@@ -196,6 +207,29 @@ class BadUpload(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The
     """A form does not hold the file that it should."""
 
 
+class NotCellMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a cell"):
+    """A body is declared as something else than a cell."""
+
+    def __init__(self, given: str | None, known: Sequence[str]) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+        self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
+
+
+class CellNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such cell"):
+    """No cell has that id or name."""
+
+    def __init__(self, cell_id: str) -> None:
+        super().__init__(f"there is no cell {cell_id[:100]!r}")
+
+
+class CellIsShipped(ServiceError, status=HTTPStatus.CONFLICT, title="A shipped cell"):
+    """A shipped cell is neither replaced nor deleted."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"{name[:100]!r} is shipped with the service; give a cell of your own another name")
+
+
 class MeshNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such mesh"):
     """No uploaded mesh has that id."""
 
@@ -257,6 +291,14 @@ class QueueFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too ma
         self.headers = {"Retry-After": "10"}
 
 
+class ShareFull(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs of one owner"):
+    """There are too many unfinished jobs of one owner."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(f"{limit} of your jobs are waiting already, which is an owner's share of the queue")
+        self.headers = {"Retry-After": "10"}
+
+
 class TooManyDelayed(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many jobs for later"):
     """Too many jobs of one owner wait for their start."""
 
@@ -276,8 +318,17 @@ class TooManyWatchers(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title
 
     headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
 
+    def __init__(self, limit: int, whose: str = "people are watching") -> None:
+        super().__init__(f"{limit} {whose} already; close a viewer and try again")
+
+
+class TooManyRecordings(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many recordings"):
+    """Too many recordings wait to be made."""
+
+    headers = {"Retry-After": "20"}  # noqa: RUF012 - read only
+
     def __init__(self, limit: int) -> None:
-        super().__init__(f"{limit} people are watching already; close a viewer and try again")
+        super().__init__(f"{limit} recordings wait to be made already, at this process of the service")
 
 
 class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"):
@@ -295,6 +346,7 @@ FOREIGN: Mapping[type[Exception], ErrorKind] = {
     NotAStudy: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The study is not valid"),
     MeshRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
     ScanRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
+    AssetError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The cell cannot be used"),
     RequestValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     **dict.fromkeys(DATABASE_GONE, ErrorKind(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
 }
@@ -359,7 +411,10 @@ def error_response(error: Exception) -> Response:
 def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
-        detail = f"{errors[0]['pointer'] or 'the body'}: {errors[0]['detail']}"
+        place = ": ".join(part for part in (errors[0].get("file"), errors[0]["pointer"]) if part)
+        detail = f"{place or 'the body'}: {errors[0]['detail']}"
+    elif isinstance(error, AssetError):
+        detail = f"{len(errors)} things are not as they must be"
     headers = error.headers if isinstance(error, ServiceError) else None
     return problem_response(_answer_to(error), detail, errors, headers)
 
@@ -375,6 +430,8 @@ def _problems(error: Exception) -> list[Problem]:
         return problems_of(error)
     if isinstance(error, NotAStudy):
         return error.problems
+    if isinstance(error, AssetError):
+        return [Problem(pointer=each.pointer, detail=each.detail, file=each.file) for each in error.faults]
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):

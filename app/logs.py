@@ -6,6 +6,8 @@ import contextlib
 import logging
 import os
 import sys
+import threading
+from types import TracebackType
 from typing import TextIO, cast
 
 import structlog
@@ -53,6 +55,33 @@ def set_up_logs() -> None:
         )
     )
     logging.basicConfig(level=logging.WARNING, handlers=[handler], force=True)
+    logging.captureWarnings(capture=True)
+    _tell_what_nobody_caught()
     # The engine would bring a handler of its own, which writes text.
     engine = logging.getLogger("dbos")
     engine.handlers, engine.propagate = [handler], False
+
+
+def _tell_what_nobody_caught() -> None:
+    """Have errors that end a thread or the process, or that nobody could be told of, be events like others."""
+    uncaught = structlog.get_logger("uncaught")
+
+    def ends_process(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if issubclass(kind, KeyboardInterrupt):
+            sys.__excepthook__(kind, error, trace)
+        else:
+            uncaught.critical("the process ends by an error", exc_info=(kind, error, trace))
+
+    def ends_thread(told: threading.ExceptHookArgs) -> None:
+        error = told.exc_value or told.exc_type()
+        name = None if told.thread is None else told.thread.name
+        uncaught.error(
+            "a thread has ended by an error", thread=name, exc_info=(told.exc_type, error, told.exc_traceback)
+        )
+
+    def cannot_be_raised(told: sys.UnraisableHookArgs) -> None:
+        error = told.exc_value or told.exc_type()
+        exc_info = told.exc_type, error, told.exc_traceback
+        uncaught.error("an error could not be raised", where=repr(told.object), exc_info=exc_info)
+
+    sys.excepthook, threading.excepthook, sys.unraisablehook = ends_process, ends_thread, cannot_be_raised

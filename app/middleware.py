@@ -1,4 +1,7 @@
-"""What all requests pass: HEAD wherever there is GET, and the log, with an id by which all of a request is found."""
+"""What all requests pass: HEAD wherever there is GET, headers for browsers, and the log with an id for each request.
+
+A request that could be read in two ways is refused here.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,10 @@ import uuid
 import anyio
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.errors import TwoLengths, error_response
 from app.metrics import REQUEST_SECONDS
 
 HEADER = "X-Request-ID"
@@ -20,11 +25,38 @@ OTHER_METHOD = "other"
 """Counts together what anybody may make up: each label is kept for as long as the process lives."""
 LONGEST_METHOD = 20
 """In the log [characters]."""
+BROWSER_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'self'",
+    "X-Frame-Options": "SAMEORIGIN",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+}
+"""Of every answer that says nothing else: what is no page loads nothing, and no other site frames or guesses it."""
+LEFT = 499
+"""Stands in logs and metrics where the client has gone before it was answered; it is never sent (nginx's word)."""
 PROBES = ("/livez", "/readyz", "/metrics")
 """Asked every few seconds: measured, and not logged while all is well."""
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 log = structlog.get_logger(__name__)
+
+
+class OneLength:
+    """ASGI middleware: refuses a body whose end is told in two ways: a proxy could read other requests than we.
+
+    RFC 9112, section 6.3, allows to answer it with 400 and to close the connection.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one connection."""
+        headers = Headers(scope=scope) if scope["type"] == "http" else {}
+        if "content-length" in headers and "transfer-encoding" in headers:
+            await error_response(TwoLengths())(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
 
 
 class HeadAsGet:
@@ -62,20 +94,26 @@ class RequestLog:
             return
         given = Headers(scope=scope).get(HEADER, "")
         request_id = given if _ID.fullmatch(given) else uuid.uuid4().hex
-        begun, status = time.perf_counter(), 500
+        begun, status = time.perf_counter(), None
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                MutableHeaders(scope=message)[HEADER] = request_id
+                headers = MutableHeaders(scope=message)
+                headers[HEADER] = request_id
+                for name, value in BROWSER_HEADERS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         with structlog.contextvars.bound_contextvars(request_id=request_id):
             try:
                 await self._app(scope, receive, send_with_id)
+            except ClientDisconnect:
+                # Nobody is there to be answered, and nothing is wrong with us.
+                status = LEFT
             finally:
-                _tell(scope, status, time.perf_counter() - begun)
+                _tell(scope, 500 if status is None else status, time.perf_counter() - begun)
 
 
 def _tell(scope: Scope, status: int, seconds: float) -> None:

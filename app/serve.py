@@ -20,12 +20,14 @@ from typing import TYPE_CHECKING
 import structlog
 import uvicorn
 from starlette.responses import JSONResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from app.access.key_store import KeyStore
 from app.errors import NotReady, error_response
 from app.logs import set_up_logs
+from app.server.configuration import LONGEST_GOODBYE_SECONDS, server_configuration
+from app.server.connections import GuardedServer, raise_file_limit
 from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.engine.executor_lock import FileLock
@@ -38,10 +40,6 @@ from workers.stores.plan_store import PlanStore
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
-LONGEST_GOODBYE_SECONDS = 3
-"""So long open event streams may hold up a stop [s]."""
-LARGEST_WATCHER_MESSAGE_BYTES = 1 << 20
-"""What a viewer's page sends are clicks and camera poses."""
 PROCESS_LOOK_SECONDS = 0.5
 """How often it is looked whether a further process has ended [s]."""
 SHARED_COUNTS = "PROMETHEUS_MULTIPROC_DIR"
@@ -133,28 +131,13 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         return create_app(settings, with_worker=with_worker)
 
     service = LoadedWhileServing(load)
-    server = _Server(_config(service, settings), "keys" if keys_needed else "none", service)
+    server = _Server(server_configuration(service, settings), "keys" if keys_needed else "none", service)
     # The server raises the signal that ended it once more, when everything is in order.
     signal.signal(signal.SIGTERM, _end)
     with _further_processes(settings, sockets):
         asyncio.run(server.serve(sockets))
     if service.failure is not None:
         raise service.failure
-
-
-def _config(service: ASGIApp, settings: ServiceSettings) -> uvicorn.Config:
-    return uvicorn.Config(
-        service,
-        host=settings.host,
-        port=settings.port,
-        http="h11",
-        ws="websockets-sansio",
-        ws_max_size=LARGEST_WATCHER_MESSAGE_BYTES,
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        timeout_graceful_shutdown=LONGEST_GOODBYE_SECONDS,
-    )
 
 
 @contextmanager
@@ -210,7 +193,7 @@ def _serve_along(descriptors: Sequence[int]) -> None:
     settings = ServiceSettings(**json.loads(sys.stdin.buffer.readline()))
     from app.create_app import create_app
 
-    server = uvicorn.Server(_config(create_app(settings, with_worker=False), settings))
+    server = GuardedServer(server_configuration(create_app(settings, with_worker=False), settings))
 
     def end_with_the_first() -> None:
         sys.stdin.buffer.read()
@@ -231,6 +214,7 @@ def work(settings: WorkerSettings) -> None:
         WorkerRuns: Another worker has this name.
     """
     set_up_logs()
+    raise_file_limit()
     _refuse_second_worker(settings)
     _warm_up_once(settings)
     asyncio.run(_work(settings))
@@ -352,7 +336,7 @@ async def _in_a_thread(work: Callable[[], FastAPI]) -> FastAPI:
     return await done
 
 
-class _Server(uvicorn.Server):
+class _Server(GuardedServer):
     """Says where it listens once it does, and ends when there will be nothing to serve."""
 
     def __init__(self, config: uvicorn.Config, authentication: str, service: LoadedWhileServing) -> None:

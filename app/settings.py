@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ipaddress import ip_address
+from ipaddress import IPv4Network, IPv6Network, ip_address
 from typing import Literal
 
 from pydantic import Field
@@ -19,10 +19,21 @@ class ServiceSettings(WorkerSettings):
     """0: any free one."""
     api_processes: int = Field(default=1, ge=1, le=64)
     """So many processes answer requests at this address; all but the first end with it [1]."""
+    allowed_hosts: tuple[str, ...] = ()
+    """Names by which the service is called, without ports; others are answered with 421. None: this machine's own on a
+    loopback address, any elsewhere."""
+    trusted_proxies: tuple[IPv4Network | IPv6Network, ...] = ()
+    """Networks of proxies whose `X-Forwarded-For` and `X-Forwarded-Proto` are believed; none: nobody's."""
+    max_connections: int = Field(default=1000, ge=16)
+    """So many connections each API process holds; half as many as it may open files at most [1]."""
+    head_seconds: float = Field(default=10.0, gt=0.0)
+    """A connection on which no whole head of a request has come for so long is closed [s]."""
     max_body_bytes: int = Field(default=2_000_000, ge=1000)
     """A larger body is refused [bytes]."""
     max_mesh_bytes: int = Field(default=20_000_000, ge=1000)
     """A larger mesh file is refused [bytes]."""
+    max_cell_bytes: int = Field(default=32_000_000, ge=1000)
+    """A larger zip or document of a cell is refused [bytes]."""
     max_scan_bytes: int = Field(default=100_000_000, ge=1000)
     """A scan whose files are larger together is refused [bytes]."""
     max_perceived: int = Field(default=2, ge=1)
@@ -35,12 +46,22 @@ class ServiceSettings(WorkerSettings):
     """So many mesh files are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     max_queued: int = Field(default=1000, ge=1)
     """With this many jobs unfinished that may be begun, a new one is refused [1]."""
+    max_queued_of_owner: int = Field(default=500, ge=1)
+    """So many of them may be one owner's, where keys tell owners apart [1]."""
     max_study_points: int = Field(default=1000, ge=1)
     """A study with more is refused [1]."""
     max_studies: int = Field(default=20, ge=1)
     """With this many studies unfinished, a new one is refused [1]."""
     max_delayed: int = Field(default=200, ge=0)
     """With this many jobs of one owner that wait for their start, another such one is refused [1]."""
+    max_watchers: int = Field(default=24, ge=1)
+    """So many viewers and editors are open at each API process, each with a scene of some 10 MB [1]."""
+    max_watchers_of_owner: int = Field(default=8, ge=1)
+    """So many of one owner's, where keys tell owners apart [1]."""
+    max_recordings_waiting: int = Field(default=8, ge=0)
+    """With so many recordings that wait to be made, the recording of a further plan is refused [1]."""
+    recordings_mb: int = Field(default=250, ge=0)
+    """So much of what was recorded is kept in the data directory, and not made again [MiB]."""
     max_webhooks: int = Field(default=20, ge=0)
     """So many webhooks an owner may have [1]."""
     authentication: Literal["auto", "required"] = "auto"

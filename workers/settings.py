@@ -7,13 +7,16 @@ import socket
 import sys
 from ipaddress import IPv4Network, IPv6Network
 from pathlib import Path
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 EMBEDDED_NAME = "embedded"
 """Of the one worker on SQLite: after a start it takes up its own jobs, whatever the host is called now."""
 HANDOVERS_FOLDER = "handovers"
+"""In the data directory."""
+CELLS_FOLDER = "cells"
 """In the data directory."""
 SOLVER_COMMAND = (sys.executable, "-m", "workers.solver.process")
 STUDY_COMMAND = (sys.executable, "-m", "workers.solver.study_process")
@@ -34,6 +37,12 @@ class WorkerSettings(BaseSettings):
     certificate."""
     database_url: str | None = None
     """`postgresql://…`; None: SQLite in `data_dir`."""
+    database_connections: int = Field(default=6, ge=3, le=100)
+    """So many connections to PostgreSQL each process has at most [1]. A worker has two more: one proves that it lives,
+    by one the engine listens."""
+    frozen_seconds: float = Field(default=30.0, ge=1.0, le=3600.0)
+    """A worker that is connected and has not proved for so long that it lives is frozen: others end its connection, and
+    take its jobs over [s]. It must be longer than `watch_seconds` and `patience_seconds` together."""
     worker_name: str = Field(default_factory=socket.gethostname, pattern=r"^[A-Za-z0-9_.-]{1,128}$")
     """Unique and stable per worker process on PostgreSQL; a job belongs to the name until it ends."""
     worker_slots: int = Field(default_factory=_default_slots, ge=1, le=64)
@@ -65,8 +74,8 @@ class WorkerSettings(BaseSettings):
     watch_seconds: float = Field(default=2.0, gt=0.0, le=60.0)
     """How often a worker looks for jobs of workers that have died, and whether its own still are its own [s]."""
     patience_seconds: float = Field(default=5.0, ge=0.0, le=600.0)
-    """So long after PostgreSQL was lost a worker goes on with the jobs it has; then it stops them, because another
-    worker may have them [s]."""
+    """So long a worker that should have proved that it lives, and could not, goes on with the jobs it has; then it
+    stops them, because another worker may have them [s]."""
     retention_days: float | None = Field(default=None, gt=0.0)
     """Plans that ended longer ago than this are deleted [days]; None: kept for ever."""
 
@@ -81,6 +90,15 @@ class WorkerSettings(BaseSettings):
     webhook_timeout_seconds: float = Field(default=15.0, gt=0.0, le=60.0)
     """Longest time that a try may take [s]."""
 
+    @model_validator(mode="after")
+    def _stops_before_it_counts_as_frozen(self) -> Self:
+        if self.frozen_seconds <= self.watch_seconds + self.patience_seconds:
+            raise ValueError(
+                f"frozen_seconds ({self.frozen_seconds:g}) must be longer than watch_seconds and patience_seconds "
+                f"together ({self.watch_seconds + self.patience_seconds:g})"
+            )
+        return self
+
     @property
     def embedded(self) -> bool:
         """Whether everything runs in one process on SQLite."""
@@ -90,6 +108,11 @@ class WorkerSettings(BaseSettings):
     def handovers_dir(self) -> Path:
         """Where handover databases are kept: on each worker's own disk, whatever the database is."""
         return self.data_dir.resolve() / HANDOVERS_FOLDER
+
+    @property
+    def cells_dir(self) -> Path:
+        """Where cells of one's own are unpacked, on each machine's own disk; what is there can be made again."""
+        return self.data_dir.resolve() / CELLS_FOLDER
 
     @property
     def executor_name(self) -> str:

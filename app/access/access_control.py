@@ -18,9 +18,11 @@ from starlette.websockets import WebSocketClose
 from app.access.authenticator import Authenticator, Credentials
 from app.access.caller import Caller, Scope
 from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response
+from app.settings import ServiceSettings
 
 LOGIN = "/viewer/login"
-PUBLIC = frozenset({"/livez", "/readyz", LOGIN, "/viewer/style.css"})
+HEALTH = frozenset({"/livez", "/readyz"})
+PUBLIC = HEALTH | {LOGIN, "/viewer/style.css"}
 """What a machine that has no key may ask for: whether the service lives, and how to show a key."""
 ADMIN = frozenset({"/v1/audit"})
 SAFE = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
@@ -87,8 +89,7 @@ async def admit(request: HTTPConnection) -> Caller | None:
     """
     authenticator: Authenticator = request.app.state.authenticator
     method = request.scope.get("method", "GET")
-    if authenticator.open and not _is_loopback_name(request.headers.get("host", "")):
-        raise WrongHost(request.headers.get("host", ""))
+    _require_host(request, authenticator)
     if (method not in SAFE or request.scope["type"] == "websocket") and not is_from_here(request.headers):
         raise ForeignPage
     needed = needed_scope(method, request.url.path)
@@ -102,6 +103,24 @@ async def admit(request: HTTPConnection) -> Caller | None:
             )
         raise ScopeNeeded(needed.value)
     return caller
+
+
+def _require_host(request: HTTPConnection, authenticator: Authenticator) -> None:
+    """Raise `WrongHost` unless a request calls the service by a name of its own: pages trick browsers (DNS rebinding).
+
+    Without keys no other name than this machine's own is one, whatever is set: everybody would be let in.
+    """
+    settings: ServiceSettings = request.app.state.settings
+    if request.url.path in HEALTH:
+        # Asked by address, by what watches containers.
+        return
+    given = request.headers.get("host", "")
+    name = (urlsplit(f"//{given}").hostname or "").lower()
+    allowed = () if authenticator.open else settings.allowed_hosts
+    if allowed and name not in {each.lower() for each in allowed}:
+        raise WrongHost(given, allowed)
+    if not allowed and settings.is_loopback and not _is_loopback_name(name):
+        raise WrongHost(given, ())
 
 
 def is_from_here(headers: Headers) -> bool:
@@ -155,9 +174,8 @@ def _to_login(request: HTTPConnection) -> Response:
     return RedirectResponse(f"{LOGIN}?next={quote(wanted, safe='/')}", 303)
 
 
-def _is_loopback_name(host: str) -> bool:
-    """Tell whether a Host header names this machine: another name would be a page's trick (DNS rebinding)."""
-    name = urlsplit(f"//{host}").hostname or ""
+def _is_loopback_name(name: str) -> bool:
+    """Tell whether a host's name, without port, is this machine's own."""
     if name == "localhost":
         return True
     try:

@@ -17,6 +17,8 @@ from app.errors import (
     NotFinished,
     PlanNotFound,
     QueueFull,
+    ServiceError,
+    ShareFull,
     TooManyDelayed,
 )
 from app.resources.queries import PlanQuery, page_of
@@ -81,6 +83,7 @@ class PlanCollection:
 
         Raises:
             QueueFull: There are too many unfinished jobs.
+            ShareFull: There are too many of the caller's.
             TooManyDelayed: Too many of the caller's wait for their start.
             KeyUsedForAnotherTask: The key was used for another task.
         """
@@ -100,7 +103,7 @@ class PlanCollection:
         if isinstance(prepared, Submission):
             answer = await asyncio.wrap_future(self._writer.submit(prepared))
             if isinstance(answer, NoRoom):
-                raise QueueFull(self._room.jobs) if answer is NoRoom.QUEUE_FULL else TooManyDelayed(self._room.delayed)
+                raise _refusal(answer, self._room)
             if answer.is_new:
                 return plan_resource(answer.record, NEW_JOB, answer.place), True
             prepared = answer.record
@@ -213,3 +216,14 @@ class PlanCollection:
         fresh = self.store.get(record.id) if job.state.done and record.finished_us is None else record
         place = places.get(record.id) if job.state is JobState.QUEUED else None
         return plan_resource(fresh or record, job, place)
+
+
+def _refusal(why: NoRoom, room: Room) -> ServiceError:
+    """Return what a caller is told for whose task there is no room."""
+    match why:
+        case NoRoom.QUEUE_FULL:
+            return QueueFull(room.jobs)
+        case NoRoom.SHARE_FULL:
+            return ShareFull(room.jobs_of_owner)
+        case NoRoom.TOO_MANY_DELAYED:
+            return TooManyDelayed(room.delayed)

@@ -154,7 +154,7 @@ class JobOrderQuery(BaseModel):
     work_master: ExternalId | None = None
     """The recipe by which you made the task; ISA-95's WorkMasterID. It is handed back."""
     priority: int = Field(default=0, ge=0, le=HIGHEST_PRIORITY)
-    """The highest goes first, and of equal ones the oldest."""
+    """Of your jobs the highest goes first, and of equal ones the oldest; owners take turns."""
     start_time: Timestamp | None = None
     """The job is not begun before (RFC 3339, with an offset)."""
     end_time: Timestamp | None = None

@@ -7,6 +7,7 @@ from functools import partial
 from fastapi import APIRouter, WebSocket
 from starlette.responses import HTMLResponse, Response
 
+from app.routes.dependencies import caller_of
 from app.routes.pages import PageResponse
 from app.routes.viewer import visible_now
 from app.viewer.editor.editing import Workshop, edit
@@ -17,7 +18,7 @@ router = APIRouter(tags=["viewer"])
 
 @router.get("/viewer/new", response_class=HTMLResponse, summary="Make or change a task")
 def get_editor() -> Response:
-    """Return the editor's page; `?plan=ID`, `?example=NAME` or `?scene=ID` is what it begins with."""
+    """Return the editor's page; it begins with `?plan=ID`, `?example=NAME`, `?scene=ID` or `?kind=…&cell=NAME`."""
     return PageResponse(editor_page())
 
 
@@ -25,4 +26,5 @@ def get_editor() -> Response:
 async def edit_task(socket: WebSocket) -> None:
     """Open a scene with a draft in it for as long as the page is open."""
     state = socket.app.state
-    await edit(socket, Workshop(state.scene_servers, state.meshes.get, state.tools, partial(visible_now, socket)))
+    workshop = Workshop(state.scene_servers, state.meshes.get, state.tools, partial(visible_now, socket))
+    await edit(socket, workshop, caller_of(socket).owner)

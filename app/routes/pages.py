@@ -28,8 +28,7 @@ class PageResponse(HTMLResponse):
 
     def init_headers(self, headers: Mapping[str, str] | None = None) -> None:
         """Add what every page has."""
-        own = {"Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff"}
-        super().init_headers({**own, **(headers or {})})
+        super().init_headers({"Content-Security-Policy": POLICY, **(headers or {})})
 
 
 @router.get("/")

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
+
+import structlog
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 
 from app.errors import NotReady
 from app.metrics import ServiceMetrics, process_metrics
 from app.resources.plan_collection import PlanCollection
+from workers.engine.deadline import PatientQuestion
 from workers.engine.supervisor import Supervisor
-from workers.stores.database import Database
-from workers.stores.database_loss import DATABASE_GONE
+from workers.stores.database_loss import DATABASE_GONE, said_by
 
+PROBE_SECONDS = 2.0
+"""So long a probe waits for the database [s]; who watches containers gives up after three."""
 router = APIRouter(tags=["operations"])
+log = structlog.get_logger(__name__)
 
 
 @router.get("/livez", summary="Is the process alive?")
@@ -22,13 +28,20 @@ async def livez() -> dict[str, str]:
 
 
 @router.get("/readyz", summary="Can it work?")
-def readyz(request: Request) -> dict[str, str]:
-    """Answer while the database takes writes and what is done in the background gets on."""
-    database: Database = request.app.state.database
+async def readyz(request: Request) -> dict[str, str]:
+    """Answer while the database takes writes and what is done in the background gets on.
+
+    No thread of those that answer requests is waited for: all of them may wait for the database.
+    """
+    writable: PatientQuestion[None] = request.app.state.writable
     try:
-        database.require_writable()
+        async with asyncio.timeout(PROBE_SECONDS):
+            await asyncio.shield(asyncio.wrap_future(writable.ask()))
+    except TimeoutError as error:
+        raise NotReady(f"the database has not answered within {PROBE_SECONDS:g} s") from error
     except DATABASE_GONE as error:
-        raise NotReady("the database cannot be reached, or takes no writes") from error
+        log.warning("database cannot be used", error=said_by(error))
+        raise NotReady("the database cannot be reached, or takes no writes; the log says why") from error
     supervisor: Supervisor = request.app.state.supervisor
     if stuck := supervisor.stuck:
         raise NotReady(f"what does not get on, as the log says: {', '.join(stuck)}")

@@ -3,27 +3,46 @@
 from __future__ import annotations
 
 from functools import cache, partial
+from http import HTTPStatus
 from pathlib import Path, PurePath
 from typing import Annotated
 
 import viser
-from anyio import to_thread
-from fastapi import APIRouter, Depends, HTTPException, Request, WebSocket
+from fastapi import APIRouter, Depends, Header, HTTPException, Request, WebSocket
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 
 from app.access.access_control import admit
+from app.resources.recordings import NobodyWaits, Recordings
 from app.resources.schemas import PROBLEM
-from app.routes.dependencies import Plans, Scenes, Studies
+from app.routes.dependencies import Plans, Scenes, Studies, caller_of
+from app.routes.headers import unless_known
 from app.routes.pages import PageResponse
 from app.viewer.page import LIVE_FILES, MEDIA_TYPES, compare_page, live_page, static_text
 from app.viewer.scene_servers import SceneServers
-from app.viewer.watch import POLICY_VIOLATION, Visible, relay_scene, watch
+from app.viewer.watch import POLICY_VIOLATION, TRY_AGAIN_LATER, Visible, relay_scene, watch
 
+DRAWN_POLICY = (
+    "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' ws: wss: data: blob:; "
+    "object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+)
+"""What viser's page may load, and a recording, which has everything inside: nothing from other places."""
 router = APIRouter(tags=["viewer"])
 
 
 def _scene_servers(request: Request) -> SceneServers:
     return request.app.state.scene_servers
+
+
+def _recordings(request: Request) -> Recordings:
+    return request.app.state.recordings
+
+
+async def _left(request: Request) -> None:
+    """Return once whoever has sent a request is gone."""
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
 
 
 @router.get(
@@ -66,15 +85,34 @@ def view_study(study_id: str, studies: Studies) -> Response:
     "/v1/plans/{plan_id}/recording.html",
     response_class=HTMLResponse,
     summary="Fetch a recording",
-    responses={404: PROBLEM},
+    responses={
+        304: {"description": "As `If-None-Match` says"},
+        404: PROBLEM,
+        429: {**PROBLEM, "description": "Too many recordings wait to be made"},
+    },
 )
 async def get_recording(
-    plan_id: str, plans: Plans, servers: Annotated[SceneServers, Depends(_scene_servers)]
+    request: Request,
+    plan_id: str,
+    plans: Plans,
+    recordings: Annotated[Recordings, Depends(_recordings)],
+    if_none_match: Annotated[str | None, Header()] = None,
 ) -> Response:
-    """Return one page that plays the plan with its curves, offline; it takes some seconds to make."""
-    page = await to_thread.run_sync(servers.record, plans, plan_id, limiter=servers.recorders)
-    name = f"liftwright-{plan_id}.html"
-    return HTMLResponse(page, headers={"Content-Disposition": f'inline; filename="{name}"'})
+    """Return one page that plays the plan with its curves, offline; it takes some seconds to make, once."""
+    document = await run_in_threadpool(plans.document, plan_id)
+    headers = {
+        "Content-Disposition": f'inline; filename="liftwright-{plan_id}.html"',
+        "Content-Security-Policy": DRAWN_POLICY,
+        "ETag": f'"{recordings.tag(document)}"',
+    }
+    known = unless_known(Response(headers=headers), if_none_match)
+    if known.status_code == HTTPStatus.NOT_MODIFIED:
+        return known
+    try:
+        page = await recordings.get(document, partial(_left, request))
+    except NobodyWaits:
+        raise ClientDisconnect from None
+    return HTMLResponse(page, headers=headers)
 
 
 @router.get("/viewer", include_in_schema=False)
@@ -101,12 +139,19 @@ def get_study_page() -> Response:
     return PageResponse(static_text("study.html"))
 
 
+@router.get("/viewer/cells", response_class=HTMLResponse, summary="Look at cells")
+def get_cells_page() -> Response:
+    """Return the page of cells: what they can do, and where one's own are added; `?cell=ID` is shown first."""
+    return PageResponse(static_text("cells.html"))
+
+
 @router.get("/viewer/scene/{key}/", include_in_schema=False)
 def get_scene_page(key: str, servers: Annotated[SceneServers, Depends(_scene_servers)]) -> Response:
     """Return viser's own page, which draws the scene of a watcher."""
     if servers.address(key) is None:
         raise HTTPException(404, "this scene is closed")
-    return FileResponse(_viser_page(), media_type="text/html", headers={"Cache-Control": "max-age=86400"})
+    headers = {"Cache-Control": "max-age=86400", "Content-Security-Policy": DRAWN_POLICY}
+    return FileResponse(_viser_page(), media_type="text/html", headers=headers)
 
 
 @router.get("/viewer/{name}", include_in_schema=False)
@@ -120,14 +165,19 @@ def get_file(name: str) -> Response:
 @router.websocket("/viewer/watch")
 async def watch_plans(socket: WebSocket) -> None:
     """Open a scene for as long as the page is open."""
-    await watch(socket, socket.app.state.scene_servers, partial(visible_now, socket))
+    await watch(socket, socket.app.state.scene_servers, caller_of(socket).owner, partial(visible_now, socket))
 
 
 @router.websocket("/viewer/scene/{key}")
 async def watch_scene(socket: WebSocket, key: str) -> None:
     """Relay the scene of a watcher."""
-    address = socket.app.state.scene_servers.address(key)
-    await (socket.close(POLICY_VIOLATION, "this scene is closed") if address is None else relay_scene(socket, address))
+    servers: SceneServers = socket.app.state.scene_servers
+    address = servers.address(key)
+    if address is None:
+        await socket.close(POLICY_VIOLATION, "this scene is closed")
+        return
+    with servers.relay(key) as admitted:
+        await (relay_scene(socket, address) if admitted else socket.close(TRY_AGAIN_LATER, "too many see this scene"))
 
 
 async def visible_now(socket: WebSocket) -> Visible:

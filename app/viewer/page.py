@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from functools import cache
 from html import escape
 from importlib import resources
+from importlib.metadata import version
 from typing import Any
 
 from app.viewer.description import KindDescription, PlanDescription
@@ -14,6 +16,7 @@ from app.viewer.lift_description import LiftDescription
 from app.viewer.playback import SourceName
 from app.viewer.tool_description import ToolDescription
 from planners.plan.plan import Plan
+from workers.software import describe_software
 
 STYLES = ("style.css", "viewer.css")
 SCRIPTS = ("page_parts.js", "plot.js", "charts.js", "timeline.js", "regrasp.js", "panel.js", "player.js")
@@ -22,7 +25,7 @@ EDITOR_STYLES = ("style.css", "editor.css")
 EDITOR_SCRIPTS = ("page_parts.js", "connection.js", "task_fields.js", "task_draft.js", "editor.js")
 COMPARE_STYLES = ("style.css", "compare.css")
 COMPARE_SCRIPTS = ("page_parts.js", "connection.js", "compare.js")
-PAGE_FILES = ("start.js", "reference.css", "reference.js", "study.css", "study.js")
+PAGE_FILES = ("start.js", "reference.css", "reference.js", "study.css", "study.js", "cells.css", "cells.js")
 """Of the pages beside the viewer."""
 LIVE_FILES = frozenset(
     {*STYLES, *LIVE_SCRIPTS, *EDITOR_STYLES, *EDITOR_SCRIPTS, *COMPARE_STYLES, *COMPARE_SCRIPTS, *PAGE_FILES}
@@ -75,6 +78,13 @@ def login_page(wanted: str, refusal: str = "") -> str:
 def describe_plan(plan: Plan) -> PlanDescription:
     """Return all the page needs of a plan but its scene."""
     return BY_KIND[plan.task.kind](plan).describe()
+
+
+def recording_software() -> str:
+    """Return what changes whenever the same plan would be recorded as another page."""
+    software = describe_software()
+    files = "".join(static_text(name) for name in ("page.html", *STYLES, *RECORDED_SCRIPTS))
+    return f"{software.version} {software.commit} {version('viser')} {hashlib.sha256(files.encode()).hexdigest()}"
 
 
 def recorded_page(description: PlanDescription, scene: str, begins: Mapping[SourceName, float]) -> str:

@@ -10,6 +10,7 @@ import gzip
 import os
 import re
 import secrets
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,6 @@ from typing import Self
 import numpy as np
 import rich
 import viser
-from anyio import CapacityLimiter
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import CellNotDrawn, TooManyWatchers
@@ -38,9 +38,10 @@ from planners.contract.scene_document import SceneDocument
 from planners.geometry.pose import Array
 from planners.perception.seen_points import SeenPoints
 from planners.plan.plan import Plan
+from workers.stores.plan_store import StoredDocument
 
-MOST_SERVERS = 24
-"""Each has a scene in memory, some 10 MB."""
+MOST_RELAYS = 4
+"""So many connections may show one scene [1]: it is its watcher's own, and each is sent all of it."""
 PICTURES_PER_SECOND = 30.0
 """Of a recording."""
 MOST_PICTURES = 3000
@@ -85,7 +86,9 @@ class SceneServer:
     Methods block: call them from one thread at a time.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, owner: str | None = None) -> None:
+        self.owner = owner
+        """Of the key with which its watcher came."""
         self.key = secrets.token_urlsafe(18)
         """Part of the scene's address; only the watcher knows it."""
         # viser greets on the terminal, which belongs to the log.
@@ -232,13 +235,23 @@ class SceneServer:
         self.close()
 
 
+@dataclass(frozen=True)
+class WatcherRoom:
+    """For how many watchers there is room."""
+
+    scenes: int
+    """Of everybody's, each some 10 MB."""
+    scenes_of_owner: int
+    """Of one owner's, where keys tell owners apart."""
+
+
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
-    def __init__(self, cells: dict[str, Cell], folder: Path, addresses: Path) -> None:
+    def __init__(self, cells: Mapping[str, Cell], folder: Path, addresses: Path, room: WatcherRoom) -> None:
         """Take the cells, where drawings of their robots are kept, and where all processes of a service find scenes."""
         self.cells = cells
-        """Of which there are drawings, by name."""
+        """Everybody's: whoever sees a plan sees its cell."""
         addresses.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._addresses = addresses
         for left in addresses.iterdir():
@@ -247,26 +260,49 @@ class SceneServers:
                 left.unlink(missing_ok=True)
         self._meshes = LinkMeshes(folder)
         self._servers: dict[str, SceneServer] = {}
-        self._recorders = CapacityLimiter(1)
+        self._room = room
+        self._entered = Counter[str | None]()
+        """How many servers each owner has, those included that are being opened."""
+        self._relays = Counter[str]()
 
-    async def enter(self) -> SceneServer:
-        """Open a server.
+    async def enter(self, owner: str | None) -> SceneServer:
+        """Open a server for somebody of an owner; None: no keys are asked for.
 
         Raises:
-            TooManyWatchers: There are too many.
+            TooManyWatchers: There are too many, or too many of this owner's.
         """
-        if len(self._servers) >= MOST_SERVERS:
-            raise TooManyWatchers(MOST_SERVERS)
-        server = await run_in_threadpool(SceneServer)
+        if self._entered.total() >= self._room.scenes:
+            raise TooManyWatchers(self._room.scenes)
+        if owner is not None and self._entered[owner] >= self._room.scenes_of_owner:
+            raise TooManyWatchers(self._room.scenes_of_owner, f"of {owner}'s viewers are open")
+        self._entered[owner] += 1
+        try:
+            server = await run_in_threadpool(SceneServer, owner)
+        except BaseException:
+            self._entered[owner] -= 1
+            raise
         self._servers[server.key] = server
         (self._addresses / server.key).write_text(f"{os.getpid()} {server.address}")
         return server
 
     async def leave(self, server: SceneServer) -> None:
         """Close a server."""
-        self._servers.pop(server.key, None)
+        if self._servers.pop(server.key, None) is not None:
+            self._entered[server.owner] -= 1
         (self._addresses / server.key).unlink(missing_ok=True)
         await run_in_threadpool(server.close)
+
+    @contextmanager
+    def relay(self, key: str) -> Iterator[bool]:
+        """Count one who looks at a scene for the time of a block, in which it is true unless too many do already."""
+        admitted = self._relays[key] < MOST_RELAYS
+        self._relays[key] += admitted
+        try:
+            yield admitted
+        finally:
+            self._relays[key] -= admitted
+            if not self._relays[key]:
+                del self._relays[key]
 
     def address(self, key: str) -> str | None:
         """Return where the scene of a key is served, by whichever process its watcher came to; None: it is closed."""
@@ -292,7 +328,7 @@ class SceneServers:
             DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        playback, cell = self._playback(plans, plan_id)
+        playback, cell = self._playback(self.load(plans, plan_id))
         server.open(playback, cell, self._meshes)
         return describe_plan(playback.plan)
 
@@ -307,26 +343,19 @@ class SceneServers:
         server.open_perceived(document, points, self._cell(document.cell), self._meshes)
         return describe_perceived(scene_id, document, points)
 
-    def record(self, plans: PlanCollection, plan_id: str) -> str:
+    def record(self, document: StoredDocument) -> str:
         """Return a page that plays a plan without any server. Blocks for some seconds.
 
         Raises:
-            PlanNotFound: There is no plan of that id.
-            DocumentNotReady: Its job has not succeeded.
             CellNotDrawn: There are no drawings of its cell.
         """
-        playback, cell = self._playback(plans, plan_id)
+        playback, cell = self._playback(_plan_of(document))
         durations = playback.durations
         step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
         with SceneServer() as server:
             server.open(playback, cell, self._meshes)
             scene, begins = server.record(durations, step)
         return recorded_page(describe_plan(playback.plan), scene, begins)
-
-    @property
-    def recorders(self) -> CapacityLimiter:
-        """One recording at a time: each keeps a core busy."""
-        return self._recorders
 
     async def close(self) -> None:
         """Close all servers."""
@@ -348,13 +377,17 @@ class SceneServers:
             PlanNotFound: There is no plan of that id.
             DocumentNotReady: Its job has not succeeded.
         """
-        return Plan.read(gzip.decompress(plans.document(plan_id).gzip))
+        return _plan_of(plans.document(plan_id))
 
-    def _playback(self, plans: PlanCollection, plan_id: str) -> tuple[Playback, Cell]:
-        plan = self.load(plans, plan_id)
-        return Playback(plan), self._cell(plan.cell.name)
+    def _playback(self, plan: Plan) -> tuple[Playback, Cell]:
+        # One's own cells are named by their ids, which name one version of them.
+        return Playback(plan), self._cell(plan.task.cell)
 
     def _cell(self, name: str) -> Cell:
         if name not in self.cells:
             raise CellNotDrawn(name, sorted(self.cells))
         return self.cells[name]
+
+
+def _plan_of(document: StoredDocument) -> Plan:
+    return Plan.read(gzip.decompress(document.gzip))

@@ -132,17 +132,20 @@ class Visible:
     scenes: SceneCollection
 
 
-async def watch(socket: WebSocket, servers: SceneServers, visible_now: Callable[[], Awaitable[Visible]]) -> None:
+async def watch(
+    socket: WebSocket, servers: SceneServers, owner: str | None, visible_now: Callable[[], Awaitable[Visible]]
+) -> None:
     """Give a watcher a scene, and do with it what the page asks for until it goes away.
 
     Args:
         socket: the watcher's.
         servers: of all scenes.
+        owner: of the key that the watcher has shown; None where no keys are asked for.
         visible_now: tells what the watcher may see, whenever it wants to see something else; raises what `admit` does.
     """
     await socket.accept()
     try:
-        server = await or_fault("open a scene", servers.enter())
+        server = await or_fault("open a scene", servers.enter(owner))
     except TooManyWatchers as error:
         await socket.close(TRY_AGAIN_LATER, str(error))
         return

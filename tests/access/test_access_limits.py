@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
 import pytest
-from support.service import FAKE_SOLVER
+import viser
+from support.service import FAKE_SOLVER, wait_for
 from support.serving import served
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
 
 from app.access.caller import Scope
 from app.access.rate_limiter import RateLimiter
 from app.cli.keys_command import NoSuchKey, issue_key, revoke_key
 from app.serve import NoKeys, serve
 from app.settings import ServiceSettings
+from app.viewer.scene_servers import MOST_RELAYS
 
 
 def settings_in(folder: Path, **settings: object) -> ServiceSettings:
@@ -51,6 +58,44 @@ def test_guessing_keys_is_slowed_down_but_good_keys_from_there_are_not(tmp_path:
         told = {client.get("/v1/plans", headers={"Authorization": f"Bearer {n}"}).status_code for n in range(150)}
         assert told == {401, 429}
         assert client.get("/v1/plans", headers={"Authorization": f"Bearer {key}"}).status_code == 200
+
+
+def test_one_owner_neither_has_all_scenes_nor_is_sent_one_without_end(tmp_path: Path) -> None:
+    settings = settings_in(tmp_path, max_watchers=4, max_watchers_of_owner=2)
+    keys = [issue_key(settings, owner, Scope.READ, None) for owner in ("mes", "mes", "other")]
+    with served(settings, with_worker=False) as address, ExitStack() as open_pages:
+
+        def opened(path: str, key: str) -> ClientConnection:
+            headers = {"Authorization": f"Bearer {key}"}
+            protocols = [Subprotocol(f"viser-v{viser.__version__}")] if "scene" in path else None
+            url = address.replace("http", "ws") + path
+            return open_pages.enter_context(connect(url, additional_headers=headers, subprotocols=protocols))
+
+        def refusal(path: str, key: str) -> int:
+            with pytest.raises((ConnectionClosed, InvalidStatus)) as closed:
+                opened(path, key).recv(timeout=20)
+            error = closed.value
+            return error.response.status_code if isinstance(error, InvalidStatus) else error.rcvd.code
+
+        pages = [opened("/viewer/watch", keys[0]), opened("/viewer/edit", keys[1])]
+        scene, _ = [json.loads(page.recv(timeout=20))["scene"] for page in pages]
+        assert refusal("/viewer/watch", keys[1]) == 1013
+        assert json.loads(opened("/viewer/watch", keys[2]).recv(timeout=20))["type"] == "scene"
+        for _ in range(MOST_RELAYS):
+            opened(f"/viewer/{scene}".rstrip("/"), keys[0])
+        assert refusal(f"/viewer/{scene}".rstrip("/"), keys[0]) in (403, 1013)
+        pages[0].close()
+        wait_for(lambda: not is_refused(address, keys[1]), 10.0)
+
+
+def is_refused(address: str, key: str) -> bool:
+    """Tell whether whoever wants to watch is turned away."""
+    headers = {"Authorization": f"Bearer {key}"}
+    with connect(f"{address.replace('http', 'ws')}/viewer/watch", additional_headers=headers) as page:
+        try:
+            return json.loads(page.recv(timeout=20))["type"] != "scene"
+        except ConnectionClosed:
+            return True
 
 
 def test_without_keys_the_service_answers_to_its_own_machine_alone(tmp_path: Path) -> None:

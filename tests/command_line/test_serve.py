@@ -5,12 +5,16 @@ from __future__ import annotations
 import json
 import logging
 import socket
+import subprocess
 import sys
+import threading
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import structlog
+from support.service import ROOT
 
 from app import serve
 from app.cli.main import main
@@ -28,7 +32,10 @@ def logs_as_before() -> Iterator[None]:
     """Undo what a command sets up for its whole process."""
     root, engine = logging.getLogger(), logging.getLogger("dbos")
     handlers, level, engines, propagate = root.handlers[:], root.level, engine.handlers[:], engine.propagate
+    hooks = sys.excepthook, threading.excepthook, sys.unraisablehook, warnings.showwarning
     yield
+    logging.captureWarnings(capture=False)
+    sys.excepthook, threading.excepthook, sys.unraisablehook, warnings.showwarning = hooks
     structlog.reset_defaults()
     root.handlers, engine.handlers, engine.propagate = handlers, engines, propagate
     root.setLevel(level)
@@ -82,6 +89,36 @@ def test_warming_up_is_told_as_json(
     assert main(["warmup"]) == 0
     told = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
     assert any(each.get("handovers") == str(WorkerSettings().handovers_dir) for each in told)
+
+
+def test_what_nobody_caught_is_json_like_all_else() -> None:
+    """In a process of its own: it ends by an error."""
+    program = """
+import logging, threading, warnings
+from app.logs import set_up_logs
+set_up_logs()
+thread = threading.Thread(target=lambda: 1 / 0, name="divider")
+thread.start()
+thread.join()
+warnings.warn("beware")
+class Stubborn:
+    def __del__(self):
+        raise ValueError("stubborn")
+Stubborn()
+try:
+    1 / 0
+except ZeroDivisionError:
+    logging.getLogger("uvicorn.error").exception("of the server")
+raise ValueError("out of order")
+"""
+    command = [sys.executable, "-c", program]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    told = [json.loads(line) for line in ended.stderr.splitlines()]
+    assert ended.returncode == 1
+    assert told[0]["thread"] == "divider"
+    for line, error in zip(told, ("ZeroDivision", None, "stubborn", "ZeroDivision", "out of order"), strict=True):
+        assert error is None or error in line["exception"]
+    assert "beware" in told[1]["event"]
 
 
 def test_logs_are_json_unless_a_person_reads_them_on_a_terminal(

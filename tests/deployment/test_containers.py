@@ -23,7 +23,8 @@ DURATION = re.compile(r"(\d+(ms|s|m|h))+")
 SHAPES: dict[str, type | tuple[type, ...]] = {
     "build": (str, dict), "image": str, "command": (str, list), "environment": (dict, list), "depends_on": (dict, list),
     "user": str, "read_only": bool, "tmpfs": (str, list), "cap_drop": list, "security_opt": list, "restart": str,
-    "stop_grace_period": str, "ports": list, "volumes": list, "healthcheck": dict, "deploy": dict, "shm_size": str,
+    "stop_grace_period": str, "ports": list, "volumes": list, "healthcheck": dict, "scale": int, "shm_size": str,
+    "mem_limit": str, "pids_limit": int,
 }  # fmt: skip
 """The members of a service (Compose Specification) that are used here, and what they may be."""
 HEALTH = {"test": list, "interval": str, "timeout": str, "retries": int, "start_period": str}
@@ -76,12 +77,30 @@ def test_a_service_is_hardened_restarted_and_watched(name: str) -> None:
 def test_what_a_service_names_exists(name: str) -> None:
     service = SERVICES[name]
     assert {volume.partition(":")[0] for volume in service.get("volumes", ())} <= set(COMPOSE["volumes"])
-    for other, condition in service.get("depends_on", {}).items():
-        assert condition == {"condition": "service_healthy"}
-        assert "healthcheck" in SERVICES[other]
+    # No condition: podman cannot wait for one, so that whoever needs another waits by itself.
+    assert isinstance(service.get("depends_on", []), list)
+    assert {*service.get("depends_on", [])} <= set(SERVICES)
     _, _, tag = service["image"].partition(":")
     assert re.fullmatch(r"\d+\.\d+.*", tag), "an image has a version"
     assert all(port.startswith("127.0.0.1:") for port in service.get("ports", ())), "published to this machine only"
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_what_a_service_may_take_is_bounded(name: str) -> None:
+    """One that goes wrong is ended by the kernel, and leaves the others alone."""
+    service = SERVICES[name]
+    memory = re.fullmatch(r"(\d+)g", service["mem_limit"])
+    assert memory is not None
+    assert 0 < service["pids_limit"] < 1000, "a container may be let start no more"
+    if name == "worker":
+        solver = ServiceSettings.model_fields["solver_memory_mb"].default
+        assert int(memory[1]) * 1024 > solver + 1024, "the solver meets its own limit first, and the job says so"
+        assert service["environment"]["LIFTWRIGHT_STUDY_SLOTS"] == "1", "by default one a core"
+
+
+def test_workers_are_several_by_a_member_that_every_program_knows() -> None:
+    assert SERVICES["worker"]["scale"] >= 2
+    assert not any("deploy" in service for service in SERVICES.values())
 
 
 def test_api_and_workers_are_one_image_on_one_database() -> None:

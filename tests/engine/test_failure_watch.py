@@ -63,7 +63,7 @@ def test_a_plan_looks_the_same_before_and_after_it_is_counted(
 ) -> None:
     plan_id = store.accept(task(), None, queue).id
     end(database, plan_id, "MAX_RECOVERY_ATTEMPTS_EXCEEDED", ended_ms)
-    room = Room(10, 10)
+    room = Room(10, 10, 10)
     desk = PlanCollection(store, queue, PlanWriter(store, queue, room), room, ANYBODY)
     before = desk.plan(plan_id)
     assert before.finished_at is not None

@@ -25,7 +25,7 @@ from workers.stores.plan_store import Accepted, NoRoom, PlanStore, Room, Submiss
 from workers.stores.plan_writer import PlanWriter
 from workers.stores.tables import PLANS, now_us
 
-ROOM = Room(jobs=1000, delayed=10)
+ROOM = Room(jobs=1000, jobs_of_owner=1000, delayed=10)
 HOUR_US = 3_600_000_000
 
 
@@ -58,6 +58,7 @@ def test_a_job_stands_in_the_queue_as_if_the_engine_had_put_it_there(either: Dat
             "app_version": APPLICATION_VERSION,
             "serialization_type": WorkflowSerializationFormat.PORTABLE,
             "priority": 1 + HIGHEST_PRIORITY - priority,
+            "queue_partition_key": accepted.record.owner or "",
         }
         if later is not None:
             options["delay_seconds"] = (later - now_us()) / 1e6
@@ -119,7 +120,7 @@ def test_what_is_answered_is_what_a_later_look_shows(either: Database) -> None:
 def test_there_is_room_for_so_many_jobs_and_no_more_also_among_those_that_come_at_once(
     database: Database, store: PlanStore, queue: JobQueue
 ) -> None:
-    room = Room(jobs=5, delayed=2)
+    room = Room(jobs=5, jobs_of_owner=5, delayed=2)
     later = JobOrder(start_us=now_us() + HOUR_US)
     first = store.accept_all([submission(None, order) for order in (later, later, later, JobOrder())], queue, room)
     assert [answer is NoRoom.TOO_MANY_DELAYED for answer in first] == [False, False, True, False]

@@ -9,7 +9,7 @@ import pytest
 
 from workers.settings import WorkerSettings
 from workers.solver import warm_up
-from workers.solver.warm_up import is_warm, mark_warm
+from workers.solver.warm_up import MARK, is_warm, mark_warm
 
 
 @pytest.fixture
@@ -61,3 +61,19 @@ def test_another_solver_another_place_of_kernels_or_another_data_directory_makes
 
 def test_the_sources_that_count_are_there() -> None:
     assert all((folder / "__init__.py").is_file() for folder in warm_up.SOURCES)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe no UTF-8 \x80", b"", b"warm"])
+def test_a_mark_that_was_spoiled_is_made_again(settings: WorkerSettings, content: bytes) -> None:
+    (settings.handovers_dir / MARK).write_bytes(content)
+    assert not is_warm(settings)
+    mark_warm(settings)
+    assert is_warm(settings)
+
+
+def test_a_mark_that_cannot_be_read_or_kept_stops_nothing(settings: WorkerSettings) -> None:
+    (settings.handovers_dir / MARK).unlink()
+    (settings.handovers_dir / MARK).mkdir()
+    assert not is_warm(settings)
+    mark_warm(settings)
+    assert not is_warm(settings)

@@ -61,6 +61,7 @@ def test_a_full_disk_is_a_503_and_afterwards_everything_goes_on(service: Service
         answer = client.post("/v1/plans", json=task(external_id="now"))
         assert (answer.status_code, answer.headers["Content-Type"]) == (503, "application/problem+json")
         assert client.get(under_way["links"]["self"]).status_code == 200
+        assert client.get("/readyz").status_code == 503
         time.sleep(2.0)
     finally:
         whole = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)

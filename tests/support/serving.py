@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import uvicorn
-
 from app.create_app import create_app
+from app.server.configuration import server_configuration
+from app.server.connections import GuardedServer
 from app.settings import ServiceSettings
 
 
@@ -20,17 +20,8 @@ def served(settings: ServiceSettings, *, with_worker: bool = True) -> Iterator[s
     Not for longer than needed: the job engine draws random numbers, which tests of properties must not see.
     """
     app = create_app(settings, with_worker=with_worker)
-    # The loop is the one that `liftwright serve` runs on.
-    config = uvicorn.Config(
-        app,
-        port=0,
-        loop="asyncio",
-        http="h11",
-        ws="websockets-sansio",
-        log_level="warning",
-        timeout_graceful_shutdown=1,
-    )
-    server = uvicorn.Server(config)
+    config = server_configuration(app, settings.model_copy(update={"port": 0}), goodbye_seconds=1)
+    server = GuardedServer(config)
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started:

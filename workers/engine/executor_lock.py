@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,16 @@ from sqlalchemy import exc
 from sqlalchemy.pool import NullPool
 
 from planners.errors import LiftwrightError
+from workers.engine.deadline import PatientQuestion
 from workers.settings import WorkerSettings
-from workers.stores.database import Database, open_database
+from workers.stores.database import Database, server_database
+from workers.stores.database_loss import DATABASE_GONE, said_by
 
 NOTICED_SECONDS = 15
 """A machine that vanishes without closing its connections is noticed by the other side after about this long [s]."""
+CHECK_CONNECT_SECONDS = 2
+CHECK_SECONDS = 5.0
+"""So long it is asked whether a worker lives [s]; who watches containers gives up after fifteen."""
 _KEEPALIVE = {"tcp_keepalives_idle": 5, "tcp_keepalives_interval": 5, "tcp_keepalives_count": 2}
 
 
@@ -32,6 +38,13 @@ class WorkerRuns(LiftwrightError):
 
     def __init__(self, name: str, where: str) -> None:
         super().__init__(f"a worker {name!r} already runs on {where}; stop it, or give this one another name or place")
+
+
+class CannotTell(LiftwrightError):
+    """Nobody knows whether a worker lives."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(f"the database cannot be asked whether the worker lives: {why}")
 
 
 class FileLock:
@@ -87,6 +100,25 @@ class AdvisoryLock:
             if taken:
                 self._ask(sa.func.pg_advisory_unlock(_key(name)))
 
+    def silence(self, name: str) -> float:
+        """Return how long the worker that holds a name has said nothing on its connection [s]; 0: nobody holds it.
+
+        It says something at each look, so that one which is frozen is told from one which lives: the server keeps both
+        connections. By the server's clock.
+        """
+        key = _key(name)
+        quiet = (
+            sa.select(sa.func.extract("epoch", sa.func.clock_timestamp() - _SESSIONS.c.state_change))
+            .select_from(_SESSIONS.join(_LOCKS, _LOCKS.c.pid == _SESSIONS.c.pid))
+            .where(*_held(key))
+        )
+        return float(self._ask(sa.func.coalesce(quiet.scalar_subquery(), 0.0)))
+
+    def end_session(self, name: str) -> bool:
+        """End the connection by which a worker holds its name, which frees it; tell whether there was one."""
+        ended = sa.select(sa.func.bool_or(sa.func.pg_terminate_backend(_LOCKS.c.pid))).where(*_held(_key(name)))
+        return bool(self._ask(ended.scalar_subquery()))
+
     def show_stuck(self, *, stuck: bool) -> None:
         """Say to whoever asks that something in this worker does not get on, or that all does: by a second lock."""
         # Held at most once: the server counts.
@@ -123,26 +155,61 @@ class AdvisoryLock:
 
 
 def worker_lives(settings: WorkerSettings) -> bool:
-    """Whether somebody holds the worker's name, its lock cannot be taken, and nobody says that it is stuck."""
+    """Whether somebody holds the worker's name and has just proved it, and nobody says that it is stuck.
+
+    Raises:
+        CannotTell: The database does not say so in time.
+        DatabaseUnusable: Its address is none.
+    """
     if settings.embedded:
         try:
             FileLock(settings.data_dir, settings.executor_name).release()
         except WorkerRuns:
             return True
         return False
+    database = server_database(settings, CHECK_CONNECT_SECONDS)
+    try:
+        return PatientQuestion(partial(_proves_life, database, settings)).within(CHECK_SECONDS)
+    except TimeoutError:
+        raise CannotTell(f"it has not answered within {CHECK_SECONDS:g} s") from None
+    except DATABASE_GONE as error:
+        raise CannotTell(said_by(error).strip().partition("\n")[0]) from error
+
+
+def _proves_life(database: Database, settings: WorkerSettings) -> bool:
     name = settings.executor_name
     with (
-        contextlib.closing(open_database(settings)) as database,
+        contextlib.closing(database),
         contextlib.closing(AdvisoryLock(database, f"check of {name}")) as lock,
     ):
         lock.hold()
         with lock.borrowed(name) as dead, lock.borrowed(stuck_name(name)) as gets_on:
-            return gets_on and not dead
+            return gets_on and not dead and lock.silence(name) < settings.frozen_seconds
 
 
 def stuck_name(name: str) -> str:
     """Return the name that is held as well while something in a worker does not get on."""
     return f"{name} is stuck"
+
+
+_LOCKS = sa.table(
+    "pg_locks", *map(sa.column, ("pid", "locktype", "granted", "classid", "objid", "objsubid", "database"))
+)
+_SESSIONS = sa.table("pg_stat_activity", sa.column("pid"), sa.column("state_change"))
+
+
+def _held(key: int) -> tuple[sa.ColumnElement[bool], ...]:
+    """Return what holds of the lock of a key in the server's list of locks, where both halves of it stand apart."""
+    high, low = (key >> 32) & 0xFFFFFFFF, key & 0xFFFFFFFF
+    here = sa.select(sa.column("oid")).select_from(sa.table("pg_database"))
+    return (
+        _LOCKS.c.locktype == "advisory",
+        _LOCKS.c.granted,
+        sa.cast(_LOCKS.c.classid, sa.BigInteger) == high,
+        sa.cast(_LOCKS.c.objid, sa.BigInteger) == low,
+        _LOCKS.c.objsubid == 1,
+        _LOCKS.c.database == here.where(sa.column("datname") == sa.func.current_database()).scalar_subquery(),
+    )
 
 
 def _key(name: str) -> int:

@@ -23,8 +23,10 @@ log = structlog.get_logger(__name__)
 class Takeover:
     """Holds the worker's name, and looks around every few seconds.
 
-    On PostgreSQL the lock on the name belongs to a connection. If the connection is lost, so is the proof of life:
-    after `patience_seconds` the worker stops its jobs. If it is back sooner, those that nobody has taken go on.
+    On PostgreSQL the lock on the name belongs to a connection. If the connection is lost, so is the proof of life. One
+    that hangs proves nothing either: each look says something on it, and of a worker that has said nothing for
+    `frozen_seconds` the others end the connection. Long before that the worker stops its jobs: `patience_seconds` after
+    a look that was due. If it proves sooner that it lives, those that nobody has taken go on.
     """
 
     def __init__(
@@ -46,11 +48,19 @@ class Takeover:
         self._strays: set[str] = set()
         """Jobs of ours that nobody had at the last look."""
         self._lost_at: float | None = None
+        self._proved_at: float | None = None
+        """When it was last known that the name is ours; None: it needs no proof, or none yet."""
 
     @property
     def alone(self) -> bool:
-        """Whether the name has been lost for so long that others may have our jobs."""
-        return self._lost_at is not None and time.monotonic() - self._lost_at > self._settings.patience_seconds
+        """Whether it could not be proved for so long that this worker lives that others may have its jobs.
+
+        Nothing is asked for that: whatever is asked of a database may hang.
+        """
+        if self._proved_at is None:
+            return False
+        patience = self._settings.watch_seconds + self._settings.patience_seconds
+        return time.monotonic() - self._proved_at > patience
 
     async def start(self) -> None:
         """Take the name.
@@ -67,6 +77,7 @@ class Takeover:
                 await asyncio.to_thread(self._lock.close)
                 raise WorkerRuns(self._name, "this database")
             await asyncio.sleep(FIRST_LOOK_SECONDS)
+        self._proved_at = time.monotonic()
 
     def stop(self) -> None:
         """Give the name back. Blocks, for a moment: the engine takes the loop's threads along when it ends."""
@@ -83,9 +94,13 @@ class Takeover:
             self._lose(said_by(error))
 
     def _look(self, *, stuck: bool) -> None:
-        if self._lock is not None and not self._lock.hold():
-            self._lose("another connection has this worker's name")
-            return
+        begun = time.monotonic()
+        if self._lock is not None:
+            if not self._lock.hold():
+                self._lose("another connection has this worker's name")
+                return
+            # From before it was asked: a thread that was frozen after it was answered proves nothing.
+            self._proved_at = begun
         if self._lost_at is not None:
             log.info("worker is itself again", worker=self._name, seconds=round(time.monotonic() - self._lost_at, 1))
             self._lost_at = None
@@ -99,6 +114,10 @@ class Takeover:
             with self._lock.borrowed(other) as dead:
                 if dead:
                     self._begin_anew(other, jobs)
+            if not dead and (silence := self._lock.silence(other)) > self._settings.frozen_seconds:
+                log.warning("a frozen worker loses its name", of_worker=other, by_worker=self._name, seconds=silence)
+                # Its jobs are taken over by whoever gets the name at a next look.
+                self._lock.end_session(other)
 
     def _begin_strays_anew(self, ours: set[str]) -> None:
         """A job may be ours without our knowing: the connection broke as it was handed to us, or as it ended."""

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
+from typing import Any
 
+import sqlalchemy as sa
 import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
+from dbos._dbos import _get_dbos_instance
 
 from workers.engine.executor_lock import AdvisoryLock
 from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, count_failures, delete_old
@@ -21,12 +24,14 @@ from workers.settings import WorkerSettings
 from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import SolverCommand, SolverPool
 from workers.solver.protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
+from workers.stores.cell_store import CellStore
 from workers.stores.database import Database
 from workers.stores.database_loss import DATABASE_GONE
 from workers.stores.job_queue import (
     APPLICATION,
     APPLICATION_VERSION,
     DELIVERY_WORKFLOW,
+    QUEUE,
     STUDY_WORKFLOW,
     WORKFLOW,
     JobQueue,
@@ -37,6 +42,7 @@ from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
+from workers.stores.task_parts import TaskParts
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
 
@@ -60,11 +66,13 @@ class Worker:
         memory = settings.solver_memory_mb * 2**20
         command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
         self._pool = SolverPool(command, settings.worker_slots)
-        self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
+        self._cells = CellStore(database, settings.cells_dir)
+        parts = TaskParts(MeshStore(database), self._cells)
+        self._runner = JobRunner(settings, queue, store, parts, self._pool)
         self._studies = StudyStore(database, store, queue)
         studies = SolverCommand(settings.study_command, folders, memory, min(19, settings.solver_niceness + 5))
         self._examiners = ExaminerPool(studies)
-        self._study_runner = StudyRunner(settings, queue, self._studies, MeshStore(database), self._examiners)
+        self._study_runner = StudyRunner(settings, queue, self._studies, parts, self._examiners)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
@@ -83,6 +91,7 @@ class Worker:
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": self._database.engine_url,
+            "system_database_engine": self._database.shared_engine,
             "application_version": APPLICATION_VERSION,
             "executor_id": self._settings.executor_name,
             "log_level": "WARNING",
@@ -95,6 +104,7 @@ class Worker:
         slots = self._settings.worker_slots, self._settings.study_slots
         await asyncio.to_thread(self._queue.open, *slots, self._settings.poll_seconds)
         DBOS.launch()
+        take_turns(self._queue)
 
     async def stop(self) -> None:
         """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker.
@@ -115,10 +125,12 @@ class Worker:
         """Have everything looked after that no request and no job would see to."""
         settings, repeat, store, queue = self._settings, self._supervisor.repeat, self._store, self._queue
         repeat("jobs", self._leave_lost_jobs, settings.cancel_poll_seconds)
+        repeat("proof of life", self._leave_all_if_alone, settings.cancel_poll_seconds)
         repeat("fleet", self._takeover.look, settings.watch_seconds)
         repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
         repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
+        repeat("cells", partial(asyncio.to_thread, self._cells.forget_deleted), DELETION_PAUSE_SECONDS)
         if settings.retention_days is not None:
             stores = store, SceneStore(self._database), self._studies
             delete = partial(delete_old, *stores, queue, settings.retention_days)
@@ -184,13 +196,39 @@ class Worker:
         solving = [*self._runner.solving, *self._study_runner.examining]
         if not solving:
             return
-        try:
-            lost = await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving)
-        except DATABASE_GONE:
-            lost = set(solving) if self._takeover.alone else set()
-        for job_id in lost:
+        with suppress(*DATABASE_GONE):
+            self._leave(await asyncio.to_thread(self._queue.not_with, self._settings.executor_name, solving))
+
+    async def _leave_all_if_alone(self) -> None:
+        """Leave all jobs once others may have them; beside what looks for lost ones, which may hang on the database."""
+        if self._takeover.alone:
+            self._leave([*self._runner.solving, *self._study_runner.examining])
+
+    def _leave(self, job_ids: Collection[str]) -> None:
+        for job_id in job_ids:
             self._runner.leave(job_id)
             self._study_runner.leave(job_id)
+
+
+def take_turns(queue: JobQueue) -> None:
+    """Have the engine of this process begin jobs as `queue` says whose turn it is, one at each look.
+
+    By itself it knows one order for all: whoever posts with the highest priority again and again would be the only one.
+    Workers that look at the same time may both want the same job: the engine has the second skip it, and look again.
+    """
+    engine = _engine()
+
+    def gate(queue_name: str, _partition: str | None) -> list[sa.ColumnElement[bool]]:
+        return [queue.is_next(engine.tables.workflow_status.c.workflow_uuid)] if queue_name == QUEUE else []
+
+    assert hasattr(engine, "_claim_gate"), "this version of the engine cannot be told whose turn it is"
+    # What its own kinds of databases override, to say what else must hold of the jobs that it takes.
+    engine._claim_gate = gate
+
+
+def _engine() -> Any:
+    """Return the engine's own database, which has no public name."""
+    return _get_dbos_instance()._sys_db
 
 
 def _is_news(record: logging.LogRecord) -> bool:

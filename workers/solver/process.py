@@ -24,6 +24,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from queue import SimpleQueue
 from types import TracebackType
@@ -105,9 +106,20 @@ class ReportedFaults:
         """Report an error that is not the interpreter's own way to end; its traceback goes to stderr."""
         if not isinstance(error, Exception):
             return False
-        traceback.print_exception(kind, error, trace)
+        _log(error)
         self._channel.send({"fault": _sentence(error)})
         return True
+
+
+def _log(error: Exception) -> None:
+    """Write an error to stderr as the worker writes its own: an object a line, unless a person reads them."""
+    told = "".join(traceback.format_exception(error))
+    if not sys.stderr.isatty():
+        now = datetime.now(UTC).isoformat().replace("+00:00", "Z")
+        event = {"exception": told.rstrip(), "event": "a solver met an error", "level": "error", "timestamp": now}
+        told = json.dumps(event) + "\n"
+    # One write: other processes have the same stderr.
+    os.write(sys.stderr.fileno(), told.encode(errors="replace"))
 
 
 def _sentence(error: Exception) -> str:

@@ -142,15 +142,18 @@ def is_warm(settings: WorkerSettings) -> bool:
     It is a shortcut and no promise: a kernel that is missing all the same is compiled by the solver that needs it.
     """
     try:
-        return (settings.handovers_dir / MARK).read_text() == _digest(settings)
-    except FileNotFoundError:
+        return (settings.handovers_dir / MARK).read_bytes() == _digest(settings).encode()
+    except OSError:
         return False
 
 
 def mark_warm(settings: WorkerSettings) -> None:
-    """Keep that everything has been compiled and computed."""
-    settings.handovers_dir.mkdir(parents=True, exist_ok=True)
-    (settings.handovers_dir / MARK).write_text(_digest(settings))
+    """Keep that everything has been compiled and computed; where that cannot be, the next start finds out anew."""
+    try:
+        settings.handovers_dir.mkdir(parents=True, exist_ok=True)
+        (settings.handovers_dir / MARK).write_text(_digest(settings))
+    except OSError as error:
+        log.warning("not kept that all is warm", folder=str(settings.handovers_dir), error=str(error))
 
 
 def _digest(settings: WorkerSettings) -> str:

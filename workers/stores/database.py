@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 import sqlalchemy as sa
 import structlog
 from dbos import run_dbos_database_migrations
-from sqlalchemy import event
+from sqlalchemy import event, exc
+from sqlalchemy.engine.interfaces import DBAPIConnection
 
+from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
 from workers.stores.database_loss import DATABASE_GONE, said_by, tell_refusal_as_loss
 from workers.stores.migrations import migrate
@@ -29,6 +35,8 @@ SERVER_PATIENCE = {
     "keepalives_interval": "5",
     "keepalives_count": "2",
     "tcp_user_timeout": "15000",
+    # Else a database that knows no encoding gives bytes for texts, before it could be refused for that.
+    "client_encoding": "utf8",
     "options": "-c idle_in_transaction_session_timeout=10000",
 }
 """When a connection counts as lost: libpq's own limits are hours.
@@ -36,11 +44,22 @@ SERVER_PATIENCE = {
 A process that is frozen within a transaction still answers for its connection, and holds the rows that it has locked:
 the server ends that session, so that others can take its jobs over.
 """
-POOL_SIZE = 20
 POOL_SECONDS = 5.0
-"""How long a request waits for a connection to be free [s]."""
+"""How long a request waits for a connection of ours to be free, or for one that the server can spare [s]."""
+SPARE_LOOK_SECONDS = 0.1
+NO_CONNECTION_LEFT = ("too many clients", "remaining connection slots", "too many connections")
+"""What a server says that has no connection to spare: it says so before it could name an SQLSTATE."""
+SQLITE_ROOM_BYTES = 16 * 2**20
+"""With less on its disk, SQLite may not be able to keep the next documents [bytes]."""
+PROBE = "probe"
+"""Name of the row that is written to learn whether it can be."""
+ENCODING = "UTF8"
 
 log = structlog.get_logger(__name__)
+
+
+class DatabaseUnusable(LiftwrightError):
+    """There is no database to work with, and waiting would not help."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +69,16 @@ class Database:
     engine: sa.Engine
     engine_url: str
     """The same database as the job engine wants it named."""
+    embedded_in: Path | None = None
+    """The folder of its file; None: a server has it."""
+
+    @property
+    def shared_engine(self) -> sa.Engine | None:
+        """What the job engine uses as well, so that a process has one pool of connections; None: it has one of its own.
+
+        On SQLite connections cost nothing, and the job engine begins its transactions in another way.
+        """
+        return self.engine if self.embedded_in is None else None
 
     def rows(self, query: sa.Executable) -> Sequence[sa.Row[Any]]:
         """Return what a query finds."""
@@ -78,9 +107,22 @@ class Database:
 
     def require_writable(self) -> None:
         """Raise what `DATABASE_GONE` lists if it cannot be reached, or takes no writes."""
-        # A server that refuses to lock refuses to write; SQLite, where nobody else may be the primary, is only read.
+        if self.embedded_in is not None:
+            if shutil.disk_usage(self.embedded_in).free < SQLITE_ROOM_BYTES:
+                raise _failure(f"the disk of {self.embedded_in} is full")
+            self._write_probe()
+            return
+        # A server that refuses to lock refuses to write.
         with self.engine.connect() as connection:
             connection.execute(sa.select(TOTALS.c.count).where(sa.false()).with_for_update())
+
+    def _write_probe(self) -> None:
+        """Write a row that means nothing: what a disk takes is only known when it has taken it."""
+        row = {"name": PROBE, "label": "", "count": 0, "seconds": time.time()}
+        with self.engine.begin() as transaction:
+            written = transaction.execute(sa.update(TOTALS).where(TOTALS.c.name == PROBE).values(row)).rowcount
+            if not written:
+                transaction.execute(sa.insert(TOTALS).values(row))
 
     def close(self) -> None:
         """Give all connections back."""
@@ -92,33 +134,110 @@ def open_database(settings: WorkerSettings) -> Database:
 
     Raises:
         DatabaseTooNew: A newer version of this software has used it.
+        DatabaseUnusable: There is none, it is none of ours, or nothing can be written to it.
     """
     tell_refusal_as_loss()
-    settings.data_dir.mkdir(parents=True, exist_ok=True)
     if settings.database_url is None:
-        path = settings.data_dir.resolve() / SQLITE_FILE
-        url = f"sqlite:///{path}"
-        _switch_to_wal(str(path))
-        engine = sa.create_engine(url)
-        event.listen(engine, "connect", _set_up_sqlite)
-    else:
-        url = _with_timeouts(settings.database_url)
-        engine = sa.create_engine(
-            sa.make_url(url).set(drivername="postgresql+psycopg"),
-            pool_pre_ping=True,
-            pool_size=POOL_SIZE,
-            pool_timeout=POOL_SECONDS,
-        )
-        _wait_for_server(engine)
-    run_dbos_database_migrations(url)
-    migrate(engine)
-    return Database(engine, url)
+        return _open_file(settings.data_dir)
+    database = server_database(settings)
+    with ExitStack() as opened:
+        opened.callback(database.close)
+        try:
+            _wait_for_server(database.engine)
+            _require_encoding(database.engine)
+            run_dbos_database_migrations(database.engine_url)
+            migrate(database.engine)
+        except exc.DBAPIError as error:
+            raise DatabaseUnusable(f"{_shown(database.engine)} cannot be used: {_first_line(error)}") from error
+        opened.pop_all()
+    return database
 
 
-def _with_timeouts(url: str) -> str:
+def server_database(settings: WorkerSettings, seconds: int | None = None) -> Database:
+    """Return a database on a server, of which nothing is asked yet.
+
+    Args:
+        settings: with a `database_url`.
+        seconds: how long a connection may take; None: as long as to be sure that nobody answers [s].
+
+    Raises:
+        DatabaseUnusable: The address is none.
+    """
+    url = _with_timeouts(
+        _read_url(settings.database_url or ""), {} if seconds is None else {"connect_timeout": f"{seconds}"}
+    )
+    engine = sa.create_engine(
+        url.set(drivername="postgresql+psycopg"),
+        pool_pre_ping=True,
+        pool_size=settings.database_connections,
+        max_overflow=0,
+        pool_timeout=POOL_SECONDS,
+    )
+    event.listen(engine, "do_connect", _connect_to_spare)
+    return Database(engine, url.render_as_string(hide_password=False))
+
+
+def _open_file(data_dir: Path) -> Database:
+    folder = data_dir.resolve()
+    path = folder / SQLITE_FILE
+    with ExitStack() as opened:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _switch_to_wal(str(path))
+            engine = sa.create_engine(f"sqlite:///{path}")
+            opened.callback(engine.dispose)
+            event.listen(engine, "connect", _set_up_sqlite)
+            same_file = _same_file(path)
+            # Before it is opened, too: that would make an empty one.
+            event.listen(engine, "do_connect", same_file)
+            event.listen(engine, "checkout", same_file)
+            run_dbos_database_migrations(f"sqlite:///{path}")
+            migrate(engine)
+        except OSError as error:
+            raise DatabaseUnusable(f"{folder} cannot be written to: {error.strerror}") from error
+        except (sqlite3.Error, exc.DBAPIError) as error:
+            raise DatabaseUnusable(f"{path} cannot be used: {_first_line(error)}") from error
+        opened.pop_all()
+        return Database(engine, f"sqlite:///{path}", folder)
+
+
+def _read_url(text: str) -> sa.URL:
+    """Return an address; in its password every character may stand for itself.
+
+    Raises:
+        DatabaseUnusable: It is none of PostgreSQL.
+    """
+    scheme, _, rest = text.partition("://")
+    # The last @ ends the password, though RFC 3986 wants others, and / # : in it, to be written as %40 and the like.
+    who, at, where = rest.rpartition("@")
+    user, colon, password = who.partition(":")
+    try:
+        url = sa.make_url(f"{scheme}://{user}{colon}{quote(unquote(password), safe='')}{at}{where}")
+    except (exc.ArgumentError, ValueError):
+        url = None
+    if url is None or url.get_backend_name() not in ("postgresql", "postgres"):
+        raise DatabaseUnusable("database_url must be postgresql://USER:PASSWORD@HOST:PORT/DATABASE")
+    return url
+
+
+def _with_timeouts(url: sa.URL, more: Mapping[str, str]) -> sa.URL:
     """Have a server that does not answer be an error soon, unless the operator has said otherwise."""
-    given = sa.make_url(url)
-    return given.update_query_dict({**SERVER_PATIENCE, **given.query}).render_as_string(hide_password=False)
+    return url.update_query_dict({**SERVER_PATIENCE, **url.query, **more})
+
+
+def _connect_to_spare(
+    dialect: sa.Dialect, _record: object, arguments: list[Any], named: dict[str, Any]
+) -> DBAPIConnection:
+    """Connect to a server that may have no connection to spare for a moment."""
+    deadline = time.monotonic() + POOL_SECONDS
+    while True:
+        try:
+            return dialect.connect(*arguments, **named)
+        except Exception as error:
+            full = any(words in str(error) for words in NO_CONNECTION_LEFT)
+            if not full or time.monotonic() > deadline:
+                raise
+        time.sleep(SPARE_LOOK_SECONDS)
 
 
 def _wait_for_server(engine: sa.Engine) -> None:
@@ -132,6 +251,50 @@ def _wait_for_server(engine: sa.Engine) -> None:
                 raise
             log.warning("waiting for the database", error=said_by(error))
         time.sleep(1.0)
+
+
+def _require_encoding(engine: sa.Engine) -> None:
+    """Raise `DatabaseUnusable` unless a database has texts as we have them."""
+    with engine.connect() as connection:
+        encoding = connection.scalar(sa.text("SHOW server_encoding"))
+    if encoding != ENCODING:
+        raise DatabaseUnusable(
+            f"{_shown(engine)} has the encoding {encoding}, and must have {ENCODING}: create it anew with "
+            f"CREATE DATABASE {engine.url.database} ENCODING '{ENCODING}' TEMPLATE template0"
+        )
+
+
+def _shown(engine: sa.Engine) -> str:
+    """Return where a database is, without the password."""
+    url = engine.url
+    return f"the database {url.database} on {url.host or 'this machine'}:{url.port or 5432}"
+
+
+def _first_line(error: Exception) -> str:
+    """Return what a database says, without what it was asked."""
+    said = said_by(error) if isinstance(error, exc.SQLAlchemyError) else str(error)
+    return said.strip().splitlines()[0] if said.strip() else type(error).__name__
+
+
+def _same_file(path: Path) -> Callable[..., None]:
+    """Return what looks, whenever a connection is used, whether it still leads to the file that has the name."""
+    opened = path.stat()
+
+    def look(*_: object) -> None:
+        try:
+            now = path.stat()
+        except OSError:
+            now = None
+        if now is None or (now.st_dev, now.st_ino) != (opened.st_dev, opened.st_ino):
+            # What is written goes into a file without a name, and is gone when the last process has closed it.
+            raise _failure(f"{path.name} was removed or replaced while it was in use; put it back, or start again")
+
+    return look
+
+
+def _failure(why: str) -> exc.OperationalError:
+    """Return an error that counts as a database that cannot be used."""
+    return exc.OperationalError(None, None, sqlite3.OperationalError(why))
 
 
 def _switch_to_wal(path: str) -> None:

@@ -41,6 +41,8 @@ APPLICATION_VERSION = "1"
 PORTABLE_JSON = "portable_json"
 """What the engine writes for `WorkflowSerializationFormat.PORTABLE`."""
 STUDY_ID_LENGTH = 32
+TURNS_REMEMBERED = 200
+"""Of so many jobs that were begun last it is known whose they were [1]; more owners than that take less even turns."""
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
 
@@ -66,8 +68,10 @@ class NewJob:
 
     plan_id: str
     created_us: int
+    owner: str | None
+    """With whose jobs it takes turns; None: those of nobody, who is an owner like others."""
     priority: int = 0
-    """0 … 9; the highest goes first, and of equal ones the oldest."""
+    """0 … 9; of its owner's jobs the highest goes first, and of equal ones the oldest."""
     start_us: int | None = None
     """Before which it may not be begun; None: at once."""
 
@@ -77,7 +81,10 @@ class JobQueue:
 
     def __init__(self, database: Database) -> None:
         self._client = DBOSClient(
-            system_database_url=database.engine_url, application_name=APPLICATION, retry_connection_errors=False
+            system_database_url=database.engine_url,
+            system_database_engine=database.shared_engine,
+            application_name=APPLICATION,
+            retry_connection_errors=False,
         )
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
@@ -115,6 +122,8 @@ class JobQueue:
                 "status": ENQUEUED if job.start_us is None else DELAYED,
                 "name": WORKFLOW,
                 "queue_name": QUEUE,
+                # The engine has an index of what waits and runs by it, and makes no other use of it in this queue.
+                "queue_partition_key": job.owner,
                 "application_name": APPLICATION,
                 "application_version": APPLICATION_VERSION,
                 "serialization": PORTABLE_JSON,
@@ -229,22 +238,88 @@ class JobQueue:
         rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
         return Depth(*rows[0])
 
+    def due_of_owner(self, owner: str, most: int, transaction: sa.Connection) -> int:
+        """Return how many jobs of an owner may be begun or run, counted up to `most`."""
+        jobs = self._jobs
+        due = sa.select(sa.literal(1)).where(self._due, jobs.c.queue_partition_key == owner).limit(most)
+        return transaction.scalar(sa.select(sa.func.count()).select_from(due.subquery())) or 0
+
     def places(self, plan_ids: Sequence[str], most: int, transaction: sa.Connection | None = None) -> dict[str, int]:
         """Return the places in the queue of those of `plan_ids` that are among the first `most` to wait for a worker.
 
         1 is the next to begin. What others have not committed yet does not count; in `transaction`, what it has does.
         """
-        order = (self._jobs.c.priority, self._jobs.c.created_at, self._jobs.c.workflow_uuid)
-        waiting = (
-            sa.select(self._jobs.c.workflow_uuid, sa.func.row_number().over(order_by=order).label("place"))
-            .where(self._jobs.c.queue_name == QUEUE, self._jobs.c.status == ENQUEUED)
-            .order_by(*order)
-            .limit(most)
-            .subquery()
+        waiting = self._in_turn()
+        query = sa.select(waiting.c.workflow_uuid, waiting.c.place).where(
+            waiting.c.workflow_uuid.in_(plan_ids), waiting.c.place <= most
         )
-        query = sa.select(waiting.c.workflow_uuid, waiting.c.place).where(waiting.c.workflow_uuid.in_(plan_ids))
         rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
         return {row.workflow_uuid: row.place for row in rows}
+
+    def is_next(self, job: sa.ColumnElement[str]) -> sa.ColumnElement[bool]:
+        """Return what holds of the id of that job alone which is to be begun next."""
+        waiting = self._in_turn()
+        return job.in_(sa.select(waiting.c.workflow_uuid).where(waiting.c.place == 1))
+
+    @property
+    def _due(self) -> sa.ColumnElement[bool]:
+        """What holds of jobs that may be begun, or run."""
+        # As the engine's partial indexes have it, word for word: SQLite uses them for nothing else.
+        in_flight = self._jobs.c.status.in_([sa.literal_column(f"'{each}'") for each in (ENQUEUED, RUNNING)])
+        return sa.and_(self._jobs.c.queue_name == QUEUE, in_flight)
+
+    def _in_turn(self) -> sa.Subquery:
+        """Return a query of the ids of all jobs that wait for a worker, with the `place` of each.
+
+        Owners take turns: a job comes as many rounds later as its owner has jobs that run, or wait before it. Within a
+        round the owner comes first whose last job was begun longest ago. All of it is read from the engine's indexes.
+        """
+        jobs, begun = self._jobs, self._jobs.alias("begun")
+        of_owner = [jobs.c.priority, jobs.c.created_at, jobs.c.workflow_uuid]
+        waiting = (
+            sa.select(
+                jobs.c.workflow_uuid,
+                jobs.c.created_at,
+                jobs.c.queue_partition_key.label("owner"),
+                sa.func.row_number().over(partition_by=jobs.c.queue_partition_key, order_by=of_owner).label("ahead"),
+            )
+            .where(self._due, jobs.c.status == ENQUEUED)
+            .cte("waiting")
+        )
+        running = (
+            sa.select(jobs.c.queue_partition_key.label("owner"), sa.func.count().label("number"))
+            .where(self._due, jobs.c.status == RUNNING)
+            .group_by(jobs.c.queue_partition_key)
+            .cte("running")
+        )
+        latest = (
+            sa.select(begun.c.queue_partition_key.label("owner"), begun.c.started_at_epoch_ms)
+            .where(begun.c.queue_name == QUEUE, begun.c.started_at_epoch_ms.is_not(None))
+            .order_by(begun.c.started_at_epoch_ms.desc())
+            .limit(TURNS_REMEMBERED)
+            .subquery()
+        )
+        last = (
+            sa.select(latest.c.owner, sa.func.max(latest.c.started_at_epoch_ms).label("begun_ms"))
+            .group_by(latest.c.owner)
+            .cte("last")
+        )
+        nobody = sa.literal_column("''")
+
+        def owned(other: sa.CTE) -> sa.ColumnElement[bool]:
+            return sa.func.coalesce(other.c.owner, nobody) == sa.func.coalesce(waiting.c.owner, nobody)
+
+        turn = [
+            sa.func.coalesce(running.c.number, 0) + waiting.c.ahead,
+            sa.func.coalesce(last.c.begun_ms, 0),
+            waiting.c.created_at,
+            waiting.c.workflow_uuid,
+        ]
+        return (
+            sa.select(waiting.c.workflow_uuid, sa.func.row_number().over(order_by=turn).label("place"))
+            .select_from(waiting.outerjoin(running, owned(running)).outerjoin(last, owned(last)))
+            .subquery()
+        )
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""

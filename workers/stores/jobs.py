@@ -38,7 +38,7 @@ class JobOrder:
     work_master: str | None = None
     """The recipe by which the caller made the task, in its own words."""
     priority: int = 0
-    """0 … 9; the highest goes first, and of equal ones the oldest."""
+    """0 … 9; of its owner's jobs the highest goes first, and of equal ones the oldest."""
     start_us: int | None = None
     """The job is not begun before."""
     end_us: int | None = None
@@ -111,6 +111,7 @@ def workflow_table(dialect: str) -> sa.TableClause:
         sa.column("status", sa.Text),
         sa.column("name", sa.Text),
         sa.column("queue_name", sa.Text),
+        sa.column("queue_partition_key", sa.Text),
         sa.column("application_name", sa.Text),
         sa.column("application_version", sa.Text),
         sa.column("serialization", sa.Text),

@@ -186,6 +186,7 @@ class Submission:
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
             "scene_id": task.get("scene_id"),
+            "cell": stored_text(task.get("cell")),
         }
         record = PlanRecord(**shared, started_us=None, finished_us=None, stage=None, outcome=None)
         return cls(record, row, order, None if audit is None else audit(plan_id), order.pause(now) > 0.0)
@@ -208,9 +209,8 @@ class Submission:
     @property
     def job(self) -> NewJob:
         """What is enqueued."""
-        return NewJob(
-            self.plan_id, self.record.created_us, self.order.priority, self.order.start_us if self.delayed else None
-        )
+        start_us = self.order.start_us if self.delayed else None
+        return NewJob(self.plan_id, self.record.created_us, self.owner, self.order.priority, start_us)
 
 
 @dataclass(frozen=True)
@@ -227,6 +227,7 @@ class NoRoom(Enum):
     """Why a task was not accepted that could be planned."""
 
     QUEUE_FULL = "there are too many unfinished jobs"
+    SHARE_FULL = "there are too many unfinished jobs of its owner"
     TOO_MANY_DELAYED = "too many jobs of its owner wait for their start"
 
 
@@ -236,6 +237,8 @@ class Room:
 
     jobs: int
     """That may be begun, and have not ended."""
+    jobs_of_owner: int
+    """As many of them as one owner may have, where keys tell owners apart."""
     delayed: int
     """Of one owner that wait for their start."""
 
@@ -340,11 +343,18 @@ class PlanStore:
         """Return for which submissions there is no room any more, and why."""
         due, refused = queue.depth(room.jobs, transaction).due, dict[str, NoRoom]()
         delayed: dict[str | None, int] = {}
+        shares: dict[str, int] = {}
         for each in submissions:
+            if each.owner is not None and each.owner not in shares:
+                shares[each.owner] = queue.due_of_owner(each.owner, room.jobs_of_owner, transaction)
             if due >= room.jobs:
                 refused[each.plan_id] = NoRoom.QUEUE_FULL
+            elif each.owner is not None and shares[each.owner] >= room.jobs_of_owner:
+                refused[each.plan_id] = NoRoom.SHARE_FULL
             elif not each.delayed:
                 due += 1
+                if each.owner is not None:
+                    shares[each.owner] += 1
             else:
                 # Jobs for later are in nobody's way, so they are no reason to refuse those of others.
                 if each.owner not in delayed:

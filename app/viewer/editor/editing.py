@@ -129,11 +129,11 @@ class Workshop:
     """Tells what somebody may see, whenever something is opened; raises what `admit` does."""
 
 
-async def edit(socket: WebSocket, workshop: Workshop) -> None:
-    """Give somebody a scene with a draft in it, and do with it what the page asks for until it goes away."""
+async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None:
+    """Give somebody of an owner a scene with a draft in it; do with it what the page asks for until it goes away."""
     await socket.accept()
     try:
-        server = await or_fault("open a scene", workshop.servers.enter())
+        server = await or_fault("open a scene", workshop.servers.enter(owner))
     except TooManyWatchers as error:
         await socket.close(TRY_AGAIN_LATER, str(error))
         return
@@ -143,7 +143,7 @@ async def edit(socket: WebSocket, workshop: Workshop) -> None:
     # What is answered and what was dragged goes out in one order, by one task.
     outbox, sent = anyio.create_memory_object_stream[dict[str, Any]](max_buffer_size=float("inf"))
     try:
-        async with anyio.create_task_group() as tasks:
+        async with outbox, sent, anyio.create_task_group() as tasks:
             tasks.start_soon(_send_on, sent, socket)
             await _serve(socket, _Editing(workshop, server, outbox))
             tasks.cancel_scope.cancel()
@@ -252,7 +252,7 @@ class _Editing:
     def _draw(self, request: DrawDraft) -> None:
         name = cell_of(request.task)
         # A cell that there is not is told where the task is checked; here the last one stays.
-        if name in self.workshop.servers.cells and name != self.cell:
+        if name is not None and name != self.cell and name in self.workshop.servers.cells:
             self.scene, self.cell = self.workshop.servers.open_draft(self.server, name, self._told), name
         if self.scene is None or self.cell is None:
             return

@@ -1,0 +1,156 @@
+"""Recordings of plans: made one after the other, for as long as somebody waits, and kept by their documents."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from app.errors import TooManyRecordings
+from workers.stores.plan_store import StoredDocument
+
+_SUFFIX = ".html"
+Make = Callable[[StoredDocument], str]
+log = structlog.get_logger(__name__)
+
+
+class NobodyWaits(Exception):
+    """Whoever asked for a recording has gone."""
+
+
+@dataclass(eq=False)
+class _Making:
+    """A recording that is being made, or waits for its turn."""
+
+    task: asyncio.Task[bytes]
+    waiting: int = 0
+    """So many requests wait for it."""
+    begun: bool = False
+
+
+class Recordings:
+    """A folder of recordings, and a queue of those that are made. On one event loop.
+
+    The folder holds what can be made again: several processes may share it, and one that is full costs time only.
+    """
+
+    def __init__(self, folder: Path, make: Make, software: str, most_bytes: int, most_waiting: int) -> None:
+        """Keep at most `most_bytes`; let at most `most_waiting` wait.
+
+        Args:
+            folder: where they are kept.
+            make: returns the page of a document; called in a thread, keeps a core busy for some seconds.
+            software: changes with whatever else makes a page another one.
+            most_bytes: so much is kept, those used last [bytes]; 0: nothing.
+            most_waiting: so many documents wait for the one that is being made; a further one is refused [1].
+        """
+        self._folder, self._make, self._software = folder, make, software
+        self._most_bytes, self._most_waiting = most_bytes, most_waiting
+        self._making: dict[str, _Making] = {}
+        self._turn = asyncio.Lock()
+
+    def tag(self, document: StoredDocument) -> str:
+        """Return what names a document's recording, and no other page."""
+        return hashlib.sha256(f"{document.sha256} {self._software}".encode()).hexdigest()
+
+    async def get(self, document: StoredDocument, left: Callable[[], Coroutine[Any, Any, object]]) -> bytes:
+        """Return the recording of a document, once it is made.
+
+        Args:
+            document: of the plan.
+            left: returns once whoever asks has gone; what nobody waits for any more is not begun.
+
+        Raises:
+            TooManyRecordings: Too many wait already.
+            NobodyWaits: `left` returned first.
+        """
+        name = self.tag(document)
+        kept = await asyncio.to_thread(self._read, name)
+        if kept is not None:
+            return kept
+        making = self._making.get(name)
+        if making is None:
+            if len(self._making) > self._most_waiting:
+                raise TooManyRecordings(self._most_waiting)
+            making = self._making[name] = _Making(asyncio.create_task(self._made(name, document)))
+            making.task.add_done_callback(_note_failure)
+        gone = asyncio.create_task(left())
+        making.waiting += 1
+        try:
+            await asyncio.wait((making.task, gone), return_when=asyncio.FIRST_COMPLETED)
+            if making.task.done():
+                return making.task.result()
+            raise NobodyWaits
+        finally:
+            making.waiting -= 1
+            gone.cancel()
+            # A thread cannot be stopped: what is being made is made, and kept for whoever asks again.
+            if not making.waiting and not making.begun and not making.task.done():
+                self._making.pop(name, None)
+                making.task.cancel()
+
+    async def _made(self, name: str, document: StoredDocument) -> bytes:
+        try:
+            async with self._turn:
+                self._making[name].begun = True
+                page = (await asyncio.to_thread(self._make, document)).encode()
+                await asyncio.to_thread(self._keep, name, page)
+                return page
+        finally:
+            if self._making.get(name) is not None and self._making[name].task is asyncio.current_task():
+                del self._making[name]
+
+    def _read(self, name: str) -> bytes | None:
+        path = self._folder / f"{name}{_SUFFIX}"
+        try:
+            page = path.read_bytes()
+            # The time of last use decides which files go.
+            path.touch()
+        except OSError:
+            return None
+        return page
+
+    def _keep(self, name: str, page: bytes) -> None:
+        """Keep a page; readers see all of it or nothing."""
+        if len(page) > self._most_bytes:
+            return
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            handle, part = tempfile.mkstemp(dir=self._folder, prefix=".", suffix=".part")
+            try:
+                with os.fdopen(handle, "wb") as stream:
+                    stream.write(page)
+                Path(part).replace(self._folder / f"{name}{_SUFFIX}")
+            except BaseException:
+                Path(part).unlink(missing_ok=True)
+                raise
+            self._forget_the_oldest()
+        except OSError as error:
+            log.warning("recording not kept", folder=str(self._folder), error=str(error))
+
+    def _forget_the_oldest(self) -> None:
+        kept: list[tuple[int, int, Path]] = []
+        for path in self._folder.glob(f"*{_SUFFIX}"):
+            # Another process may have removed it.
+            with suppress(FileNotFoundError):
+                told = path.stat()
+                kept.append((told.st_mtime_ns, told.st_size, path))
+        room = self._most_bytes
+        for _, size, path in sorted(kept, reverse=True):
+            room -= size
+            if room < 0:
+                path.unlink(missing_ok=True)
+
+
+def _note_failure(task: asyncio.Task[bytes]) -> None:
+    """Whoever waits raises it again; nobody may wait."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        log.warning("recording not made", error=repr(error))

@@ -1,0 +1,111 @@
+"""What heads of requests are believed, and what browsers are told of every answer."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+from access.conftest import GuardedService
+from support.service import FAKE_SOLVER, wait_for
+from support.serving import served
+
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
+from app.settings import ServiceSettings
+
+ELSEWHERE = "203.0.113.9"
+
+
+def settings_in(folder: Path, **settings: object) -> ServiceSettings:
+    return ServiceSettings.model_validate({"data_dir": folder, "solver_command": FAKE_SOLVER, **settings})
+
+
+def address_in_audit(folder: Path, **settings: object) -> str:
+    """Return where a change came from, as the audit log has it, that a proxy says was made elsewhere."""
+    guarded = settings_in(folder, **settings)
+    key = {"Authorization": f"Bearer {issue_key(guarded, 'it', Scope.ADMIN, None)}"}
+    with served(guarded, with_worker=False) as address, httpx.Client(base_url=address, headers=key) as client:
+        assert client.delete("/v1/plans/none", headers={"X-Forwarded-For": ELSEWHERE}).status_code == 404
+        return client.get("/v1/audit").json()["entries"][0]["address"]
+
+
+def test_what_says_to_be_a_proxy_is_believed_only_where_it_is_set(tmp_path: Path) -> None:
+    assert address_in_audit(tmp_path / "a") == "127.0.0.1"
+    assert address_in_audit(tmp_path / "b", trusted_proxies=["10.0.0.0/8"]) == "127.0.0.1"
+    assert address_in_audit(tmp_path / "c", trusted_proxies=["127.0.0.0/8"]) == ELSEWHERE
+
+
+def test_wrong_keys_are_counted_by_where_they_come_from_and_not_by_where_they_say(service: GuardedService) -> None:
+    with service.client(None) as client:
+        told = {
+            client.get(
+                "/v1/plans", headers={"Authorization": f"Bearer {n}", "X-Forwarded-For": f"10.0.{n % 250}.1"}
+            ).status_code
+            for n in range(150)
+        }
+    assert told == {401, 429}
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/docs", "/viewer/", "/viewer/new", "/viewer/compare", "/viewer/study", "/viewer/style.css",
+             "/v1/plans", "/v1/plans/none", "/livez", "/viewer/login", "/none"],
+)  # fmt: skip
+def test_no_other_site_frames_or_guesses_any_answer(service: GuardedService, path: str) -> None:
+    with service.client("admin") as client:
+        headers = client.get(path).headers
+    assert "frame-ancestors 'self'" in headers["Content-Security-Policy"]
+    assert headers["X-Frame-Options"] == "SAMEORIGIN"
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Referrer-Policy"] == "same-origin"
+
+
+def test_with_keys_a_service_on_loopback_answers_to_its_own_machine_or_to_the_names_that_are_set(
+    service: GuardedService, tmp_path: Path
+) -> None:
+    with service.client("reader") as client:
+        for host, status in {"localhost": 200, "evil.example": 421}.items():
+            assert client.get("/v1/plans", headers={"Host": host}).status_code == status
+            assert client.get("/livez", headers={"Host": host}).status_code == 200
+    settings = settings_in(tmp_path, allowed_hosts=["mes-planner"])
+    key = {"Authorization": f"Bearer {issue_key(settings, 'it', Scope.ADMIN, None)}"}
+    with served(settings, with_worker=False) as address, httpx.Client(base_url=address, headers=key) as client:
+        for host, status in {"MES-planner:8040": 200, "localhost": 421, "evil.example": 421}.items():
+            answer = client.get("/v1/plans", headers={"Host": host})
+            assert answer.status_code == status
+            assert status == 200 or "mes-planner" in answer.json()["detail"]
+
+
+def sent(service: GuardedService, text: bytes, *, leave: bool = False) -> bytes:
+    """Send bytes as they are, and return what comes until the service closes."""
+    parts = urlsplit(service.address)
+    with socket.create_connection((parts.hostname, parts.port)) as connection:
+        connection.sendall(text)
+        answer = b""
+        while not leave and (part := connection.recv(4096)):
+            answer += part
+        return answer
+
+
+def test_a_body_whose_end_is_told_in_two_ways_is_refused_and_nothing_behind_it_is_read(service: GuardedService) -> None:
+    smuggled = (
+        b"POST /v1/tasks/check HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n"
+        b"0\r\n\r\nGET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    )
+    answer = sent(service, smuggled)
+    assert answer.startswith(b"HTTP/1.1 400 ")
+    assert answer.count(b"HTTP/1.1 ") == 1
+
+
+def test_a_client_that_leaves_in_the_middle_of_a_body_is_no_fault_of_the_service(
+    service: GuardedService, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head = f"POST /v1/plans HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {service.keys['writer']}\r\n"
+    length = 'liftwright_request_seconds_count{method="POST",route="/v1/plans",status="%d"}'
+    sent(service, f"{head}Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{{".encode(), leave=True)
+    with service.client("admin") as client:
+        wait_for(lambda: length % 499 in client.get("/metrics").text, 5.0)
+        assert length % 500 not in client.get("/metrics").text
+    assert "Traceback" not in capsys.readouterr().err
