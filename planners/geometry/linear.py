@@ -1,4 +1,4 @@
-"""Small systems of linear equations, for compiled code."""
+"""Small linear algebra: what NumPy takes longer to be asked than to do."""
 
 from __future__ import annotations
 
@@ -41,3 +41,12 @@ def solve(matrix: Array, right: Array) -> Array:
             x[i] -= matrix[i, j] * x[j]
         x[i] /= matrix[i, i]
     return x
+
+
+@njit(cache=True, nogil=True)
+def row_between(rows: Array, low: int, high: int, part: float) -> Array:
+    """Return the (k,) row that is `part` (0 to 1) of the straight way from one row of `rows` (n, k) to another."""
+    row = np.empty(rows.shape[1])
+    for j in range(rows.shape[1]):
+        row[j] = (1.0 - part) * rows[low, j] + part * rows[high, j]
+    return row

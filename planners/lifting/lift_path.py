@@ -10,6 +10,7 @@ import numpy as np
 
 from planners.cell.arm import Arm
 from planners.collision.model import CollisionQuery
+from planners.geometry.linear import row_between
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics
@@ -54,9 +55,7 @@ class LiftPath:
         last = len(self.heights) - 1
         place = min(max(height / self._step, 0.0), float(last))
         low = min(int(place), max(last - 1, 0))
-        high = min(low + 1, last)
-        part = place - low
-        return (1.0 - part) * self.positions[low] + part * self.positions[high]
+        return row_between(self.positions, low, min(low + 1, last), place - low)
 
     def speed_limits(self, velocity_max: Array) -> Array:
         """Return (n,) the vertical speed at which no joint exceeds its limit (12,) next to each height [m/s]."""

@@ -65,10 +65,15 @@ def lifter(scene, **changes: float) -> SuctionLifter:
     return SuctionLifter(scene, replace(CupSettings(), **changes), ContactSettings(), np.random.default_rng(0))
 
 
+def at_rest(cup: SuctionLifter, plate: tuple) -> tuple[Array, Array]:
+    """Where the pad is on a plate that stands, and its velocity."""
+    return cup.place(plate), np.zeros(3)
+
+
 def hang(cup: SuctionLifter, scene, force: Array) -> tuple:
     """Attach it to a level plate that is pulled upwards."""
     plate = (np.eye(3), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
-    place, velocity = cup.place(plate)
+    place, velocity = at_rest(cup, plate)
     cup.give(np.concatenate([force, np.zeros(3)]), place, velocity, plate, STEP)
     cup.hang(plate, np.zeros(3))
     return plate
@@ -115,7 +120,7 @@ def test_a_short_jerk_is_borne(scene) -> None:
 def test_the_force_source_errs_by_its_error_and_ends_at_the_cups_limit(scene) -> None:
     cup = lifter(scene, error_time=0.01)
     plate = (np.eye(3), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
-    place, velocity = cup.place(plate)
+    place, velocity = at_rest(cup, plate)
     for wanted in (0.5, 0.99):
         pulls = []
         for _ in range(3000):
@@ -143,7 +148,7 @@ def test_a_cable_pulls_straight_up_on_a_tilted_plate_wherever_the_cup_is(scene) 
     cup = on_a_cable(scene)
     R = rotation_from_vector([0.4, -0.2, 0.3])
     plate = (R, np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
-    place, velocity = cup.place(plate)
+    place, velocity = at_rest(cup, plate)
     aside = np.array([0.01, 0.02, 0.0])
     wrench = cup.give(np.array([0, 0, 30.0, 0, 0, 0]), place + aside, velocity, plate, STEP)
     assert wrench[:3] == pytest.approx([0.0, 0.0, 30.0])
@@ -165,7 +170,7 @@ def stiff(scene, kappa: float) -> SuctionLifter:
 
 def torque_at_the_pad(cup: SuctionLifter, plate: tuple, wrench: Array) -> Array:
     """What a wrench about the centre of mass is about the pad."""
-    place, _ = cup.place(plate)
+    place = cup.place(plate)
     return wrench[3:] - skew(place - plate[1]) @ wrench[:3]
 
 
@@ -174,7 +179,7 @@ TURNED = (rotation_from_vector([0.4, -0.2, 0.7]), np.array([0.3, 0.0, 1.2]), np.
 
 def given(cup: SuctionLifter, pull: float, torque: Array) -> tuple[Array, Array]:
     """The torques about the pad, (3,) each in world axes, of `give` and of `hoist`."""
-    place, velocity = cup.place(TURNED)
+    place, velocity = at_rest(cup, TURNED)
     force = pull * TURNED[0] @ np.array([0.0, 0.0, 1.0])
     manipulated = cup.give(np.concatenate([force, torque]), place, velocity, TURNED, STEP)
     cup.hang(TURNED, torque)

@@ -79,8 +79,9 @@ def convex_shape(body: Body, at: Array, client: int) -> int:
 def write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:
     """Write a hull, moved into a link's frame, as an OBJ file and return the file's name."""
     vertices = hull[0] @ T_link_frame[:3, :3].T + T_link_frame[:3, 3]
-    lines = [f"v {_three(vertex)}" for vertex in vertices]
-    lines += ["f " + " ".join(str(index + 1) for index in face) for face in hull[1]]
+    # Some thousand corners an arm: formatted three at a time.
+    lines = ["v {:.12g} {:.12g} {:.12g}".format(*vertex) for vertex in vertices.tolist()]
+    lines += ["f {} {} {}".format(*face) for face in (hull[1] + 1).tolist()]
     path.write_text("\n".join(lines) + "\n")
     return path.name
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from workers.simulation.cooperative_lift import CooperativeLift, LiftForces, way
 from workers.simulation.hands import GrippingHand, PushingHand, SimulatedHand
 from workers.simulation.lift_reference import LiftReference, NodeForcesRecorder
 from workers.simulation.lifter import SuctionLifter
-from workers.simulation.recording import LIFT_UNITS, Failure, Recorder
+from workers.simulation.recording import LIFT_UNITS, MOTION_EVERY, Failure, Recorder
 from workers.simulation.settings import SimulationSettings, WinchSettings
 from workers.simulation.timeline import PlannedMoment
 from workers.simulation.world import LiftWorld
@@ -66,7 +67,7 @@ class LiftExecution:
         self.recorder = Recorder(LIFT_UNITS, length_digits=5)
         self.comparison = NodeForcesRecorder(self.reference, settings.step)
         self.motion: list[tuple[float, Array, Transform]] = []
-        """Time, joint positions and plate pose, at the recorder's times."""
+        """Time, joint positions and plate pose, at some of the recorder's times."""
         self.largest_way_off = np.zeros(2)
         """Of the plate during the manipulation: distance of the cup's place [m] and angle [rad]."""
         self.lift: CooperativeLift | None = None
@@ -112,9 +113,8 @@ class LiftExecution:
     def _manipulate(self, report: Callable[[], None]) -> LiftFailure | None:
         moment = self.reference.at(self.time)
         while self.time < self.reference.duration - 0.5 * self.settings.step:
-            wanted = {name: self.reference.wrench(name, moment) for name in ("left", "right", "cup")}
             ahead = self.reference.at(self.time + self.settings.step)
-            failure = self._manipulate_step(moment, ahead, wanted)
+            failure = self._manipulate_step(moment, ahead, self.reference.wrench)
             if failure is not None:
                 return failure
             if self.comparison.due(self.time, moment):
@@ -134,8 +134,7 @@ class LiftExecution:
         first = {name: reference.wrench(name, moment) for name in forces.wrenches}
         while self.time < begin + seconds - 0.5 * self.settings.step:
             part = min(1.0, 2.0 * (self.time - begin) / seconds)
-            wanted = {name: _blend(first[name], wrench, part) for name, wrench in forces.wrenches.items()}
-            failure = self._manipulate_step(moment, moment, wanted)
+            failure = self._manipulate_step(moment, moment, partial(_blend, first, forces.wrenches, part))
             if failure is not None:
                 return failure
             report()
@@ -143,23 +142,23 @@ class LiftExecution:
         return None
 
     def _manipulate_step(
-        self, moment: PlannedMoment, ahead: PlannedMoment, wanted: Mapping[str, Array | None]
+        self, moment: PlannedMoment, ahead: PlannedMoment, wanted: Callable[[str, PlannedMoment], Array | None]
     ) -> LiftFailure | None:
         """Take one step along the plan.
 
         Args:
             moment: where it begins.
             ahead: where it ends.
-            wanted: wrenches (6,) that arms and "cup" are told to exert.
+            wanted: returns the wrench (6,) that an arm or "cup" is told to exert at its begin.
         """
         plate, reference = self.world.plate.motion, self.reference
         positions, velocities = ahead.positions, ahead.velocities
         if self._steps % self._tick == 0:
             for hand in self.hands:
-                hand.track(wanted[hand.arm.name], reference.plate_rotation(moment))
+                hand.track(wanted(hand.arm.name, moment), reference.plate_rotation(moment))
                 self._corrections[hand.joints] = hand.correction(positions[hand.joints])
                 hand.sense(plate[0])
-        cup = wanted["cup"]
+        cup = wanted("cup", moment)
         assert cup is not None
         point, velocity = reference.cup_point(moment), reference.cup_velocity(moment)
         wrench = self.lifter.give(cup, point, velocity, plate, self.settings.step)
@@ -176,7 +175,7 @@ class LiftExecution:
         self.lift = CooperativeLift(self._known, forces, path, self.time, self.settings, self._rng)
         plate = self.world.plate.motion
         self.lifter.hang(plate, forces.wrenches["cup"][3:])
-        self._place0, self._R0 = self.lifter.place(plate)[0], plate[0]
+        self._place0, self._R0 = self.lifter.place(plate), plate[0]
 
     def _follow(self, report: Callable[[], None]) -> LiftFailure | None:
         """Let the winch go up, and the hands after it."""
@@ -209,9 +208,10 @@ class LiftExecution:
         for hand in self.hands:
             T_world_hand, twist = world.hand(hand.arm.name, hand.T_flange_hand)
             hand.update(moment, T_world_hand, plate)
-            wrench = hand.touch.act(T_world_hand, twist, plate)
-            world.push_hand(hand.arm.name, -wrench, plate[1])
-            total += wrench
+            if hand.touch.engaged:
+                wrench = hand.touch.act(T_world_hand, twist, plate)
+                world.push_hand(hand.arm.name, -wrench, plate[1])
+                total += wrench
         world.plate.push(total, plate[1])
         world.drive(positions, velocities)
         world.advance()
@@ -227,14 +227,14 @@ class LiftExecution:
 
     def _note_way_off(self, moment: PlannedMoment) -> None:
         plate = self.world.plate.motion
-        off = float(np.linalg.norm(self.lifter.place(plate)[0] - self.reference.cup_point(moment)))
+        off = float(np.linalg.norm(self.lifter.place(plate) - self.reference.cup_point(moment)))
         turned = rotation_angle(self.reference.plate_rotation(moment), plate[0])
         self.largest_way_off = np.maximum(self.largest_way_off, [off, turned])
 
     def _record_row(self, velocity: float, lifter_velocity: float, lifter_height: float) -> None:
         plate = self.world.plate.motion
         push, grip = float(self.pushing.force[2]), float(self.gripping.force[2])
-        height = 0.0 if self.lift is None else float(self.lifter.place(plate)[0][2] - self._place0[2])
+        height = 0.0 if self.lift is None else float(self.lifter.place(plate)[2] - self._place0[2])
         self.recorder.add(
             self.time,
             pushing_hand=push,
@@ -245,9 +245,10 @@ class LiftExecution:
             lifter_velocity=lifter_velocity,
             plate_height=height,
             lifter_height=lifter_height,
-            plate_tilt=float(np.degrees(np.arccos(np.clip(plate[0][2, 2], -1.0, 1.0)))),
+            plate_tilt=math.degrees(math.acos(min(1.0, max(-1.0, plate[0][2, 2])))),
         )
-        self.motion.append((self.time, self.world.positions.copy(), self.world.plate.T_world_body))
+        if len(self.recorder.time) % MOTION_EVERY == 1:
+            self.motion.append((self.time, self.world.positions.copy(), self.world.plate.T_world_body))
 
 
 class _Watch:
@@ -317,6 +318,9 @@ def _untold() -> None:
     """Tell nobody how far it is."""
 
 
-def _blend(first: Array | None, last: Array, part: float) -> Array:
-    """Return what lies between two wrenches; a hand that bore nothing begins with nothing."""
+def _blend(
+    firsts: Mapping[str, Array | None], lasts: Mapping[str, Array], part: float, name: str, _: PlannedMoment
+) -> Array:
+    """Return what lies between two wrenches of a name; a hand that bore nothing begins with nothing."""
+    first, last = firsts[name], lasts[name]
     return part * last if first is None else (1.0 - part) * first + part * last

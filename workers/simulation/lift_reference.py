@@ -85,19 +85,22 @@ class NodeForcesRecorder:
         self.largest_difference = 0.0
         """[N]"""
         self._reference, self._step = reference, step
+        self._ends = [self._end(index) for index in range(len(reference.segments))]
+        """By segment: until when the plate moves as it is planned to [s]; None: it does not."""
         self._recent: deque[Mapping[str, Array]] = deque(maxlen=max(1, round(_MEAN_TIME / step)))
 
     def due(self, time: float, moment: PlannedMoment) -> bool:
         """Say whether the forces at a time [s] count."""
-        end = self._end(moment)
-        return moment.segment.kind is SegmentKind.TRANSFER and end - _MEAN_TIME < time <= end + self._step
+        end = self._ends[moment.number]
+        return end is not None and end - _MEAN_TIME < time <= end + self._step
 
     def take(self, time: float, moment: PlannedMoment, forces: Mapping[str, Array]) -> None:
         """Take in the forces (3,) on the plate by who exerts them, when they are due [N]."""
         self._recent.append(forces)
-        if time + self._step <= self._end(moment):
+        end = self._ends[moment.number]
+        if end is None or time + self._step <= end:
             return
-        if not self.nodes or self.nodes[-1].segment != moment.index:
+        if not self.nodes or self.nodes[-1].segment != moment.number:
             self._compare(time, moment)
         self._recent.clear()
 
@@ -108,7 +111,7 @@ class NodeForcesRecorder:
         self.largest_difference = max(self.largest_difference, difference)
         self.nodes.append(
             NodeComparison(
-                segment=moment.index,
+                segment=moment.number,
                 time=time,
                 planned={name: np.round(force, 3) for name, force in planned.items()},
                 simulated={name: np.round(force, 3) for name, force in simulated.items()},
@@ -116,9 +119,11 @@ class NodeForcesRecorder:
             )
         )
 
-    def _end(self, moment: PlannedMoment) -> float:
-        segment, last = moment.segment, moment.index == len(self._reference.segments) - 1
-        return segment.end - (0.0 if last else min(LEAD, 0.5 * (segment.end - segment.time[0])))
+    def _end(self, index: int) -> float | None:
+        segment, last = self._reference.segments[index], index == len(self._reference.segments) - 1
+        if segment.kind is not SegmentKind.TRANSFER:
+            return None
+        return segment.end - (0.0 if last else min(LEAD, 0.5 * float(segment.end - segment.time[0])))
 
 
 def _wrenches(segment: Segment, name: str) -> Array:

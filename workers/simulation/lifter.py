@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numba import njit
 
 from planners.balance.lifter import SuctionPad
-from planners.geometry.pose import Array, skew
+from planners.geometry.pose import Array
 from planners.manipulation.statics.lift_programs import balance_program
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.settings import ContactSettings, CupSettings, WinchSettings
@@ -34,15 +34,17 @@ class SuctionLifter:
         self._settings, self._rng = settings, rng
         pad = balance_program(scene).lifter
         at_rest, per_pull = (pad.grip_at_rest, pad.grip_per_pull) if isinstance(pad, SuctionPad) else (0.0, 0.0)
-        self._pad = _Pad(
-            cup.T_plate_cup[:3, 3] - scene.plate.com,
-            cup.T_plate_cup[:3, :3].copy(),
-            cup.radius,
-            contact.friction_factor * at_rest,
-            contact.friction_factor * per_pull,
-            math.pi * cup.radius * cup.kappa / math.sqrt(2.0),
-            scene.lifter_model == "cable",
-        )
+        self._arm = cup.T_plate_cup[:3, 3] - scene.plate.com
+        """(3,) of the pad's centre from the plate's centre of mass, plate axes [m]."""
+        self._axes = cup.T_plate_cup[:3, :3].copy()
+        """(3, 3) of the cup in the plate's axes; it pulls against its z."""
+        bending = math.pi * cup.radius * cup.kappa / math.sqrt(2.0)
+        factor, self._radius = contact.friction_factor, cup.radius
+        self._limits = np.array([factor * at_rest, factor * per_pull, bending, cup.radius])
+        """Friction across the pad without a pull [N], what a pull adds to it [1], torque that it bears about its x and
+        y [Nm], its radius [m]."""
+        self._cable = scene.lifter_model == "cable"
+        """Whether it hangs on a cable, which pulls straight up and holds no torque."""
         self.limit = cup.max_force
         """[N]"""
         self.stiffness = settings.stiffness(cup.max_force)
@@ -57,11 +59,9 @@ class SuctionLifter:
         self._over = 0.0
         self._hung: tuple[Array, Array, Array] | None = None
 
-    def place(self, plate: Motion) -> tuple[Array, Array]:
-        """Return the pad's place (3,) and its velocity (3,), world."""
-        R, com, velocity, spin = plate
-        arm = R @ self._pad.arm
-        return com + arm, velocity + skew(spin) @ arm
+    def place(self, plate: Motion) -> Array:
+        """Return the pad's place (3,), world."""
+        return plate[1] + plate[0] @ self._arm
 
     def give(self, wrench: Array, point: Array, velocity: Array, plate: Motion, step: float) -> Array:
         """Act as the force source for one step and return the (6,) wrench on the plate about its centre of mass.
@@ -75,7 +75,7 @@ class SuctionLifter:
         """
         s = self._settings
         decay = math.exp(-step / s.error_time)
-        self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.normal()
+        self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.standard_normal()
         force = wrench[:3]
         loaded = min(1.0, math.sqrt(force @ force) / (0.2 * self.limit))
         spring = loaded * self.stiffness, s.damping_time, s.saturation * self.limit
@@ -83,8 +83,7 @@ class SuctionLifter:
 
     def hang(self, plate: Motion, torque: Array) -> None:
         """Begin the lift: from now on the head is where the winch has it, and the force now is the force at rest."""
-        place, _ = self.place(plate)
-        self._hung = (self.force.copy(), place, torque.copy())
+        self._hung = (self.force.copy(), self.place(plate), torque.copy())
 
     def hoist(self, height: float, speed: float, plate: Motion) -> Array:
         """Act as a spring to the head at a height over where the lift began; return the (6,) wrench as in `give`."""
@@ -93,7 +92,7 @@ class SuctionLifter:
         risen, rises = np.array([[0.0, 0.0, height], [0.0, 0.0, speed]])
         head = place0 + risen, rises, torque
         spring = self.stiffness, self._settings.damping_time, math.inf
-        wrench, excess = self._pull(plate, force0, head, spring, upright=self._pad.cable)
+        wrench, excess = self._pull(plate, force0, head, spring, upright=self._cable)
         force0 -= excess
         self.slid += math.sqrt(excess @ excess) / self.stiffness
         return wrench
@@ -107,7 +106,7 @@ class SuctionLifter:
             return f"the cup was pulled with {self.pull:.1f} N, more than {s.burst:g} times its {borne:g} N"
         if self._over > s.grace:
             return f"the cup was over its {borne:g} N for {s.grace:g} s"
-        if self.slid > self._pad.radius:
+        if self.slid > self._radius:
             return "the cup slid off its place on the plate"
         return None
 
@@ -120,48 +119,33 @@ class SuctionLifter:
         *,
         upright: bool,
     ) -> tuple[Array, Array]:
-        wrench, self.force, excess, self.pull = _pulled(plate, self._pad, force, head, spring, upright)
+        # Into arrays that are there: returned ones cost more than the algebra.
+        wrench, given, excess = np.zeros(6), np.zeros(3), np.zeros(3)
+        self.pull = _pulled(
+            *plate, self._arm, self._axes, self._limits, force, *head, *spring, upright, self._cable,
+            wrench, given, excess,
+        )  # fmt: skip
+        self.force = given
         return wrench, excess
 
 
-class _Pad(NamedTuple):
-    """A cup on the plate, for compiled code."""
-
-    arm: Array
-    """(3,) of the pad's centre from the plate's centre of mass, plate axes [m]."""
-    axes: Array
-    """(3, 3) of the cup in the plate's axes; it pulls against its z."""
-    radius: float
-    """[m]"""
-    at_rest: float
-    """Friction across the pad without a pull [N]."""
-    per_pull: float
-    """What a pull adds to it [1]."""
-    bending: float
-    """Torque that the pad bears about its x and y [Nm]."""
-    cable: bool
-    """Whether it hangs on a cable, which pulls straight up and holds no torque."""
-
-
 @njit(cache=True, nogil=True)
-def _pulled(plate, pad, force, head, spring, upright):  # noqa: C901 - one compiled pass
-    """Return the (6,) wrench on the plate about its centre of mass, the force in it, what slid away, and the pull.
+def _pulled(  # noqa: C901, PLR0913 - one compiled pass
+    R, com, velocity, spin, pad_arm, axes, limits, force, point, speed, torque, stiffness, time, most, upright, cable,
+    wrench, given, excess,
+):  # fmt: skip
+    """Return the pull; add the (6,) wrench on the plate about its centre of mass, the force in it, and what slid away.
 
-    Args:
-        plate: how it is.
-        pad: what pulls.
-        force: (3,) where the spring is at rest [N].
-        head: where the spring has its end (3,), how that moves (3,), and the torque (3,) that it gives.
-        spring: stiffness [N/m], damping over stiffness [s], and the largest pull [N].
-        upright: whether the head is above the pad wherever that is.
+    The plate moves as `Motion` says. What pulls is said in `SuctionLifter`; `force` (3,) is where its spring is at rest
+    [N], `point`, `speed` and `torque` (3,) where the spring has its end, how that moves, and the torque that it gives,
+    `stiffness`, `time` and `most` its stiffness [N/m], damping over that [s], and largest pull [N]. `upright`: the head
+    is above the pad wherever that is. `wrench` (6,), `given` (3,) and `excess` (3,) are zeros, which are written to.
     """
-    R, com, velocity, spin = plate
-    point, speed, torque = head
-    stiffness, time, most = spring
+    at_rest, per_pull, bending, radius = limits
     arm, asked, outward = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
-        arm[i] = R[i, 0] * pad.arm[0] + R[i, 1] * pad.arm[1] + R[i, 2] * pad.arm[2]
-        outward[i] = -(R[i, 0] * pad.axes[0, 2] + R[i, 1] * pad.axes[1, 2] + R[i, 2] * pad.axes[2, 2])
+        arm[i] = R[i, 0] * pad_arm[0] + R[i, 1] * pad_arm[1] + R[i, 2] * pad_arm[2]
+        outward[i] = -(R[i, 0] * axes[0, 2] + R[i, 1] * axes[1, 2] + R[i, 2] * axes[2, 2])
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         asked[i] = force[i]
@@ -169,14 +153,13 @@ def _pulled(plate, pad, force, head, spring, upright):  # noqa: C901 - one compi
         if i == 2 or not upright:
             moves = velocity[i] + spin[j] * arm[k] - spin[k] * arm[j]
             asked[i] += stiffness * (point[i] - (com[i] + arm[i]) + time * (speed[i] - moves))
-    wrench, given, excess = np.zeros(6), np.zeros(3), np.zeros(3)
-    if pad.cable:
+    if cable:
         pull = min(max(0.0, asked[2]), most)
         given[2] = pull
     else:
         along = asked[0] * outward[0] + asked[1] * outward[1] + asked[2] * outward[2]
         pull = min(max(0.0, along), most)
-        grip = max(0.0, pad.at_rest + pad.per_pull * pull)
+        grip = max(0.0, at_rest + per_pull * pull)
         size = 0.0
         for i in range(3):
             asked[i] -= along * outward[i]
@@ -188,8 +171,8 @@ def _pulled(plate, pad, force, head, spring, upright):  # noqa: C901 - one compi
             given[i] = pull * outward[i] + asked[i] - excess[i]
         # Paper B's (5g) about its x and y, friction about its normal.
         for axis in range(3):
-            x, y, z = pad.axes[0, axis], pad.axes[1, axis], pad.axes[2, axis]
-            limit = pad.bending if axis < 2 else pad.radius * grip
+            x, y, z = axes[0, axis], axes[1, axis], axes[2, axis]
+            limit = bending if axis < 2 else radius * grip
             about = 0.0
             for i in range(3):
                 about += (R[i, 0] * x + R[i, 1] * y + R[i, 2] * z) * torque[i]
@@ -200,7 +183,7 @@ def _pulled(plate, pad, force, head, spring, upright):  # noqa: C901 - one compi
         j, k = (i + 1) % 3, (i + 2) % 3
         wrench[i] = given[i]
         wrench[3 + i] += arm[j] * given[k] - arm[k] * given[j]
-    return wrench, given, excess, pull
+    return pull
 
 
 @dataclass(frozen=True, eq=False)

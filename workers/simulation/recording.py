@@ -62,12 +62,13 @@ class Recorder:
         """Prepare curves with their units by name; lengths are written with so many decimals."""
         self.time: list[float] = []
         self._units, self._digits = units, {**_DIGITS, "m": length_digits}
+        self._names = [name.replace(" ", "_") for name in units]
         self._rows: list[tuple[float, ...]] = []
 
     def add(self, time: float, **values: float) -> None:
         """Keep the values of all curves, named as they are with underscores, at a time [s]."""
         self.time.append(time)
-        self._rows.append(tuple(values[name.replace(" ", "_")] for name in self._units))
+        self._rows.append(tuple([values[name] for name in self._names]))
 
     def column(self, name: str, since: float = -np.inf) -> Array:
         """Return one curve's values from a time on."""

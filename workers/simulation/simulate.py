@@ -25,7 +25,7 @@ from planners.progress import Progress
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.lift_execution import LiftExecution, LiftFailure
-from workers.simulation.recording import MOTION_EVERY, TOOL_UNITS
+from workers.simulation.recording import TOOL_UNITS
 from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
 from workers.simulation.tool_execution import ToolExecution, ToolFailure
 from workers.simulation.world import LiftWorld, ToolWorld
@@ -195,7 +195,7 @@ def _manipulation(execution: LiftExecution, weight: float) -> SimulatedManipulat
 
 def _motion(execution: LiftExecution) -> SimulatedMotion:
     """Return how robot and plate moved, for playing it back."""
-    rows = execution.motion[::MOTION_EVERY]
+    rows = execution.motion
     return SimulatedMotion(
         time=rounded(np.array([time for time, _, _ in rows]), _DIGITS),
         positions=rounded(np.array([positions for _, positions, _ in rows]).reshape(-1, 12), _DIGITS),

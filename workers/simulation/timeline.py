@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from planners.geometry.linear import row_between
 from planners.geometry.pose import Array
 from planners.plan.segment import Segment
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PlannedMoment:
+class PlannedMoment(NamedTuple):
     """One instant of a plan, between two samples of one segment."""
 
     time: float
     """[s]"""
-    index: int
-    """Number of the segment."""
+    number: int
+    """Of the segment, from 0."""
     segment: Segment
     low: int
     high: int
@@ -47,7 +47,7 @@ class PlannedMoment:
 
     def between(self, rows: Array) -> Array:
         """Return the row (k,) at this instant of rows (n, k), one a sample of the whole plan: straight between two."""
-        return (1.0 - self.part) * rows[self.low] + self.part * rows[self.high]
+        return row_between(rows, self.low, self.high, self.part)
 
 
 class SampledTimeline:
@@ -79,7 +79,7 @@ class SampledTimeline:
         high = low + 1 if low < self._last and self._segment_of[low + 1] == index else low
         width = times[high] - times[low]
         part = min(max((time - times[low]) / width, 0.0), 1.0) if width > 0.0 else 0.0
-        row = (1.0 - part) * self.table[low] + part * self.table[high]
+        row = row_between(self.table, low, high, part)
         return PlannedMoment(time, index, self.segments[index], low, high, part, row)
 
     def poses(self, body: str, start: Array) -> Array:

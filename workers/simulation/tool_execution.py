@@ -140,11 +140,11 @@ class ToolExecution:
     # Taking and letting go, as the plan says.
 
     def _take_and_let_go(self, moment: PlannedMoment) -> ToolFailure | None:
-        self._let_pass(moment.index)
+        self._let_pass(moment.number)
         return self._move_fingers(self._wanted_grips(moment)) or self._switch_vacuum(self._wanted_suction(moment))
 
     def _wanted_grips(self, moment: PlannedMoment) -> tuple[Grip, ...]:
-        kind, s, grips = moment.segment.kind, self.settings, self._grips[moment.index]
+        kind, s, grips = moment.segment.kind, self.settings, self._grips[moment.number]
         opened = (kind is SegmentKind.GRIP and moment.elapsed < s.close_at) or (
             kind is SegmentKind.RELEASE and moment.elapsed >= s.open_at
         )
@@ -155,7 +155,7 @@ class ToolExecution:
         off = (kind is SegmentKind.ATTACH and moment.elapsed < at) or (
             kind is SegmentKind.DETACH and moment.elapsed >= at
         )
-        return None if off else self._suction[moment.index]
+        return None if off else self._suction[moment.number]
 
     def _move_fingers(self, wanted: tuple[Grip, ...]) -> ToolFailure | None:
         arms = [grip.arm for grip in wanted]

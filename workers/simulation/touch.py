@@ -110,13 +110,14 @@ class Touch:
             hand_twist: (6,) velocity of the hand's origin and angular velocity, world axes.
             plate: where the plate is and how it moves; anchors are in its axes, from the centre of mass.
         """
-        if not self.engaged:
-            return np.zeros(6)
-        total, self.pressed, self.slip = _act(
-            T_world_hand, hand_twist, plate, (self.points, self.normals, self.preload), self._constants,
-            (self.anchors, self.slips, self.forces),
-        )  # fmt: skip
-        self.force = total[:3]
+        total = np.zeros(6)
+        if self.engaged:
+            # Arrays one by one, and one to write to: tuples, and arrays that are returned, cost more than the algebra.
+            self.pressed, self.slip = _act(
+                T_world_hand, hand_twist, *plate, self.points, self.normals, self.preload, self._constants,
+                self.anchors, self.slips, self.forces, total,
+            )  # fmt: skip
+            self.force = total[:3]
         return total
 
 
@@ -139,13 +140,15 @@ def _wrench(R, anchors, forces):
 
 
 @njit(cache=True, nogil=True)
-def _act(T, twist, plate, given, constants, state):  # noqa: C901 - one compiled pass over all points
-    """Return the wrench, whether any point presses, and how far the points have slid; write `state`."""
-    R, com, velocity, spin = plate
-    points, normals, preload = given
-    anchors, slips, forces = state
+def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
+    T, twist, R, com, velocity, spin, points, normals, preload, constants, anchors, slips, forces, total
+):
+    """Return whether any point presses, and how far the points have slid; write `anchors`, `slips` and `forces`.
+
+    The wrench is added to `total`.
+    """
     kn, kt, time, mu, radius = constants
-    total, pressed, slip = np.zeros(6), False, 0.0
+    pressed, slip = False, 0.0
     hand, wrist = np.empty(3), np.empty(3)
     d, v, n, a, f = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(points.shape[0]):
@@ -194,4 +197,4 @@ def _act(T, twist, plate, given, constants, state):  # noqa: C901 - one compiled
             total[j] += forces[i, j]
             total[3 + j] += (hand[k] - com[k]) * forces[i, m] - (hand[m] - com[m]) * forces[i, k]
         slip += slips[i] / points.shape[0]
-    return total, pressed, slip
+    return pressed, slip

@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+from numba import njit
 
 from planners.cell.cell import Cell
 from planners.geometry.pose import Array, Transform, inverse, to_pose7, transform
@@ -70,6 +71,10 @@ class CellWorld:
         """(12,) of all joints [rad]."""
         self.velocities = np.zeros(12)
         """[rad/s]"""
+        self._chains = {
+            name: (arm.dh, arm.T_world_base, self.positions[part], self.velocities[part])
+            for (name, arm), part in zip(cell.arms.items(), self._joints.values(), strict=True)
+        }
         self._torques: Sequence[float] = [0.0] * 12
         self.bodies: dict[str, FreeBody] = {}
         """What moves freely, by name."""
@@ -127,9 +132,9 @@ class CellWorld:
 
     def hand(self, arm: str, T_flange_hand: Transform) -> tuple[Transform, Array]:
         """Return `T_world_hand` and its (6,) twist about its origin, world axes."""
-        part, body = self._joints[arm], self.cell.arms[arm]
-        q = self.positions[part]
-        return frame_motion(body.dh, body.T_world_base, T_flange_hand, q, self.velocities[part])
+        T_world_hand, twist = np.empty((4, 4)), np.empty(6)
+        _move_frame(*self._chains[arm], T_flange_hand, T_world_hand, twist)
+        return T_world_hand, twist
 
     def _surface(self, body: int) -> None:
         """Give a body the surface that all bodies have."""
@@ -165,6 +170,13 @@ class CellWorld:
             0.0, shape, basePosition=pose[:3], baseOrientation=[*pose[4:], pose[3]], physicsClientId=self.client
         )
         self._surface(body)
+
+
+@njit(cache=True, nogil=True)
+def _move_frame(dh, T_world_base, q, velocities, T_flange_frame, T_world_frame, twist):
+    """Write what `frame_motion` returns: arrays that are returned cost more than that."""
+    T, moved = frame_motion(dh, T_world_base, T_flange_frame, q, velocities)
+    T_world_frame[:], twist[:] = T, moved
 
 
 class LiftWorld(CellWorld):
@@ -234,6 +246,7 @@ class FreeBody:
         self.id = _create(body, self.T_center_body, mass, moments, client)
         pose = to_pose7(body.T_world_body @ inverse(self.T_center_body))
         bullet.resetBasePositionAndOrientation(self.id, pose[:3], [*pose[4:], pose[3]], physicsClientId=client)
+        self._T_world_center = np.eye(4)
         self._state: Array | None = None
         self._motion: Motion | None = None
         self._T_world_body: Transform | None = None
@@ -258,7 +271,7 @@ class FreeBody:
             position, xyzw = bullet.getBasePositionAndOrientation(self.id, self._client)
             matrix = bullet.getMatrixFromQuaternion(xyzw)
             linear, angular = bullet.getBaseVelocity(self.id, self._client)
-            self._state = np.array((matrix[:3], matrix[3:6], matrix[6:], position, linear, angular))
+            self._state = np.array(matrix + position + linear + angular).reshape(6, 3)
         return self._state
 
     @property
@@ -270,8 +283,8 @@ class FreeBody:
     def T_world_body(self) -> Transform:
         """Where the body's own frame is."""
         if self._T_world_body is None:
-            R, center, _, _ = self.motion
-            self._T_world_body = transform(R, center) @ self.T_center_body
+            self._T_world_center[:3, :3], self._T_world_center[:3, 3] = self.motion[:2]
+            self._T_world_body = self._T_world_center @ self.T_center_body
         return self._T_world_body
 
     def push(self, wrench: Array, point: Array) -> None:
