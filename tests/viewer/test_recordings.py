@@ -163,9 +163,7 @@ def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_i
     with served(settings) as address, httpx.Client(base_url=address, timeout=20.0) as client:
         plans = [client.post("/v1/plans", json=task(external_id="now")).json() for _ in range(4)]
         pages = [f"{finished(client, plan)['links']['self']}/recording.html" for plan in plans]
-        waiting = (
-            'liftwright_request_seconds_count{method="GET",route="/v1/plans/{plan_id}/recording.html",status="499"}'
-        )
+        left = '_count{method="GET",route="/v1/plans/{plan_id}/recording.html",status="499"} '
         with ThreadPoolExecutor(2) as pool:
             first = pool.submit(client.get, pages[0])
             for number in (1, 2):
