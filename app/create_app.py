@@ -22,6 +22,7 @@ from app.access.session_store import SessionStore
 from app.errors import install_error_handlers
 from app.middleware import HeadAsGet, OneLength, RequestLog
 from app.openapi import install_openapi
+from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
 from app.resources.recordings import Recordings
@@ -29,10 +30,10 @@ from app.resources.scene_collection import SceneCollection
 from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.routes import (
-    audit,
+    access,
     capabilities,
+    cells,
     editor,
-    login,
     meshes,
     pages,
     plans,
@@ -54,6 +55,7 @@ from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.engine.deadline import PatientQuestion
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
+from workers.stores.cell_store import CellStore
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.mesh_store import MeshStore
@@ -67,7 +69,7 @@ from workers.webhooks.target import TargetRules
 WRITABLE_SECONDS = 0.1
 """So long it holds that the database takes writes [s]."""
 REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
-PARTS = (pages, plans, studies, tasks, scenes, meshes, webhooks, login, editor, viewer, audit, capabilities, probes)
+PARTS = (pages, plans, studies, tasks, scenes, meshes, cells, webhooks, access, editor, viewer, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
     "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
@@ -88,7 +90,9 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             queue, store, supervisor = JobQueue(database), PlanStore(database), Supervisor()
             to_close.callback(queue.close)
             app.state.supervisor = supervisor
-            app.state.cells, app.state.tools = await run_in_threadpool(_load_assets)
+            shipped, app.state.tools = await run_in_threadpool(_load_assets)
+            app.state.cells = CellCollection(shipped, CellStore(database, settings.cells_dir))
+            app.state.cell_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
             app.state.known_tasks = KnownTasks()
             app.state.meshes = MeshStore(database)
             app.state.scenes = SceneCollection(SceneStore(database), store, queue)
@@ -106,7 +110,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
             watchers = WatcherRoom(settings.max_watchers, settings.max_watchers_of_owner)
-            servers = app.state.scene_servers = SceneServers(app.state.cells, *folders, watchers)
+            servers = app.state.scene_servers = SceneServers(app.state.cells.with_deleted(), *folders, watchers)
             app.state.recordings = Recordings(
                 settings.data_dir / "recordings",
                 servers.record,

@@ -78,7 +78,7 @@ def post_scan(client: ServiceClient, folder: Path) -> dict[str, Any]:
 
 
 def _post(client: ServiceClient, task: bytes) -> dict[str, Any]:
-    plan = client.post_plan(task)
+    plan = client.post("/v1/plans", task)
     _tell_line("posted", f"{client.address}{plan['links']['self']}")
     return plan
 

@@ -19,7 +19,7 @@ from starlette.routing import compile_path
 
 from planners.contract.problems import Problem, problem_of, problems_of
 from planners.contract.strict_json import NotJson
-from planners.errors import LiftwrightError, SceneError
+from planners.errors import AssetError, LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.scan_files import ScanRefused
 from planners.study.study import NotAStudy
@@ -207,6 +207,29 @@ class BadUpload(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The
     """A form does not hold the file that it should."""
 
 
+class NotCellMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a cell"):
+    """A body is declared as something else than a cell."""
+
+    def __init__(self, given: str | None, known: Sequence[str]) -> None:
+        was = "missing" if given is None else f"{given[:100]!r}"
+        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+        self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
+
+
+class CellNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such cell"):
+    """No cell has that id or name."""
+
+    def __init__(self, cell_id: str) -> None:
+        super().__init__(f"there is no cell {cell_id[:100]!r}")
+
+
+class CellIsShipped(ServiceError, status=HTTPStatus.CONFLICT, title="A shipped cell"):
+    """A shipped cell is neither replaced nor deleted."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"{name[:100]!r} is shipped with the service; give a cell of your own another name")
+
+
 class MeshNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such mesh"):
     """No uploaded mesh has that id."""
 
@@ -323,6 +346,7 @@ FOREIGN: Mapping[type[Exception], ErrorKind] = {
     NotAStudy: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The study is not valid"),
     MeshRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
     ScanRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
+    AssetError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The cell cannot be used"),
     RequestValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
     **dict.fromkeys(DATABASE_GONE, ErrorKind(HTTPStatus.SERVICE_UNAVAILABLE, "The database cannot be used")),
 }
@@ -387,7 +411,10 @@ def error_response(error: Exception) -> Response:
 def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
-        detail = f"{errors[0]['pointer'] or 'the body'}: {errors[0]['detail']}"
+        place = ": ".join(part for part in (errors[0].get("file"), errors[0]["pointer"]) if part)
+        detail = f"{place or 'the body'}: {errors[0]['detail']}"
+    elif isinstance(error, AssetError):
+        detail = f"{len(errors)} things are not as they must be"
     headers = error.headers if isinstance(error, ServiceError) else None
     return problem_response(_answer_to(error), detail, errors, headers)
 
@@ -403,6 +430,8 @@ def _problems(error: Exception) -> list[Problem]:
         return problems_of(error)
     if isinstance(error, NotAStudy):
         return error.problems
+    if isinstance(error, AssetError):
+        return [Problem(pointer=each.pointer, detail=each.detail, file=each.file) for each in error.faults]
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):

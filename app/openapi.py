@@ -12,13 +12,16 @@ from fastapi.openapi.utils import get_openapi
 from app.access.access_control import needed_scope
 from app.access.authenticator import COOKIE
 from app.errors import MEDIA_TYPE as PROBLEM_MEDIA_TYPE
+from planners.cell.bundle import cell_schema
 from planners.contract.scan_spec import scan_schema
+from planners.contract.strict_yaml import parse_yaml
 from planners.contract.study_spec import StudySpec
 from planners.contract.task_spec import task_schema
 from planners.plan.plan import plan_schema
 
 COMPONENTS = "#/components/schemas/"
 EXAMPLE_TASK = "ab1.json"
+EXAMPLE_CELL = "dual_ur3e_lift.yaml"
 EXAMPLE_AXES = [
     {"pointer": "/cup/position/0", "min": -0.12, "max": 0.12, "count": 5},
     {"pointer": "/lifter_model", "values": ["paper", "cable", "dexnet"]},
@@ -51,6 +54,7 @@ def _describe(app: FastAPI) -> dict[str, Any]:
         "TaskSpec": task_schema(),
         "ScanSpec": scan_schema(),
         "StudySpec": StudySpec.model_json_schema(),
+        "CellFile": cell_schema(),
     }
     for name, schema in stated.items():
         component = _into_components(schema)
@@ -94,6 +98,9 @@ def _show_example(path: str, bodies: dict[str, Any]) -> None:
     elif path == "/v1/studies":
         task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
         bodies["application/json"]["example"] = {"task": json.loads(task), "axes": EXAMPLE_AXES}
+    elif path in ("/v1/cells", "/v1/cells/check"):
+        cell = resources.files("assets").joinpath("cells", EXAMPLE_CELL).read_bytes()
+        bodies["application/json"]["example"] = {**parse_yaml(cell)[0], "name": "my_cell"}
     elif path == "/v1/webhooks":
         bodies["application/json"]["example"] = {"url": "https://mes.example.com/liftwright", "plans": "all"}
 

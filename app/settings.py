@@ -32,6 +32,8 @@ class ServiceSettings(WorkerSettings):
     """A larger body is refused [bytes]."""
     max_mesh_bytes: int = Field(default=20_000_000, ge=1000)
     """A larger mesh file is refused [bytes]."""
+    max_cell_bytes: int = Field(default=32_000_000, ge=1000)
+    """A larger zip or document of a cell is refused [bytes]."""
     max_scan_bytes: int = Field(default=100_000_000, ge=1000)
     """A scan whose files are larger together is refused [bytes]."""
     max_perceived: int = Field(default=2, ge=1)

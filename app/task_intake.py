@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
+from app.resources.cell_collection import CellCollection
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
@@ -86,12 +87,28 @@ def accept_task(
     Raises:
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
-    task = read_task(with_scene(sent, cells, scenes))
+    task = read_task(with_parts(sent, cells, scenes))
+    if task.cell not in cells:
+        # Also of a task that is known: the cell may have been deleted since.
+        raise SceneError("/cell", f"there is no cell {task.cell}", list(cells))
 
     def complete(unnamed: AcceptedTask) -> AcceptedTask:
         return with_centres(unnamed, build_scene(unnamed, cells, uploads=uploads, tools=tools))
 
     return write_task(complete(task) if known is None else known.completed(task, complete))
+
+
+def with_parts(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:
+    """Return a task as sent with what it takes from a perceived scene, and with the name that its cell will keep.
+
+    Raises:
+        SceneError: There is no such scene.
+    """
+    body = with_scene(body, cells, scenes)
+    if isinstance(cells, CellCollection) and isinstance(body, dict) and isinstance(body.get("cell"), str):
+        # The newest version of a name is another one tomorrow.
+        return {**body, "cell": cells.lasting_name(body["cell"])}
+    return body
 
 
 def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:

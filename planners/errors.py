@@ -5,7 +5,9 @@ A plan that cannot be found is not an error: it is a result with reasons (`plann
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 
 class LiftwrightError(Exception):
@@ -20,8 +22,59 @@ class PlanningFaultError(LiftwrightError):
     """A fault of the planner itself: it would go on for ever, or contradict itself."""
 
 
+@dataclass(frozen=True)
+class AssetFault:
+    """One thing that is wrong with the files of a cell."""
+
+    detail: str
+    file: str = ""
+    """In which it is; empty: in none, or in that which is looked at."""
+    pointer: str = ""
+    """RFC 6901 path of the offending member of that file."""
+
+    def __str__(self) -> str:
+        return ": ".join(part for part in (self.file, self.pointer, self.detail) if part)
+
+
 class AssetError(LiftwrightError):
-    """A file of the assets folder is missing, unreadable or says something impossible."""
+    """Files of a cell are missing, unreadable or say something impossible."""
+
+    def __init__(self, *faults: AssetFault | str) -> None:
+        """A text is the detail of a fault whose file and member whoever asked for it adds."""
+        self.faults = tuple(AssetFault(fault) if isinstance(fault, str) else fault for fault in faults)
+        super().__init__("\n".join(map(str, self.faults)))
+
+    def at(self, file: str, pointer: str = "") -> AssetError:
+        """Return the error with a member of a file as the place of those faults that have none."""
+        return AssetError(*(fault if fault.file else AssetFault(fault.detail, file, pointer) for fault in self.faults))
+
+
+class AssetFaults:
+    """Gathers what is wrong with several members, so that all of it is told at once."""
+
+    def __init__(self) -> None:
+        self._faults: list[AssetFault] = []
+
+    @contextmanager
+    def at(self, file: str, pointer: str = "") -> Iterator[None]:
+        """Gather what is raised inside; faults without a place are those of this member of this file."""
+        try:
+            yield
+        except AssetError as error:
+            self._faults += error.at(file, pointer).faults
+
+    def add(self, detail: str, file: str = "", pointer: str = "") -> None:
+        """Add one."""
+        self._faults.append(AssetFault(detail, file, pointer))
+
+    def raise_any(self) -> None:
+        """Raise an error of all that were gathered, each once; do nothing if there are none.
+
+        Raises:
+            AssetError: There are some.
+        """
+        if self._faults:
+            raise AssetError(*dict.fromkeys(self._faults))
 
 
 class SceneError(LiftwrightError):

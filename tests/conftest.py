@@ -11,6 +11,8 @@ from support.plan_shelf import PlanShelf
 from workers.solver.warm_up import forget_stale_kernels
 
 LONG_FIRST = (
+    "benchmarks/test_report",
+    "soak/",
     "viewer/test_viewer_in_browser",
     "viewer/test_documents_in_browser",
     "acceptance/",

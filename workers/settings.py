@@ -16,6 +16,8 @@ EMBEDDED_NAME = "embedded"
 """Of the one worker on SQLite: after a start it takes up its own jobs, whatever the host is called now."""
 HANDOVERS_FOLDER = "handovers"
 """In the data directory."""
+CELLS_FOLDER = "cells"
+"""In the data directory."""
 SOLVER_COMMAND = (sys.executable, "-m", "workers.solver.process")
 STUDY_COMMAND = (sys.executable, "-m", "workers.solver.study_process")
 
@@ -106,6 +108,11 @@ class WorkerSettings(BaseSettings):
     def handovers_dir(self) -> Path:
         """Where handover databases are kept: on each worker's own disk, whatever the database is."""
         return self.data_dir.resolve() / HANDOVERS_FOLDER
+
+    @property
+    def cells_dir(self) -> Path:
+        """Where cells of one's own are unpacked, on each machine's own disk; what is there can be made again."""
+        return self.data_dir.resolve() / CELLS_FOLDER
 
     @property
     def executor_name(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pydantic import ValidationError
@@ -13,16 +14,19 @@ from app.cli.output import BadInput, ProgressBar, Refused
 from app.cli.plan_command import Planned
 from app.cli.task_file import TaskFile
 from app.task_intake import NeedsScene, accept_task
+from planners.cell.bundle import CellBundle
 from planners.cell.cell import load_cells
 from planners.contract.problems import problems_of
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
-from planners.errors import SceneError
+from planners.errors import AssetError, SceneError
 from planners.geometry.solid_mesh import SolidMesh
 from planners.progress import Report
 from planners.scene.suction_tool import load_tools
+from planners.survey.faults import check_cell
 from workers.settings import WorkerSettings
 from workers.solver.progress import ProgressScale
+from workers.solver.protocol import SolverRequest
 
 HANDOVERS = "handovers"
 """Stage that is reported only where handovers are not found in the data directory."""
@@ -32,19 +36,21 @@ SCENES = "`liftwright scene --out FILE` writes one"
 class LocalPlanner:
     """Plans without a server."""
 
-    def __init__(self, settings: WorkerSettings, scene: Path | None = None) -> None:
+    def __init__(self, settings: WorkerSettings, scene: Path | None = None, cell: Path | None = None) -> None:
         """Load cells and tools.
 
         Args:
             settings: name the data directory, where handovers are kept.
             scene: of a SceneDocument that `liftwright scene` wrote; tasks' objects are those perceived in it.
+            cell: folder, zip or file of a cell of one's own; tasks that name none are in it.
 
         Raises:
-            BadInput: There is no scene in that file.
+            BadInput: There is no scene in that file, or something is wrong with the cell.
             OSError: It cannot be read.
         """
         self._scene = None if scene is None else read_scene_file(scene)
         self._settings, self._cells, self._tools = settings, load_cells(), load_tools()
+        self._cell = None if cell is None else self._take_cell(cell)
 
     def begin(self, file: TaskFile) -> Callable[[], Planned]:
         """Accept a task, and return what plans it.
@@ -58,6 +64,22 @@ class LocalPlanner:
             raise Refused(problems_of(error)) from error
         return lambda: self._plan(file, task)
 
+    def _take_cell(self, path: Path) -> str:
+        """Load a cell of one's own, and return its name."""
+        # Where it is unpacked is read as long as tasks are planned.
+        self._unpacked = TemporaryDirectory(prefix="liftwright-cell-")
+        try:
+            bundle = CellBundle.read(path)
+            self._cell_folder = bundle.unpack(Path(self._unpacked.name))
+            cell = bundle.load(Path(self._unpacked.name))
+            check_cell(cell)
+        except AssetError as error:
+            raise BadInput(f"{path}:\n{error}") from error
+        if cell.name in self._cells:
+            raise BadInput(f"{path}: a shipped cell is called {cell.name}; give yours another name")
+        self._cells[cell.name] = cell
+        return cell.name
+
     def _accept(self, sent: Any) -> dict[str, Any]:
         """Return the task with every default filled in.
 
@@ -65,6 +87,8 @@ class LocalPlanner:
             pydantic.ValidationError, SceneError: What is wrong with it.
         """
         scene = self._scene
+        if self._cell is not None and isinstance(sent, dict):
+            sent = {"cell": self._cell, **sent}
         if scene is not None:
             return accept_task(_named(sent, scene), self._cells, _upload_elsewhere, lambda _: scene, self._tools)
         try:
@@ -91,7 +115,10 @@ class LocalPlanner:
                 begun.add(report.stage)
                 bar.show(report.name, scale.advance(report))
 
-            plan = pipeline.solve({"id": file.stem, "task": task}, show)
+            request = SolverRequest(id=file.stem, task=task)
+            if task["cell"] == self._cell:
+                request["cell_folder"] = str(self._cell_folder)
+            plan = pipeline.solve(request, show)
             bar.show("done", 1.0)
         return Planned(plan)
 

@@ -6,6 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from app.example_tasks import example_tasks
 from planners.errors import LiftwrightError
 
 if TYPE_CHECKING:
+    from app.cli.cell_command import CellKeeper
     from app.settings import ServiceSettings
     from workers.settings import WorkerSettings
 
@@ -29,6 +31,7 @@ examples:
   liftwright plan assets/tasks/*.json --out plans           all of them, with a line for each
   liftwright study assets/tasks/ab1.json --axis /lifter_model=paper,cable,dexnet    the same task, varied
   liftwright scene assets/scans/tissue_boxes                what cameras saw: the tool, and boxes to be moved
+  liftwright cell check mine --png mine.png                 a cell of your own: what is wrong with it, or what it can do
   liftwright serve                                          the service on http://127.0.0.1:8040
   liftwright keys issue --owner mes --scope write           a key, once others are to reach it
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
@@ -62,6 +65,20 @@ examples:
 """
 
 
+CELL_DESCRIPTION = """\
+A cell is two arms with their hands, what they stand on, the table, and what else stands there. Describe your own by a
+folder (or a zip of it) with cell.yaml and what belongs to it, or by that one file; docs/cell.md has a whole example.
+Exit code 0: done; 3: bad input: every fault, with its file and member.
+"""
+CELL_EXAMPLES = """\
+examples:
+  liftwright cell check mine --png mine.png    all that is wrong; else where hands reach, and what they bear
+  liftwright cell add mine                     kept in ./data, for the service that runs there
+  liftwright cell add mine.zip --service http://127.0.0.1:8040
+  liftwright cell list
+  liftwright cell show dual_ur3e_lift --png lift.png
+  liftwright plan task.json --cell mine        a task in that cell, without keeping it
+"""
 SCENE_DESCRIPTION = """\
 Find the suction tool by its markers, and boxes and cylinders by their top facets, in what cameras saw of the table.
 Exit code 0: perceived, be it an empty table; 3: a scan that cannot be read or shows no table, and why.
@@ -98,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT if isinstance(error, BadInput) else FAILED
     except OSError as error:
         print(f"liftwright: {said_of(error)}", file=sys.stderr)
-        return BAD_INPUT if parsed.command in ("plan", "study", "scene") else FAILED
+        return BAD_INPUT if parsed.command in ("plan", "study", "scene", "cell") else FAILED
     except ValidationError as error:
         for fault in error.errors():
             print(
@@ -144,6 +161,16 @@ def _parser() -> argparse.ArgumentParser:
             help="find the tool and the objects in what cameras saw, without a server or by one",
             description=SCENE_DESCRIPTION,
             epilog=SCENE_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
+
+    _add_cell(
+        commands.add_parser(
+            "cell",
+            help="a cell of your own: check it, see what it can do, keep it for tasks",
+            description=CELL_DESCRIPTION,
+            epilog=CELL_EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
@@ -207,6 +234,12 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
     )
     _add_service(where, "plans it; needed for a task with the `scene_id` of a scene that it keeps")
     command.add_argument(
+        "--cell",
+        type=Path,
+        metavar="PATH",
+        help="a cell of your own, a folder, zip or file: tasks that name it, or name none, are planned in it",
+    )
+    command.add_argument(
         "--data-dir",
         type=Path,
         metavar="DIR",
@@ -257,6 +290,27 @@ def _add_scene(command: argparse.ArgumentParser) -> None:
     )
     _add_service(command, "perceives and keeps it, so that tasks can name its `scene_id`")
     command.set_defaults(run=_scene)
+
+
+def _add_cell(command: argparse.ArgumentParser) -> None:
+    actions = command.add_subparsers(dest="action", required=True, metavar="action")
+    check = actions.add_parser("check", help="say everything that is wrong with it, or what it can do; keep nothing")
+    check.add_argument("path", type=Path, metavar="PATH", help="a folder, a zip, or one YAML or JSON file")
+    check.add_argument("--png", type=Path, metavar="FILE", help="where maps of its table go")
+    check.set_defaults(run=_check_cell)
+    add = actions.add_parser("add", help="keep it, as the next version of its name")
+    add.add_argument("path", type=Path, metavar="PATH", help="a folder, a zip, or one YAML or JSON file")
+    listing = actions.add_parser("list", help="the shipped cells, and those that are kept")
+    show = actions.add_parser("show", help="what it can do")
+    show.add_argument("name", metavar="NAME", help="its name or id")
+    show.add_argument("--png", type=Path, metavar="FILE", help="where maps of its table go")
+    show.add_argument("--out", type=Path, metavar="FILE", help="where a zip of its files goes, unless it is shipped")
+    delete = actions.add_parser("delete", help="have it for no more tasks; plans that are in it keep it")
+    delete.add_argument("name", metavar="NAME", help="its name or id")
+    for action, run in ((add, _add_own_cell), (listing, _list_cells), (show, _show_cell), (delete, _delete_cell)):
+        _add_service(action, "keeps cells, not this machine")
+        _add_storage(action)
+        action.set_defaults(run=run)
 
 
 def _add_service(command: argparse.ArgumentParser | argparse._MutuallyExclusiveGroup, what: str) -> None:
@@ -334,7 +388,7 @@ def _plan(parsed: argparse.Namespace) -> int:
     def here() -> TaskPlanner:
         from app.cli.local_planner import LocalPlanner
 
-        return LocalPlanner(_worker_settings(parsed), parsed.scene)
+        return LocalPlanner(_worker_settings(parsed), parsed.scene, parsed.cell)
 
     def by_service() -> TaskPlanner:
         from app.cli.service_client import ServicePlanner
@@ -342,9 +396,50 @@ def _plan(parsed: argparse.Namespace) -> int:
         return ServicePlanner(parsed.service)
 
     # A scene may complete the tasks, and a service may be of a newer version, which knows tasks that this one does not.
-    check = parsed.scene is None and parsed.service is None
+    check = parsed.scene is None and parsed.service is None and parsed.cell is None
     planner = here if parsed.service is None else by_service
     return plan_files(parsed.files, parsed.out, planner, check=check, apply=parsed.apply)
+
+
+def _check_cell(parsed: argparse.Namespace) -> int:
+    from app.cli.cell_command import check_cell_files
+
+    return check_cell_files(parsed.path, parsed.png)
+
+
+def _add_own_cell(parsed: argparse.Namespace) -> int:
+    from app.cli.cell_command import add_cell
+
+    with _cell_keeper(parsed) as keeper:
+        return add_cell(parsed.path, keeper)
+
+
+def _list_cells(parsed: argparse.Namespace) -> int:
+    from app.cli.cell_command import list_cells
+
+    with _cell_keeper(parsed) as keeper:
+        return list_cells(keeper)
+
+
+def _show_cell(parsed: argparse.Namespace) -> int:
+    from app.cli.cell_command import show_cell
+
+    with _cell_keeper(parsed) as keeper:
+        return show_cell(parsed.name, keeper, parsed.png, parsed.out)
+
+
+def _delete_cell(parsed: argparse.Namespace) -> int:
+    with _cell_keeper(parsed) as keeper:
+        keeper.delete(parsed.name)
+    return 0
+
+
+def _cell_keeper(parsed: argparse.Namespace) -> AbstractContextManager[CellKeeper]:
+    from app.cli.cell_command import ServiceCells, local_cells
+
+    if parsed.service is not None:
+        return nullcontext(ServiceCells(parsed.service))
+    return local_cells(_worker_settings(parsed))
 
 
 def _study(parsed: argparse.Namespace) -> int:

@@ -60,7 +60,8 @@ def _told(problem: Mapping[str, Any], file: str, line_of: Callable[[str], int | 
     allowed = f" (one of: {', '.join(choices)})" if choices else ""
     line = None if line_of is None else line_of(pointer)
     where = f" (line {line})" if line is not None and pointer else ""
-    return f"{pointer or file}{where}: {problem['detail']}{allowed}"
+    place = ": ".join(part for part in (problem.get("file"), pointer) if part)
+    return f"{place or file}{where}: {problem['detail']}{allowed}"
 
 
 class ProgressBar:

@@ -24,7 +24,6 @@ KEY_VARIABLE = "LIFTWRIGHT_KEY"
 """Environment variable with the key that a service asks for: not an argument, which others on the machine can see."""
 PATIENCE = httpx.Timeout(None, connect=30.0)
 """Perceiving a scan takes as long as it takes, and a job may say nothing for long [s]."""
-JSON = {"Content-Type": "application/json"}
 
 
 class ServiceRefused(LiftwrightError):
@@ -110,23 +109,23 @@ class ServiceClient:
         with self._connected() as client:
             return self._accepted(client.get(path)).content
 
-    def post_plan(self, task: bytes) -> dict[str, Any]:
-        """Post a task and return its plan.
+    def post(self, path: str, content: bytes, media_type: str = "application/json") -> dict[str, Any]:
+        """Post a body, and return the JSON that it is answered with.
 
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
         with self._connected() as client:
-            return self._accepted(client.post("/v1/plans", content=task, headers=JSON)).json()
+            return self._accepted(client.post(path, content=content, headers={"Content-Type": media_type})).json()
 
-    def post_study(self, study: bytes) -> dict[str, Any]:
-        """Post a study and return it as accepted.
+    def delete(self, path: str) -> None:
+        """Delete what is at a path.
 
         Raises:
-            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
+            KeyMissing, ServiceRefused, ServiceAway: It was not deleted.
         """
         with self._connected() as client:
-            return self._accepted(client.post("/v1/studies", content=study, headers=JSON)).json()
+            self._accepted(client.delete(path))
 
     def follow_study(self, study: Mapping[str, Any]) -> dict[str, Any]:
         """Show how many points of a study are known until it has ended, and return it as it is then.
@@ -208,7 +207,7 @@ class ServicePlanner:
             KeyMissing, ServiceAway, ServiceRefused: The service cannot do it, and not because of the task.
         """
         try:
-            posted = self._client.post_plan(json.dumps(file.task).encode())
+            posted = self._client.post("/v1/plans", json.dumps(file.task).encode())
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise

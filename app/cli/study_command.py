@@ -18,7 +18,7 @@ from app.cli.output import BadInput, ProgressBar, refuse, written_whole
 from app.cli.plan_command import NO_PLAN, SOLVED
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.cli.task_file import TaskFile
-from app.study_picture import colour_of, draw_map, whole_percent
+from app.pictures.study_picture import colour_of, draw_map, whole_percent
 from planners.contract.uploads import named_uploads
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap, StudyPoint
@@ -99,7 +99,7 @@ def post_study(
     client = ServiceClient(service)
     with written_whole(outputs[0]) as file:
         try:
-            study = client.follow_study(client.post_study(body))
+            study = client.follow_study(client.post("/v1/studies", body))
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise

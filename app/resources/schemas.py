@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict
 
+from planners.cell.cell import Cell
 from planners.contract.problems import doubts_of
 from planners.contract.scene_document import SceneDocument
 from planners.plan.plan import Outcome
+from planners.survey.survey import SurveyFigures
+from workers.stores.cell_store import StoredCell
 from workers.stores.jobs import Job, JobState
 from workers.stores.plan_store import PlanRecord
 from workers.stores.scene_store import StoredScene
@@ -57,6 +60,63 @@ class MeshResource(Resource):
     hint: str | None
     """What to mind when it is used."""
     links: MeshLinks
+
+
+class CellLinks(Resource):
+    """Where to go from here."""
+
+    self: str
+    files: str | None
+    """All files of the cell as a zip; null: it is shipped with the service."""
+    survey: str
+    picture: str
+    view: str
+
+
+class CellResource(Resource):
+    """A cell, as tasks can name it."""
+
+    id: str
+    """Of owner and content: the same cell of the same owner has the same id. A shipped cell's is its name."""
+    name: str
+    """A task may give it in place of the id; then the version that was posted last is meant."""
+    version: int | None
+    """Of all that its owner posted under its name, from 1; null: it is shipped."""
+    created_at: datetime | None
+    """When it was posted last; null: it is shipped."""
+    hash: str
+    """Of its content; plan documents state it as `cell.hash`."""
+    figures: SurveyFigures | None
+    """What it can do. null in lists, and of shipped cells: fetch `links.survey`."""
+    links: CellLinks
+
+    @classmethod
+    def of(cls, stored: StoredCell, *, figures: bool = True) -> Self:
+        """Return a cell of one's own."""
+        return cls(
+            id=stored.id,
+            name=stored.name,
+            version=stored.version,
+            created_at=moment(stored.created_us),
+            hash=stored.hash,
+            figures=stored.figures if figures else None,
+            links=_cell_links(stored.id, shipped=False),
+        )
+
+    @classmethod
+    def of_shipped(cls, cell: Cell) -> Self:
+        """Return a cell that is shipped."""
+        links = _cell_links(cell.name, shipped=True)
+        return cls(
+            id=cell.name, name=cell.name, version=None, created_at=None, hash=cell.hash, figures=None, links=links
+        )
+
+
+class CellList(Resource):
+    """All cells that the caller's tasks may name."""
+
+    cells: list[CellResource]
+    """The shipped ones first, then one's own by name, newest version first."""
 
 
 class SceneLinks(Resource):
@@ -268,6 +328,17 @@ def scene_summary(scene: StoredScene) -> SceneSummary:
         objects=len(document.objects),
         unrecognised=len(document.unrecognised),
         links=_scene_links(scene.id),
+    )
+
+
+def _cell_links(cell_id: str, *, shipped: bool) -> CellLinks:
+    address = f"/v1/cells/{cell_id}"
+    return CellLinks(
+        self=address,
+        files=None if shipped else f"{address}/files.zip",
+        survey=f"{address}/survey",
+        picture=f"{address}/survey.png",
+        view=f"/viewer/cells?cell={cell_id}",
     )
 
 

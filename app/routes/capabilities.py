@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Self, get_args
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter
 
 from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
-from app.routes.dependencies import Settings
+from app.routes.dependencies import Cells, Settings
 from planners.cell.arm import Arm
 from planners.cell.arm_span import ArmSpan
-from planners.cell.asset_files import known_meshes
+from planners.cell.asset_shelf import known_meshes
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.contract.task_spec import LifterModel
@@ -129,12 +129,12 @@ router = APIRouter(prefix="/v1", tags=["capabilities"])
 
 
 @router.get("/capabilities", summary="What this service can plan")
-def get_capabilities(request: Request, settings: Settings) -> Capabilities:
+def get_capabilities(cells: Cells, settings: Settings) -> Capabilities:
     """Return kinds of tasks, cells with what they reach and bear, tools, lifter models, shapes, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
-        cells=sorted(request.app.state.cells),
-        cell_limits={name: CellLimits.of(cell) for name, cell in sorted(request.app.state.cells.items())},
+        cells=sorted(cells),
+        cell_limits={name: CellLimits.of(cell) for name, cell in sorted(cells.items())},
         lifter_models=list(get_args(LifterModel)),
         tools=known_tools(),
         shapes=list(PLANNED_SHAPES),

@@ -11,6 +11,7 @@ from starlette.requests import HTTPConnection
 
 from app.access.authenticator import Authenticator
 from app.access.caller import Caller
+from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import PlanFeed
 from app.resources.scene_collection import SceneCollection
@@ -25,6 +26,11 @@ Dependency = TypeVar("Dependency")
 def caller_of(connection: HTTPConnection) -> Caller:
     """Return who calls, as `AccessControl` has found out."""
     return connection.state.caller
+
+
+def cells_of(connection: HTTPConnection) -> CellCollection:
+    """Return the cells that the caller's tasks may name."""
+    return connection.app.state.cells.seen_by(caller_of(connection))
 
 
 def plans_of(connection: HTTPConnection) -> PlanCollection:
@@ -50,7 +56,7 @@ def webhooks_of(connection: HTTPConnection) -> WebhookCollection:
 def intake_of(connection: HTTPConnection) -> Callable[[Any], dict[str, Any]]:
     """Return what turns a caller's JSON data into a task that can be begun, or raises what is wrong with it."""
     state, scenes = connection.app.state, scenes_of(connection).document
-    found = {"cells": state.cells, "uploads": state.meshes.get, "scenes": scenes, "tools": state.tools}
+    found = {"cells": cells_of(connection), "uploads": state.meshes.get, "scenes": scenes, "tools": state.tools}
     return partial(accept_task, **found, known=state.known_tasks)
 
 
@@ -81,6 +87,7 @@ def _at_once(found: Callable[[HTTPConnection], Dependency]) -> Callable[[HTTPCon
 
 CurrentCaller = Annotated[Caller, Depends(_at_once(caller_of))]
 Plans = Annotated[PlanCollection, Depends(_at_once(plans_of))]
+Cells = Annotated[CellCollection, Depends(_at_once(cells_of))]
 Scenes = Annotated[SceneCollection, Depends(_at_once(scenes_of))]
 Studies = Annotated[StudyCollection, Depends(_at_once(studies_of))]
 Webhooks = Annotated[WebhookCollection, Depends(_at_once(webhooks_of))]

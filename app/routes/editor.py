@@ -18,7 +18,7 @@ router = APIRouter(tags=["viewer"])
 
 @router.get("/viewer/new", response_class=HTMLResponse, summary="Make or change a task")
 def get_editor() -> Response:
-    """Return the editor's page; `?plan=ID`, `?example=NAME` or `?scene=ID` is what it begins with."""
+    """Return the editor's page; it begins with `?plan=ID`, `?example=NAME`, `?scene=ID` or `?kind=…&cell=NAME`."""
     return PageResponse(editor_page())
 
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, SceneList, SceneResource, scene_resource, scene_summary
-from app.routes.dependencies import Scenes, Settings
+from app.routes.dependencies import Cells, Scenes, Settings
 from app.uploads.form import FORM
 from app.uploads.uploads import DESCRIPTION, UploadLimits, read_scan_form
 from planners.perception.perceive import PARTS
@@ -49,15 +49,13 @@ ScanLimits = Annotated[UploadLimits, Depends(_scan_limits)]
     },
 )
 async def post_scene(
-    request: Request, response: Response, scenes: Scenes, settings: Settings, limits: ScanLimits
+    request: Request, response: Response, scenes: Scenes, cells: Cells, settings: Settings, limits: ScanLimits
 ) -> SceneResource:
     """Find the tool and the objects in pictures, depth images or clouds. The same scan again gives the same scene."""
     # Whole scans are held in memory: only so many are let in, and of these only so many worked on.
     async with limits.held:
         description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
-        scene = await to_thread.run_sync(
-            scenes.perceive, description, files, request.app.state.cells, limiter=limits.worked
-        )
+        scene = await to_thread.run_sync(scenes.perceive, description, files, cells, limiter=limits.worked)
     resource = scene_resource(scene)
     response.headers["Location"] = resource.links.self
     return resource

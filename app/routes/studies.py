@@ -8,14 +8,14 @@ from fastapi import APIRouter, Header, Path, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
+from app.pictures.study_picture import draw_map
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, PlanResource, StudyList, StudyResource
-from app.routes.dependencies import Settings, Studies, StudyFeed, scenes_of
+from app.routes.dependencies import Settings, Studies, StudyFeed, cells_of, scenes_of
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.routes.plans import plan_response
-from app.study_picture import draw_map
-from app.task_intake import with_scene
+from app.task_intake import with_parts
 from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
 from planners.study.study_map import StudyMap
@@ -60,10 +60,10 @@ async def post_study(
     key = read_idempotency_key(idempotency_key)
     wait = None if prefer is None else read_wait(request.headers.getlist("prefer"))
     body = await read_body(request, settings.max_body_bytes, settings)
-    cells, scenes = request.app.state.cells, scenes_of(request).document
+    cells, scenes = cells_of(request), scenes_of(request).document
 
     def submit() -> StudyResource:
-        return studies.submit(parse_json(body), lambda task: with_scene(task, cells, scenes), key)
+        return studies.submit(parse_json(body), lambda task: with_parts(task, cells, scenes), key)
 
     study = await run_in_threadpool(submit)
     headers = {"Location": study.links.self}

@@ -139,6 +139,12 @@ def get_study_page() -> Response:
     return PageResponse(static_text("study.html"))
 
 
+@router.get("/viewer/cells", response_class=HTMLResponse, summary="Look at cells")
+def get_cells_page() -> Response:
+    """Return the page of cells: what they can do, and where one's own are added; `?cell=ID` is shown first."""
+    return PageResponse(static_text("cells.html"))
+
+
 @router.get("/viewer/scene/{key}/", include_in_schema=False)
 def get_scene_page(key: str, servers: Annotated[SceneServers, Depends(_scene_servers)]) -> Response:
     """Return viser's own page, which draws the scene of a watcher."""

@@ -1,14 +1,15 @@
-"""Uploads of meshes and scans: from a request to the bytes of its files, so many at a time."""
+"""Uploads of meshes, cells and scans: from a request to the bytes of its files, so many at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import PurePosixPath
 from types import MappingProxyType
 
 from anyio import CapacityLimiter, to_thread
 from starlette.requests import Request
 
-from app.errors import BadScan, BadUpload, NotMeshMedia, NotScanMedia
+from app.errors import BadScan, BadUpload, NotCellMedia, NotMeshMedia, NotScanMedia
 from app.uploads.body import Patience, read_limited
 from app.uploads.form import FORM, ContentType, FormPart, form_parts
 from planners.geometry.mesh_file import MeshFormat
@@ -18,6 +19,17 @@ MEDIA_TYPES: Mapping[str, MeshFormat] = MappingProxyType(
     {"model/stl": "stl", "model/obj": "obj", "model/ply": "ply", "model/gltf-binary": "glb"}
 )
 SUFFIXES: Mapping[str, MeshFormat] = MappingProxyType({".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"})
+CELL_TYPES: Mapping[str, str] = MappingProxyType(
+    {
+        "application/zip": ".zip",
+        "application/x-zip-compressed": ".zip",
+        "application/yaml": ".yaml",
+        "application/x-yaml": ".yaml",
+        "text/yaml": ".yaml",
+        "application/json": ".json",
+    }
+)
+"""Suffixes of files that describe cells, by media type."""
 FIELD = "file"
 DESCRIPTION = "scan"
 
@@ -47,16 +59,39 @@ async def read_mesh(request: Request, limit: int, patience: Patience) -> tuple[b
         raise NotMeshMedia(declared, (*MEDIA_TYPES, FORM))
     content = await read_limited(request, limit, patience)
     if header.media_type == FORM:
-        return await to_thread.run_sync(_file_of_form, content, header.boundary)
+        part = await to_thread.run_sync(_file_of_form, content, header.boundary)
+        return part.content, _format_of(part)
     return content, MEDIA_TYPES[header.media_type]
 
 
-def _file_of_form(content: bytes, boundary: bytes) -> tuple[bytes, MeshFormat]:
+async def read_cell(request: Request, limit: int, patience: Patience) -> tuple[bytes, str]:
+    """Return a file that describes a cell, and its suffix: ".zip", ".yaml" or ".json".
+
+    Raises:
+        NotCellMedia: It is declared as something else, or a form.
+        BadUpload: The form does not hold one file named `file`.
+        EncodedBody, BodyTooLarge, BodyStalled: As of `read_mesh`.
+    """
+    declared = request.headers.get("content-type")
+    header = ContentType.of(declared)
+    if header.media_type not in (FORM, *CELL_TYPES):
+        raise NotCellMedia(declared, (*CELL_TYPES, FORM))
+    content = await read_limited(request, limit, patience)
+    if header.media_type != FORM:
+        return content, CELL_TYPES[header.media_type]
+    part = await to_thread.run_sync(_file_of_form, content, header.boundary)
+    suffix = CELL_TYPES.get(part.media_type) or PurePosixPath(part.filename.lower()).suffix.replace(".yml", ".yaml")
+    if suffix not in CELL_TYPES.values():
+        raise NotCellMedia(f"{part.media_type}; filename={part.filename.lower()}", (*CELL_TYPES, ".zip", ".yaml"))
+    return part.content, suffix
+
+
+def _file_of_form(content: bytes, boundary: bytes) -> FormPart:
     """Return the one part of a form that is named `file`."""
     files = [part for part in form_parts(content, boundary) if part.name == FIELD]
     if len(files) != 1:
         raise BadUpload(f"the form holds {len(files)} parts named {FIELD}; one is needed")
-    return files[0].content, _format_of(files[0])
+    return files[0]
 
 
 def _format_of(part: FormPart) -> MeshFormat:

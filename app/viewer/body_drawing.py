@@ -10,19 +10,11 @@ import numpy as np
 import trimesh
 from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders
+from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders, write_pieces
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
-from planners.cell.asset_files import (
-    AssetShelf,
-    CylinderLinkFile,
-    GripperFile,
-    LinkFile,
-    MeshFile,
-    RobotFile,
-    read_hand_file,
-    read_robot_file,
-)
+from planners.cell.asset_files import CylinderLinkFile, GripperFile, LinkFile, MeshFile, PiecesLinkFile, RobotFile
+from planners.cell.asset_shelf import AssetShelf, read_hand_file, read_robot_file
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
@@ -268,26 +260,29 @@ class Drawings:
     """Drawings of meshes, in one detail."""
 
     meshes: LinkMeshes
+    shelf: AssetShelf
+    """Where the files of the cell are."""
     detail: Detail
 
     def link(self, link: LinkFile) -> bytes:
-        """Return a link's drawing as binary glTF: of the maker's mesh, or of the cylinders that stand in for it."""
+        """Return a link's drawing as binary glTF: of the maker's mesh, or of what stands in for it."""
         if isinstance(link, CylinderLinkFile):
             return write_cylinders([(each.start, each.end, each.radius) for each in link.cylinders])
-        return self.meshes.glb(link.mesh, link.transform(), self.detail.links)
+        if isinstance(link, PiecesLinkFile):
+            return write_pieces(link.pieces)
+        return self.meshes.glb(link.mesh, self.shelf, link.transform(), self.detail.links)
 
     def hand(self, mesh: MeshFile) -> bytes:
         """Return the drawing of a part of a hand."""
-        return self.meshes.glb(mesh, np.eye(4), self.detail.hands)
+        return self.meshes.glb(mesh, self.shelf, np.eye(4), self.detail.hands)
 
 
 class RobotDrawing:
     """All arms of a cell under one node of the scene tree."""
 
     def __init__(self, scene: SceneApi, cell: Cell, meshes: LinkMeshes, root: str, detail: Detail) -> None:
-        drawn = Drawings(meshes, detail)
-        shelf = cell.shelf
-        self.arms = {name: ArmDrawing(scene, arm, drawn, shelf, f"{root}/{name}") for name, arm in cell.arms.items()}
+        drawn = Drawings(meshes, cell.shelf, detail)
+        self.arms = {name: ArmDrawing(scene, arm, drawn, f"{root}/{name}") for name, arm in cell.arms.items()}
 
     def pose(self, positions: Array, widths: Mapping[str, float]) -> None:
         """Show joint positions (12,) [rad] and gripper openings by arm [m]."""
@@ -303,12 +298,12 @@ class RobotDrawing:
 class ArmDrawing:
     """One arm with its hand: a chain of frames, of which only the turning ones ever change."""
 
-    def __init__(self, scene: SceneApi, arm: Arm, drawings: Drawings, shelf: AssetShelf, root: str) -> None:
+    def __init__(self, scene: SceneApi, arm: Arm, drawings: Drawings, root: str) -> None:
         self._arm = arm
         self._positions = np.full(6, np.nan)
         self._joints: list[FrameHandle] = []
         add_frame(scene, root, arm.T_world_base)
-        links = link_files(arm, shelf)
+        links = link_files(arm, drawings.shelf)
         scene.add_glb(f"{root}/link_0", drawings.link(links[0]))
         parent = root
         for index, (a, alpha, d, _) in enumerate(arm.dh, start=1):
@@ -317,7 +312,7 @@ class ArmDrawing:
             parent = f"{joint}/after"
             add_frame(scene, parent, transform(rotation_x(alpha), [a, 0.0, d]))
             scene.add_glb(f"{parent}/link_{index}", drawings.link(links[index]))
-        self._hand = _draw_hand(scene, arm, drawings, shelf, parent)
+        self._hand = _draw_hand(scene, arm, drawings, parent)
         self.tcp = add_frame(scene, f"{parent}/tcp", np.eye(4), axes_length=0.07)
         self.tcp.visible = False
         self._set_width(None)
@@ -397,12 +392,10 @@ class _GripperDrawing:
         return hand.T_flange_tcp(wanted)
 
 
-def _draw_hand(
-    scene: SceneApi, arm: Arm, drawings: Drawings, shelf: AssetShelf, flange: str
-) -> _StickDrawing | _GripperDrawing:
+def _draw_hand(scene: SceneApi, arm: Arm, drawings: Drawings, flange: str) -> _StickDrawing | _GripperDrawing:
     if isinstance(arm.hand, Pusher):
         return _StickDrawing(scene, arm.hand, flange)
-    file = read_hand_file(shelf.find("hands", arm.hand.name, "hand"))
+    file = read_hand_file(drawings.shelf.find("hands", arm.hand.name))
     assert isinstance(file, GripperFile)
     return _GripperDrawing(scene, arm.hand, file, drawings, flange)
 
@@ -416,8 +409,8 @@ def _draw_sensor(scene: SceneApi, hand: Gripper | Pusher, flange: str) -> float:
 
 def link_files(arm: Arm, shelf: AssetShelf) -> tuple[LinkFile, ...]:
     """Return the meshes of an arm's links, those of another robot where its file says so."""
-    file: RobotFile = read_robot_file(shelf.find("robots", arm.robot.name, "robot"))
+    file: RobotFile = read_robot_file(shelf.find("robots", arm.robot.name))
     if file.links is None:
-        file = read_robot_file(shelf.find("robots", str(file.links_of), "links_of"))
+        file = read_robot_file(shelf.find("robots", str(file.links_of)))
     assert file.links is not None
     return file.links

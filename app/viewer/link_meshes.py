@@ -8,7 +8,7 @@ Vertices that share a cell of a grid become one, at the point that fits the plan
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,13 +18,14 @@ from trimesh.exchange.gltf import export_glb
 from trimesh.visual.material import PBRMaterial
 from trimesh.visual.texture import TextureVisuals
 
-from planners.cell.asset_files import MeshFile, mesh_path
+from planners.cell.asset_files import MeshFile
+from planners.cell.asset_shelf import AssetShelf
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
-from planners.geometry.surface import Faces
+from planners.geometry.surface import Faces, hull_with_faces
 
 Colour = tuple[float, float, float]
-_CYLINDER_CREASE = np.radians(45.0)
+_CREASE = np.radians(45.0)
 GREY: Colour = (0.32, 0.34, 0.37)
 """Of parts without a material."""
 
@@ -73,18 +74,19 @@ class LinkMeshes:
         self._folder = folder
         self._read: dict[str, bytes] = {}
 
-    def glb(self, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
+    def glb(self, mesh: MeshFile, shelf: AssetShelf, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         """Return a mesh as binary glTF, in the frame that it moves with.
 
         Args:
             mesh: what collides; what is drawn is its twin in the folder "visual", where the package has one.
+            shelf: where it is looked for.
             T_frame_mesh: where the mesh is in that frame.
             settings: how coarse the drawing is.
 
         Raises:
             AssetError: There is no such mesh.
         """
-        path = visual_path(mesh)
+        path = visual_path(mesh, shelf)
         asked = repr((path, settings, mesh.scale, T_frame_mesh.round(9).tolist()))
         if asked not in self._read:
             self._read[asked] = self._kept(path, mesh, T_frame_mesh, settings)
@@ -102,12 +104,12 @@ class LinkMeshes:
         return kept.read_bytes()
 
 
-def visual_path(mesh: MeshFile) -> Path:
+def visual_path(mesh: MeshFile, shelf: AssetShelf) -> Path:
     """Return the drawing that belongs to a collision mesh, or the collision mesh if there is no drawing."""
     try:
-        return mesh_path(mesh.model_copy(update={"path": mesh.path.replace("/collision/", "/visual/")}))
+        return shelf.mesh_path(mesh.model_copy(update={"path": mesh.path.replace("/collision/", "/visual/")}))
     except AssetError:
-        return mesh_path(mesh)
+        return shelf.mesh_path(mesh)
 
 
 def thin_out(vertices: Array, faces: Faces, cell: float) -> tuple[Array, Faces]:
@@ -169,14 +171,25 @@ def _write_glb(path: Path, scale: float, T_frame_mesh: Transform, settings: Thin
 
 def write_cylinders(cylinders: Sequence[tuple[Sequence[float], Sequence[float], float]]) -> bytes:
     """Return cylinders as binary glTF, in grey: each the centres of its ends (3,) and its radius [m]."""
+    return _write_grey(
+        trimesh.creation.cylinder(radius, segment=np.array([start, end]), sections=48)
+        for start, end, radius in cylinders
+    )
+
+
+def write_pieces(pieces: Sequence[Sequence[Sequence[float]]]) -> bytes:
+    """Return convex pieces as binary glTF, in grey: each the corners (n, 3) of one [m]."""
+    return _write_grey(trimesh.Trimesh(*hull_with_faces(np.array(corners))) for corners in pieces)
+
+
+def _write_grey(solids: Iterable[trimesh.Trimesh]) -> bytes:
     scene = trimesh.Scene()
     material = PBRMaterial(baseColorFactor=[*GREY, 1.0], metallicFactor=0.0, roughnessFactor=0.55)
-    for index, (start, end, radius) in enumerate(cylinders):
-        drawn = trimesh.creation.cylinder(radius, segment=np.array([start, end]), sections=48)
-        vertices, faces, normals = _with_creases(np.asarray(drawn.vertices), np.asarray(drawn.faces), _CYLINDER_CREASE)
+    for index, solid in enumerate(solids):
+        vertices, faces, normals = _with_creases(np.asarray(solid.vertices), np.asarray(solid.faces), _CREASE)
         drawn = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
         drawn.visual = TextureVisuals(material=material)
-        scene.add_geometry(drawn, geom_name=f"cylinder_{index}")
+        scene.add_geometry(drawn, geom_name=f"solid_{index}")
     return export_glb(scene, include_normals=True)
 
 
@@ -211,11 +224,15 @@ def _with_creases(vertices: Array, faces: Faces, crease: float) -> tuple[Array, 
 
 
 def _read_pieces(path: Path) -> Iterator[Piece]:
-    """Read an OBJ file, material by material."""
-    scene = trimesh.load_scene(path, process=False, split_objects=False, group_material=True)
+    """Read a mesh file; an OBJ material by material."""
+    if path.suffix.lower() == ".obj":
+        scene = trimesh.load_scene(path, process=False, split_objects=False, group_material=True)
+    else:
+        scene = trimesh.load_scene(path, process=False)
     for mesh in scene.geometry.values():
         # A corner has a vertex of its own for every normal and texture coordinate that it appears with.
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         material = getattr(mesh.visual, "material", None)
-        colour = GREY if material is None else tuple(material.diffuse[:3] / 255.0)
+        diffuse = getattr(material, "diffuse", None)
+        colour = GREY if diffuse is None else tuple(diffuse[:3] / 255.0)
         yield Piece(np.asarray(mesh.vertices), np.asarray(mesh.faces), colour)

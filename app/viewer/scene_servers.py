@@ -248,10 +248,10 @@ class WatcherRoom:
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
-    def __init__(self, cells: dict[str, Cell], folder: Path, addresses: Path, room: WatcherRoom) -> None:
+    def __init__(self, cells: Mapping[str, Cell], folder: Path, addresses: Path, room: WatcherRoom) -> None:
         """Take the cells, where drawings of their robots are kept, and where all processes of a service find scenes."""
         self.cells = cells
-        """Of which there are drawings, by name."""
+        """Everybody's: whoever sees a plan sees its cell."""
         addresses.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._addresses = addresses
         for left in addresses.iterdir():
@@ -380,7 +380,8 @@ class SceneServers:
         return _plan_of(plans.document(plan_id))
 
     def _playback(self, plan: Plan) -> tuple[Playback, Cell]:
-        return Playback(plan), self._cell(plan.cell.name)
+        # One's own cells are named by their ids, which name one version of them.
+        return Playback(plan), self._cell(plan.task.cell)
 
     def _cell(self, name: str) -> Cell:
         if name not in self.cells:

@@ -8,25 +8,23 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from planners.cell.asset_files import (
-    AssetShelf,
     CylinderFile,
     CylinderLinkFile,
     LinkFile,
     LinkName,
     MeshLinkFile,
+    PiecesLinkFile,
     RobotFile,
-    fingerprint,
-    hull_points,
-    mesh_path,
-    read_robot_file,
 )
+from planners.cell.asset_shelf import AssetShelf, fingerprint, read_robot_file
 from planners.cell.hand import Gripper, Pusher
-from planners.errors import AssetError
+from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, cylinder, enclosing_hull
 from planners.geometry.pose import Array, Transform, frame_from_z, pose_row, transform
-from planners.kinematics.inverse import is_ur_type
+from planners.kinematics.arm_kind import NoClosedForm, arm_kind
 from planners.kinematics.joint_torque import WeighedArm
 from planners.plan.scenery import ArmDocument, LinkDocument
 
@@ -40,7 +38,7 @@ class Link:
 
     name: LinkName
     pieces: tuple[Array, ...]
-    """(n, 3) corners of each convex piece: the hull of the mesh, or one cylinder each [m]."""
+    """(n, 3) corners of each convex piece: the hull of the mesh, one cylinder each, or as the file has them [m]."""
     shapes: tuple[ConvexShape, ...]
     """Few vertices around each of the `pieces`."""
 
@@ -52,10 +50,12 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A six-joint arm of the UR family. Arrays of joint limits are (6,), in SI units."""
+    """An arm of six joints of which `arm_kind` knows the kind. Arrays of joint limits are (6,), in SI units."""
 
     name: str
     joint_names: tuple[str, ...]
+    T_mount_base: Transform
+    """The frame before the first joint, on the frame with which the arm is mounted."""
     dh: Array
     """(6, 4) columns a, alpha, d, theta0 [m, rad]."""
     position_min: Array
@@ -69,76 +69,97 @@ class Robot:
     """(6, 4) of the links that move: mass [kg], and centre of mass in the frame after the link's joint [m]."""
     payload: float
     """Largest mass at the flange [kg]."""
+    reach: float
+    """As its maker states it [m]."""
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
 
-def load_robot(name: str, shelf: AssetShelf, where: str) -> Robot:
+def load_robot(name: str, shelf: AssetShelf) -> Robot:
     """Load robots/<name>.yaml with its meshes.
 
     Args:
         name: name of the robot.
         shelf: where to look.
-        where: the field that names the robot, for messages.
 
     Raises:
-        AssetError: A file is missing or wrong, or its table is not one of the UR family.
+        AssetError: A file is missing or wrong, or its table is that of no kind of arm that has a closed form.
     """
-    path = shelf.find("robots", name, where)
+    path = shelf.find("robots", name)
     file = read_robot_file(path)
     joints = file.joints
     dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
-    if not is_ur_type(dh):
-        raise AssetError(
-            f"{path}: joints: alpha_deg must be 90, 0, 0, 90, -90, 0 and a must be zero except for joints 2 and 3: "
-            "the closed-form inverse kinematics is that of the UR family"
-        )
+    kind = arm_kind(dh)
+    if isinstance(kind, NoClosedForm):
+        raise AssetError(AssetFault(kind.reason, str(path), "/joints"))
     position = np.radians([j.position_deg for j in joints])
     link_files = _link_files(file, shelf, path)
     return Robot(
         name=file.name,
         joint_names=tuple(j.name for j in joints),
+        T_mount_base=np.eye(4) if file.base is None else file.base.transform(),
         dh=dh,
         position_min=np.ascontiguousarray(position[:, 0]),
         position_max=np.ascontiguousarray(position[:, 1]),
         velocity_max=np.radians([j.velocity_deg for j in joints]),
         acceleration_max=np.array([j.acceleration for j in joints]),
         torque_max=np.array([j.torque for j in joints]),
-        links=tuple(_link(link, f"{path}: links.{i}") for i, link in enumerate(link_files)),
+        links=_links(link_files, shelf, str(path)),
         masses=np.array([[link.mass, *link.com] for link in file.masses]),
         payload=file.payload,
-        fingerprint=fingerprint(_contents(file, link_files)),
+        reach=file.reach,
+        fingerprint=fingerprint(_contents(file, link_files, shelf)),
     )
+
+
+def _links(files: tuple[LinkFile, ...], shelf: AssetShelf, path: str) -> tuple[Link, ...]:
+    faults, links = AssetFaults(), list[Link]()
+    for i, file in enumerate(files):
+        with faults.at(path, f"/links/{i}"):
+            links.append(_link(file, shelf))
+    faults.raise_any()
+    return tuple(links)
 
 
 def _link_files(file: RobotFile, shelf: AssetShelf, path: Path) -> tuple[LinkFile, ...]:
     if file.links is not None:
         return file.links
-    stand_in = read_robot_file(shelf.find("robots", str(file.links_of), f"{path}: links_of"))
+    try:
+        stand_in = read_robot_file(shelf.find("robots", str(file.links_of)))
+    except AssetError as error:
+        raise error.at(str(path), "/links_of") from error
     if stand_in.links is None:
-        raise AssetError(f"{path}: links_of: {file.links_of!r} has no links of its own")
+        raise AssetError(AssetFault(f"{file.links_of!r} has no links of its own", str(path), "/links_of"))
     return stand_in.links
 
 
-def _contents(file: RobotFile, links: tuple[LinkFile, ...]) -> Iterator[bytes]:
-    yield file.model_dump_json().encode()
+def _contents(file: RobotFile, links: tuple[LinkFile, ...], shelf: AssetShelf) -> Iterator[bytes]:
+    # Plans state hashes from before files could say where the base is.
+    yield file.model_dump_json(exclude={"base"} if file.base is None else None).encode()
     for link in links:
         yield link.model_dump_json().encode()
         if isinstance(link, MeshLinkFile):
-            yield mesh_path(link.mesh).read_bytes()
+            yield shelf.mesh_path(link.mesh).read_bytes()
 
 
-def _link(file: LinkFile, where: str) -> Link:
+def _link(file: LinkFile, shelf: AssetShelf) -> Link:
     if isinstance(file, CylinderLinkFile):
         shapes = tuple(_cylinder(each) for each in file.cylinders)
         return Link(file.name, tuple(shape.vertices for shape in shapes), shapes)
+    if isinstance(file, PiecesLinkFile):
+        pieces = tuple(_piece(np.array(corners), i) for i, corners in enumerate(file.pieces))
+        return Link(file.name, pieces, tuple(ConvexShape(enclosing_hull(piece)) for piece in pieces))
     T_frame_mesh = file.transform()
-    try:
-        points = hull_points(file.mesh)
-    except AssetError as error:
-        raise AssetError(f"{where}.mesh: {error}") from error
+    points = shelf.hull_points(file.mesh)
     points = points @ T_frame_mesh[:3, :3].T + T_frame_mesh[:3, 3]
     return Link(file.name, (points,), (ConvexShape(enclosing_hull(points)),))
+
+
+def _piece(corners: Array, index: int) -> Array:
+    try:
+        return corners[ConvexHull(corners).vertices]
+    except QhullError as error:
+        raise AssetError(f"piece {index} spans no volume") from error
 
 
 def _cylinder(file: CylinderFile) -> ConvexShape:
@@ -157,7 +178,7 @@ class Arm:
     name: str
     robot: Robot
     T_world_base: Transform
-    """The controller's base frame."""
+    """The frame before the first joint; the controller's base frame, unless the robot's file says otherwise."""
     home: Array
     """(6,) where the joints rest [rad]."""
     hand: Gripper | Pusher

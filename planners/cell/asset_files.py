@@ -2,41 +2,44 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import yaml
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
-from scipy.spatial import ConvexHull, QhullError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from assets import assets_folder
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
-from planners.errors import AssetError
-from planners.geometry.mesh_file import obj_vertices
-from planners.geometry.pose import Array, Transform, rotation_x, rotation_y, rotation_z, transform
+from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
 AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-PositiveNumber = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Triple = tuple[float, float, float]
+Number = Annotated[float, Field(ge=-1e4, le=1e4)]
+"""A larger one is no length, angle, mass or force of a cell, and no sum of such is right any more."""
+PositiveNumber = Annotated[float, Field(gt=0.0, le=1e4)]
+NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
+Triple = tuple[Number, Number, Number]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
+PositionLimit = Annotated[float, Field(ge=-540.0, le=540.0)]
+"""[deg]: a whole turn away from any position in (-180, 180], and no further; who has more states less."""
+AxisAngle = Annotated[float, Field(ge=-180.0, le=180.0)]
+"""From one joint's axis to the next [deg]."""
 LinkName = Literal["base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"]
 ArmSide = Literal["left", "right"]
+RELATIVE_PATH = r"^[A-Za-z0-9_-][A-Za-z0-9_.-]*(?:/[A-Za-z0-9_-][A-Za-z0-9_.-]*)*$"
+"""Of a file: forward slashes, and no name that begins with a dot."""
 
 LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 """In the order of the frames they move with."""
 ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 """In the order of their joints."""
 
-MESHES = "meshes"
-"""The folder of meshes, all OBJ and in metres."""
+
+JOINTS = 6
+"""Of an arm."""
+ONLY_SIX_JOINTS = (
+    "An arm has six joints here: with a seventh it reaches a pose in infinitely many ways, and plans are made of the "
+    "eight of an arm of six"
+)
 
 
 class _Part(BaseModel):
@@ -45,7 +48,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class _Asset(_Part):
+class Asset(_Part):
     """A whole file, found by its name."""
 
     name: AssetName
@@ -64,11 +67,12 @@ class PlacementFile(_Part):
 
 
 class MeshFile(_Part):
-    """A mesh that an installed package ships."""
+    """A mesh: STL, OBJ, PLY or GLB. Collisions are checked with its convex hull."""
 
-    package: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
-    path: str
-    """Inside the package."""
+    package: Literal["airo_models"] | None = None
+    """An installed package that ships it; None: it is among the files of the cell."""
+    path: Annotated[str, Field(pattern=RELATIVE_PATH, max_length=200)]
+    """Inside the package, or inside the folder that `robots`, `hands` and so on are in."""
     scale: PositiveNumber = 1.0
     """Metres a unit of the file."""
 
@@ -77,11 +81,11 @@ class JointFile(_Part):
     """A row of the Denavit-Hartenberg table, with the joint's limits."""
 
     name: AssetName
-    a: float
-    alpha_deg: float
-    d: float
-    theta0_deg: float
-    position_deg: tuple[float, float]
+    a: Number
+    alpha_deg: AxisAngle
+    d: Number
+    theta0_deg: Number
+    position_deg: tuple[PositionLimit, PositionLimit]
     velocity_deg: PositiveNumber
     """[deg/s]"""
     acceleration: PositiveNumber
@@ -124,12 +128,25 @@ class CylinderLinkFile(_Part):
     cylinders: Annotated[tuple[CylinderFile, ...], Field(min_length=1)]
 
 
+class PiecesLinkFile(_Part):
+    """A link as convex pieces: each the corners of one, in the frame that the link moves with [m]."""
+
+    name: LinkName
+    pieces: Annotated[
+        tuple[Annotated[tuple[Triple, ...], Field(min_length=4, max_length=5000)], ...], Field(min_length=1)
+    ]
+
+
 def _kind_of_link(link: Any) -> str:
-    return "[cylinders]" if isinstance(link, CylinderLinkFile) or "cylinders" in link else "[mesh]"
+    if isinstance(link, CylinderLinkFile) or "cylinders" in link:
+        return "[cylinders]"
+    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in link else "[mesh]"
 
 
 LinkFile = Annotated[
-    Annotated[MeshLinkFile, Tag("[mesh]")] | Annotated[CylinderLinkFile, Tag("[cylinders]")],
+    Annotated[MeshLinkFile, Tag("[mesh]")]
+    | Annotated[CylinderLinkFile, Tag("[cylinders]")]
+    | Annotated[PiecesLinkFile, Tag("[pieces]")],
     Discriminator(_kind_of_link),
 ]
 
@@ -144,10 +161,21 @@ class MassFile(_Part):
     """In the frame after the link's joint [m]."""
 
 
-class RobotFile(_Asset):
+def _no_seventh(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
+    if len(joints) > JOINTS:
+        raise ValueError(f"{len(joints)} are listed. {ONLY_SIX_JOINTS}")
+    return joints
+
+
+OfEachJoint = Annotated[tuple[PositiveNumber, ...], Field(min_length=JOINTS, max_length=JOINTS)]
+
+
+class RobotFile(Asset):
     """robots/*.yaml: one arm, whatever it is mounted on."""
 
-    joints: Annotated[tuple[JointFile, ...], Field(min_length=6, max_length=6)]
+    base: PlacementFile | None = None
+    """Where the frame before the first joint is, on the frame with which the arm is mounted; None: they are one."""
+    joints: Annotated[tuple[JointFile, ...], Field(min_length=JOINTS), AfterValidator(_no_seventh)]
     links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
     links_of: AssetName | None = None
     """Another robot whose links stand in."""
@@ -169,7 +197,26 @@ class RobotFile(_Asset):
         return self
 
 
-class SensorFile(_Asset):
+class UrdfRobotFile(Asset):
+    """robots/*.yaml of a cell of one's own: the arm between two links of a URDF, and what a URDF does not say."""
+
+    urdf: Annotated[str, Field(pattern=RELATIVE_PATH, max_length=200)]
+    """Its path among the files of the cell; what it names by `package://` is looked for there as well."""
+    root: Annotated[str, Field(max_length=200)]
+    """The link with which the arm is mounted."""
+    tip: Annotated[str, Field(max_length=200)]
+    """The link that hands are bolted to, its z axis out of the flange."""
+    payload: PositiveNumber
+    """[kg]"""
+    acceleration: OfEachJoint
+    """Base to flange [rad/s^2]."""
+    torque: OfEachJoint | None = None
+    """[Nm]; None: each joint's `effort`."""
+    mass: OfEachJoint | None = None
+    """Of the links that move [kg]; None: of their `inertial`."""
+
+
+class SensorFile(Asset):
     """sensors/*.yaml: a force-torque sensor with its coupling, a cylinder from the flange on."""
 
     radius: PositiveNumber
@@ -193,11 +240,11 @@ class SensorFile(_Asset):
 class LinkageFile(_Part):
     """Joint origins [y, z] of a four-bar finger on the +y side, fully open [m]."""
 
-    outer_knuckle: tuple[float, float]
-    outer_finger: tuple[float, float]
-    inner_finger: tuple[float, float]
-    pad: tuple[float, float]
-    inner_knuckle: tuple[float, float]
+    outer_knuckle: tuple[Number, Number]
+    outer_finger: tuple[Number, Number]
+    inner_finger: tuple[Number, Number]
+    pad: tuple[Number, Number]
+    inner_knuckle: tuple[Number, Number]
 
 
 class GripperMeshes(_Part):
@@ -210,7 +257,7 @@ class GripperMeshes(_Part):
     inner_knuckle: MeshFile
 
 
-class _HandFile(_Asset):
+class _HandFile(Asset):
     sensor: AssetName
     mass: PositiveNumber
     """[kg], without the sensor."""
@@ -245,7 +292,7 @@ class StickFile(_HandFile):
     """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
 
 
-class ToolFile(_Asset):
+class ToolFile(Asset):
     """tools/*.yaml: a suction tool, as a task would describe its own, with a stated centre of mass."""
 
     tool: CustomTool
@@ -263,7 +310,7 @@ class ToolFile(_Asset):
 class ArmMountFile(PlacementFile):
     """Where an arm's base frame is in the world, and where its joints rest."""
 
-    home_deg: tuple[float, float, float, float, float, float]
+    home_deg: tuple[Number, Number, Number, Number, Number, Number]
 
 
 class BoxFile(_Part):
@@ -279,11 +326,11 @@ class FrameFile(_Part):
 
     profile: PositiveNumber
     height: PositiveNumber
-    columns: tuple[tuple[float, float], ...]
+    columns: tuple[tuple[Number, Number], ...]
     """Centres [x, y] on the floor [m]."""
 
 
-class MountFile(_Asset):
+class MountFile(Asset):
     """mounts/*.yaml: everything of a cell that does not depend on which hands the arms carry."""
 
     arms: dict[ArmSide, ArmMountFile]
@@ -308,7 +355,7 @@ class ArmFile(_Part):
 class ToolRestFile(_Part):
     """A square socket on the table in which a suction tool stands upright."""
 
-    position: tuple[float, float]
+    position: tuple[Number, Number]
     """Its centre [m]."""
     clearance: PositiveNumber
     """From the centre to the inner faces of the walls [m]."""
@@ -318,7 +365,7 @@ class ToolRestFile(_Part):
     """Of the walls [m]."""
 
 
-class CellFile(_Asset):
+class CellFile(Asset):
     """cells/*.yaml."""
 
     mount: AssetName
@@ -337,161 +384,3 @@ def _require_both_arms(arms: Mapping[ArmSide, object]) -> None:
     missing = [name for name in ARM_NAMES if name not in arms]
     if missing:
         raise ValueError(f"arms.{missing[0]} is required")
-
-
-_HAND_KINDS: dict[str, type[GripperFile | StickFile]] = {"gripper": GripperFile, "stick": StickFile}
-_File = TypeVar("_File", bound=_Asset)
-
-
-@dataclass(frozen=True)
-class AssetShelf:
-    """Folders of assets, searched in order: `<folder>/robots/<name>.yaml` and so on."""
-
-    folders: tuple[Path, ...]
-
-    def names(self, kind: str) -> list[str]:
-        """List the names of all files of a kind ("robots", "hands", "sensors", "mounts", "cells", "tools")."""
-        return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
-
-    def find(self, kind: str, name: str, where: str) -> Path:
-        """Return the file of a name; `where` says which field asks for it.
-
-        Raises:
-            AssetError: There is none; the message lists those there are.
-        """
-        for folder in self.folders:
-            path = folder / kind / f"{name}.yaml"
-            if path.is_file():
-                return path
-        known = ", ".join(self.names(kind)) or "none"
-        raise AssetError(f"{where}: no file {name!r} among the {kind}; there are: {known}")
-
-
-def shipped_shelf() -> AssetShelf:
-    """Return the assets that are part of the product."""
-    return AssetShelf((assets_folder(),))
-
-
-def fingerprint(contents: Iterable[bytes]) -> str:
-    """Return a hash of contents in this order, the same on every machine."""
-    digest = hashlib.sha256()
-    for content in contents:
-        digest.update(hashlib.sha256(content).digest())
-    return digest.hexdigest()
-
-
-def read_cell_file(path: Path) -> CellFile:
-    """Read cells/*.yaml."""
-    return _validated(CellFile, path, _read_mapping(path))
-
-
-def read_mount_file(path: Path) -> MountFile:
-    """Read mounts/*.yaml."""
-    return _validated(MountFile, path, _read_mapping(path))
-
-
-def read_robot_file(path: Path) -> RobotFile:
-    """Read robots/*.yaml."""
-    return _validated(RobotFile, path, _read_mapping(path))
-
-
-def read_hand_file(path: Path) -> GripperFile | StickFile:
-    """Read hands/*.yaml."""
-    data = _read_mapping(path)
-    kind = data.get("kind")
-    if not isinstance(kind, str) or kind not in _HAND_KINDS:
-        raise AssetError(f"{path}: kind: must be one of {', '.join(sorted(_HAND_KINDS))}")
-    return _validated(_HAND_KINDS[kind], path, data)
-
-
-def read_sensor_file(path: Path) -> SensorFile:
-    """Read sensors/*.yaml."""
-    return _validated(SensorFile, path, _read_mapping(path))
-
-
-def known_meshes() -> list[str]:
-    """List the names of the meshes that are shipped."""
-    return sorted(path.stem for path in (assets_folder() / MESHES).glob("*.obj"))
-
-
-def read_mesh_asset(name: str) -> tuple[bytes, Literal["obj"]]:
-    """Return a shipped mesh's file, in metres, and its format.
-
-    Raises:
-        AssetError: There is none of this name.
-    """
-    path = assets_folder() / MESHES / f"{name}.obj"
-    try:
-        return path.read_bytes(), "obj"
-    except OSError as error:
-        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
-
-
-def read_tool_file(path: Path) -> ToolFile:
-    """Read tools/*.yaml."""
-    return _validated(ToolFile, path, _read_mapping(path))
-
-
-def _read_mapping(path: Path) -> dict[str, Any]:
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise AssetError(f"{path}: cannot be read: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise AssetError(f"{path}: is not YAML: {error}") from error
-    if not isinstance(data, dict):
-        raise AssetError(f"{path}: must be a mapping of fields")
-    return data
-
-
-def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
-    """Validate as JSON: there, and only there, does strict mode accept arrays for tuples."""
-    try:
-        document = json.dumps(data)
-    except TypeError as error:
-        raise AssetError(f"{path}: holds something that is neither number, text, list nor mapping: {error}") from error
-    try:
-        file = model.model_validate_json(document)
-    except ValidationError as error:
-        faults = "; ".join(_sentence(fault["loc"], fault["msg"]) for fault in error.errors())
-        raise AssetError(f"{path}: {faults}") from error
-    if file.name != path.stem:
-        raise AssetError(f"{path}: name: must be that of the file, {path.stem!r}")
-    return file
-
-
-def _sentence(location: tuple[int | str, ...], message: str) -> str:
-    # Steps in brackets are pydantic's own: a key of a mapping, a kind among several.
-    field = ".".join(str(step) for step in location if not str(step).startswith("["))
-    text = message.replace("Input should be", "must be").replace("Field required", "is required")
-    text = text.replace("Extra inputs are not permitted", "is not known here").removeprefix("Value error, ")
-    return f"{field}: {text}" if field else text
-
-
-def mesh_path(mesh: MeshFile) -> Path:
-    """Return where an installed package keeps a mesh, without importing the package.
-
-    Raises:
-        AssetError: The package is not installed or has no such file.
-    """
-    spec = find_spec(mesh.package)
-    if spec is None or not spec.submodule_search_locations:
-        raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
-    file = Path(spec.submodule_search_locations[0]) / mesh.path
-    if not file.is_file():
-        raise AssetError(f"the package {mesh.package!r} ships no {mesh.path}")
-    return file
-
-
-def hull_points(mesh: MeshFile) -> Array:
-    """Return the corners (n, 3) of the convex hull of an OBJ file, in its own frame [m].
-
-    Raises:
-        AssetError: There is no such file, or it spans no volume.
-    """
-    path = mesh_path(mesh)
-    try:
-        points = obj_vertices(path.read_bytes()) * mesh.scale
-        return points[ConvexHull(points).vertices]
-    except (QhullError, ValueError) as error:
-        raise AssetError(f"{mesh.path} of the package {mesh.package!r} spans no volume") from error

@@ -10,23 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.cell.arm import Arm, load_robot
-from planners.cell.asset_files import (
-    ARM_NAMES,
-    AssetShelf,
-    BoxFile,
-    CellFile,
-    FrameFile,
-    MountFile,
-    ToolRestFile,
-    fingerprint,
-    read_cell_file,
-    read_mount_file,
-    shipped_shelf,
-)
+from planners.cell.arm import Arm, Robot, load_robot
+from planners.cell.asset_files import ARM_NAMES, BoxFile, CellFile, FrameFile, MountFile, ToolRestFile
+from planners.cell.asset_shelf import AssetShelf, fingerprint, read_cell_file, read_mount_file, shipped_shelf
 from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.contract.shapes import Box
-from planners.errors import AssetError
+from planners.errors import AssetFaults
 from planners.geometry.convex import CollisionBody, box, sorted_pair
 from planners.geometry.pose import Array, Transform, transform
 from planners.plan.scenery import BodyDocument, CellDocument
@@ -87,6 +76,8 @@ class Cell:
     """Where a suction tool is kept."""
     shelf: AssetShelf
     """Where its files were found."""
+    mount: str
+    """Name of the file that says where arms, table and platform are."""
 
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
@@ -155,9 +146,8 @@ class Cell:
         - Nothing that never moves is checked against another: cell bodies, and the base links bolted to them. No
           motion changes these pairs. (The bases overlap the platform, which is how they are mounted.)
         - On one arm, nothing is checked whose frames are at most one joint apart: parts of one link or hand, and
-          neighbours across a joint, which touch in its housing. The makers let every joint turn all the way round, so
-          that neighbours never meet elsewhere; and what is mounted on the flange stays on the far side of it, where
-          wrist 2 never is.
+          neighbours across a joint, which touch in its housing. The makers' ranges keep neighbours from meeting
+          elsewhere; and what is mounted on the flange stays on the far side of it, where wrist 2 never is.
         """
         bodies = self.collision_bodies()
         pairs = itertools.combinations(bodies, 2)
@@ -191,7 +181,7 @@ def load_cell(name: str) -> Cell:
         AssetError: There is none of this name, or one of its files is wrong; the message names file and field.
     """
     shelf = shipped_shelf()
-    return _load(shelf.find("cells", name, "cell"), shelf)
+    return _load(shelf.find("cells", name), shelf)
 
 
 def load_cells() -> dict[str, Cell]:
@@ -217,33 +207,53 @@ def load_cell_file(path: Path | str) -> Cell:
 
 def _load(path: Path, shelf: AssetShelf) -> Cell:
     file = read_cell_file(path)
-    mount = read_mount_file(shelf.find("mounts", file.mount, f"{path}: mount"))
-    arms = _arms(file, mount, shelf, path)
+    mount, robots, hands = _parts(file, str(path), shelf)
+    arms = _arms(file, robots, hands, mount)
+    _check_payloads(arms, str(path))
     contents = [file.model_dump_json(), mount.model_dump_json()]
     contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
     digest = fingerprint(text.encode() for text in contents)
     rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
     boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
-    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest, shelf)
+    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest, shelf, file.mount)
 
 
-def _arms(file: CellFile, mount: MountFile, shelf: AssetShelf, path: Path) -> dict[str, Arm]:
-    wanted = file.arms
-    # Both arms may be of one kind: each file is loaded once, for the last arm that asks for it.
-    robot_fields = {arm_file.robot: f"{path}: arms.{arm}.robot" for arm, arm_file in wanted.items()}
-    hand_fields = {arm_file.hand: f"{path}: arms.{arm}.hand" for arm, arm_file in wanted.items()}
-    robots = {name: load_robot(name, shelf, where) for name, where in robot_fields.items()}
-    hands = {name: load_hand(name, shelf, where) for name, where in hand_fields.items()}
+def _parts(
+    file: CellFile, path: str, shelf: AssetShelf
+) -> tuple[MountFile, dict[str, Robot], dict[str, Gripper | Pusher]]:
+    """Load what a cell's file names: each once, for both arms may be of one kind."""
+    faults = AssetFaults()
+    mounts, robots, hands = dict[str, MountFile](), dict[str, Robot](), dict[str, Gripper | Pusher]()
+    with faults.at(path, "/mount"):
+        mounts[file.mount] = read_mount_file(shelf.find("mounts", file.mount))
+    for name, arm in file.arms.items():
+        with faults.at(path, f"/arms/{name}/robot"):
+            robots[arm.robot] = robots.get(arm.robot) or load_robot(arm.robot, shelf)
+        with faults.at(path, f"/arms/{name}/hand"):
+            hands[arm.hand] = hands.get(arm.hand) or load_hand(arm.hand, shelf)
+    faults.raise_any()
+    return mounts[file.mount], robots, hands
+
+
+def _arms(
+    file: CellFile, robots: Mapping[str, Robot], hands: Mapping[str, Gripper | Pusher], mount: MountFile
+) -> dict[str, Arm]:
     arms = {}
     for name in ARM_NAMES:
-        place, robot = mount.arms[name], robots[wanted[name].robot]
-        home = np.radians(place.home_deg)
-        arms[name] = Arm(name, robot, place.transform(), home, hands[wanted[name].hand])
-        if arms[name].spare_payload <= 0.0:
-            hand = arms[name].hand
-            bears = f"{robot.name} bears {robot.payload:.4g} kg at its flange"
-            raise AssetError(f"{path}: arms.{name}.hand: {hand.name} weighs {hand.mass:.4g} kg, and {bears}")
+        place, wanted = mount.arms[name], file.arms[name]
+        robot = robots[wanted.robot]
+        T_world_base, home = place.transform() @ robot.T_mount_base, np.radians(place.home_deg)
+        arms[name] = Arm(name, robot, T_world_base, home, hands[wanted.hand])
     return arms
+
+
+def _check_payloads(arms: Mapping[str, Arm], path: str) -> None:
+    faults = AssetFaults()
+    for name, arm in arms.items():
+        if arm.spare_payload <= 0.0:
+            bears = f"{arm.robot.name} bears {arm.robot.payload:.4g} kg at its flange"
+            faults.add(f"{arm.hand.name} weighs {arm.hand.mass:.4g} kg, and {bears}", path, f"/arms/{name}/hand")
+    faults.raise_any()
 
 
 def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from planners.cell.asset_files import (
-    AssetShelf,
-    GripperFile,
-    MeshFile,
-    SensorFile,
-    StickFile,
-    fingerprint,
-    hull_points,
-    mesh_path,
-    read_hand_file,
-    read_sensor_file,
-)
-from planners.errors import AssetError, LiftwrightError
+from planners.cell.asset_files import GripperFile, MeshFile, SensorFile, StickFile
+from planners.cell.asset_shelf import AssetShelf, fingerprint, read_hand_file, read_sensor_file
+from planners.errors import AssetError, AssetFault, AssetFaults, LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder, enclosing_hull
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
 from planners.plan.scenery import GripperDocument, StickDocument
@@ -117,7 +109,7 @@ class Gripper:
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
-    kind = "gripper"
+    kind: ClassVar[Literal["gripper"]] = "gripper"
 
     def T_flange_tcp(self, width: float) -> Transform:
         """Return `T_flange_tcp` at an opening [m].
@@ -202,7 +194,7 @@ class Pusher:
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
-    kind = "stick"
+    kind: ClassVar[Literal["stick"]] = "stick"
 
     def bodies(self, arm: str) -> tuple[CollisionBody, ...]:
         """Return the sensor, the stick and the tip, in the frame "<arm>/6"."""
@@ -214,32 +206,33 @@ class Pusher:
         return StickDocument(kind="stick", mass=self.mass, com=self.com, tcp=tcp, tip_radius=self.tip_radius)
 
 
-def load_hand(name: str, shelf: AssetShelf, where: str) -> Gripper | Pusher:
+def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
     """Load hands/<name>.yaml with its meshes.
 
     Args:
         name: name of the hand.
         shelf: where to look.
-        where: the field that names the hand, for messages.
 
     Raises:
         AssetError: A file is missing or wrong.
     """
-    path = shelf.find("hands", name, where)
+    path = shelf.find("hands", name)
     file = read_hand_file(path)
-    sensor = read_sensor_file(shelf.find("sensors", file.sensor, f"{path}: sensor"))
     try:
-        return _gripper(file, sensor) if isinstance(file, GripperFile) else _pusher(file, sensor)
+        sensor = read_sensor_file(shelf.find("sensors", file.sensor))
     except AssetError as error:
-        raise AssetError(f"{path}: {error}") from error
+        raise error.at(str(path), "/sensor") from error
+    return (
+        _gripper(file, sensor, shelf, str(path)) if isinstance(file, GripperFile) else _pusher(file, sensor, str(path))
+    )
 
 
-def _gripper(file: GripperFile, sensor: SensorFile) -> Gripper:
+def _gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, path: str) -> Gripper:
     origins = {name: np.array(origin) for name, origin in file.linkage.model_dump().items()}
     meshes = {name: getattr(file.meshes, name) for name in type(file.meshes).model_fields}
-    parts = {name: _part(mesh, f"meshes.{name}") for name, mesh in meshes.items()}
+    parts = _finger_parts(meshes, shelf, path)
     linkage = Linkage(**origins, pad_thickness=file.pad_size[1])
-    _check_stroke(linkage, file.width_max)
+    _check_stroke(linkage, file.width_max, path)
     return Gripper(
         name=file.name,
         width_max=file.width_max,
@@ -255,24 +248,26 @@ def _gripper(file: GripperFile, sensor: SensorFile) -> Gripper:
         base=parts.pop("base"),
         finger_parts=parts,
         fingerprint=fingerprint(
-            [*_contents(file, sensor), *(mesh_path(mesh).read_bytes() for mesh in meshes.values())]
+            [*_contents(file, sensor), *(shelf.mesh_path(mesh).read_bytes() for mesh in meshes.values())]
         ),
     )
 
 
-def _check_stroke(linkage: Linkage, width_max: float) -> None:
+def _check_stroke(linkage: Linkage, width_max: float, path: str) -> None:
     for width in (0.0, width_max):
         try:
             linkage.angle(width)
         except ValueError as error:
-            raise AssetError(f"linkage: the pads are never {width} m apart") from error
+            raise AssetError(AssetFault(f"the pads are never {width} m apart", path, "/linkage")) from error
 
 
-def _pusher(file: StickFile, sensor: SensorFile) -> Pusher:
+def _pusher(file: StickFile, sensor: SensorFile, path: str) -> Pusher:
     center = file.tip_distance - file.tip_radius
     neck = center - file.tip_length
     if neck <= sensor.length:
-        raise AssetError("tip_distance: leaves no stick between the sensor and the tip")
+        least = 1e3 * (sensor.length + file.tip_length + file.tip_radius)
+        detail = f"leaves no stick between the sensor and the tip: more than {least:.1f} mm are needed"
+        raise AssetError(AssetFault(detail, path, "/tip_distance"))
     return Pusher(
         name=file.name,
         T_flange_tcp=transform(None, [0.0, 0.0, center]),
@@ -294,11 +289,13 @@ def _sensor_shape(file: SensorFile) -> ConvexShape:
     return cylinder(file.radius, file.length).placed(transform(None, [0.0, 0.0, 0.5 * file.length]))
 
 
-def _part(mesh: MeshFile, where: str) -> ConvexShape:
-    try:
-        return ConvexShape(enclosing_hull(hull_points(mesh)))
-    except AssetError as error:
-        raise AssetError(f"{where}: {error}") from error
+def _finger_parts(meshes: Mapping[str, MeshFile], shelf: AssetShelf, path: str) -> dict[str, ConvexShape]:
+    faults, parts = AssetFaults(), dict[str, ConvexShape]()
+    for name, mesh in meshes.items():
+        with faults.at(path, f"/meshes/{name}"):
+            parts[name] = ConvexShape(enclosing_hull(shelf.hull_points(mesh)))
+    faults.raise_any()
+    return parts
 
 
 def _bodies(arm: str, shapes: dict[str, ConvexShape]) -> tuple[CollisionBody, ...]:

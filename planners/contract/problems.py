@@ -28,6 +28,8 @@ class Problem(TypedDict):
     detail: str
     allowed: NotRequired[list[str]]
     """The valid choices, where they can be listed: values, or the members of the object that has an unknown one."""
+    file: NotRequired[str]
+    """Of the body, where it holds several: the pointer is one into this file."""
 
 
 def problems_of(error: ValidationError | SceneError) -> list[Problem]:

@@ -1,9 +1,7 @@
-"""Closed-form inverse kinematics of an arm of the UR family: all eight branches.
+"""Closed-form inverse kinematics of six-axis arms: all eight branches.
 
-The family has the Denavit-Hartenberg angles alpha = (pi/2, 0, 0, pi/2, -pi/2, 0) and the lengths d1, a2, a3, d4, d5,
-d6 (d2 and d3 only add to d4). Axes 2, 3 and 4 are parallel, and everything follows from that: the wrist point is d4
-away from the plane of the shoulder (joint 1), the tilt of the flange against that plane is joint 5, its turn joint 6,
-and what is left is a planar arm of two links (joints 2, 3, 4).
+Two kinds of arms have one: those with three parallel axes, and those with a spherical wrist. Which of them an arm is,
+its Denavit-Hartenberg table says; `arm_kind` tells why another is neither.
 """
 
 from __future__ import annotations
@@ -14,34 +12,12 @@ import numpy as np
 from numba import njit
 
 from planners.geometry.pose import Array, Transform
+from planners.kinematics.parallel_axes import parallel_axes_manipulability, solve_parallel_axes
+from planners.kinematics.spherical_wrist import solve_spherical_wrist, spherical_wrist_manipulability
 from planners.kinematics.windings import wrap
 
 BRANCHES = 8
 """Branch `4 shoulder + 2 wrist + elbow`: each bit says which sign its square root takes (0 plus, 1 minus)."""
-
-WRIST_SINGULAR = 1e-6
-"""|sin q5| below which axes 4 and 6 count as parallel: q6 is then free."""
-
-ACOS_SLACK = 1e-9
-"""How far beyond 1 the cosine of a shoulder or elbow angle may come out by rounding and still be clipped."""
-
-_UR_ALPHA = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
-
-
-def is_ur_type(dh: Array) -> bool:
-    """Tell whether the (6, 4) table `dh` belongs to an arm that `inverse_kinematics` can solve."""
-    a = dh[:, 0]
-    return bool(
-        np.allclose(dh[:, 1], _UR_ALPHA, atol=1e-12) and np.all(a[[0, 3, 4, 5]] == 0.0) and a[1] != 0.0 and a[2] != 0.0
-    )
-
-
-@njit(cache=True, nogil=True)
-def _clipped_acos(cosine: float) -> float:
-    """Return the arc cosine, or NaN where the cosine is further than `ACOS_SLACK` beyond its range."""
-    if abs(cosine) > 1.0 + ACOS_SLACK:
-        return math.nan
-    return math.acos(min(1.0, max(-1.0, cosine)))
 
 
 @njit(cache=True, nogil=True)
@@ -53,7 +29,7 @@ def inverse_kinematics(dh: Array, T_base_flange: Transform, q6_free: float, out:
     `WRIST_SINGULAR`, joint 6 is `q6_free` and the pose is met to that angle.
 
     Args:
-        dh: (6, 4) columns a, alpha, d, theta0 of an arm for which `is_ur_type` holds [m, rad].
+        dh: (6, 4) columns a, alpha, d, theta0 of an arm of which `arm_kind` knows the kind [m, rad].
         T_base_flange: (4, 4).
         q6_free: position of joint 6 to use where it is free [rad].
         out: (8, 6), written: joint positions in (-pi, pi] [rad]; NaN in the rows of branches without a solution.
@@ -61,64 +37,38 @@ def inverse_kinematics(dh: Array, T_base_flange: Transform, q6_free: float, out:
     Returns:
         The bit mask of the valid branches: bit k for row k. 0 when the pose is out of reach.
     """
-    a2, a3 = dh[1, 0], dh[2, 0]
-    d1, d5, d6 = dh[0, 2], dh[4, 2], dh[5, 2]
-    offset = dh[1, 2] + dh[2, 2] + dh[3, 2]
-    T = T_base_flange
     out[:] = math.nan
-    # The wrist point: origin of frame 5, seen from the axis of joint 1.
-    wx = T[0, 3] - d6 * T[0, 2]
-    wy = T[1, 3] - d6 * T[1, 2]
-    wz = T[2, 3] - d6 * T[2, 2] - d1
-    distance = math.hypot(wx, wy)
-    shoulder = _clipped_acos(offset / distance) if distance > 0.0 else math.nan
-    if math.isnan(shoulder):
-        return 0
-    bearing = math.atan2(wy, wx) + 0.5 * math.pi
-    valid = 0
-    for k1 in range(2):
-        q1 = bearing + shoulder if k1 == 0 else bearing - shoulder
-        c1, s1 = math.cos(q1), math.sin(q1)
-        # The axis z1 of joints 2, 3, 4 is (s1, -c1, 0); its coordinates in the flange frame are
-        # (sin q5 cos q6, -sin q5 sin q6, cos q5).
-        zx = s1 * T[0, 0] - c1 * T[1, 0]
-        zy = s1 * T[0, 1] - c1 * T[1, 1]
-        zz = s1 * T[0, 2] - c1 * T[1, 2]
-        sine = math.hypot(zx, zy)
-        singular = sine < WRIST_SINGULAR
-        tilt = math.atan2(0.0 if singular else sine, zz)
-        for k5 in range(2):
-            sign = 1.0 if k5 == 0 else -1.0
-            q5 = sign * tilt
-            q6 = q6_free + dh[5, 3] if singular else math.atan2(-sign * zy, sign * zx)
-            c5, s5 = math.cos(q5), math.sin(q5)
-            c6, s6 = math.cos(q6), math.sin(q6)
-            # The x axis of frame 4 in the flange frame is (cos q5 cos q6, -cos q5 sin q6, -sin q5); in frame 1 it is
-            # (cos q234, sin q234, 0).
-            xx = T[0, 0] * c5 * c6 - T[0, 1] * c5 * s6 - T[0, 2] * s5
-            xy = T[1, 0] * c5 * c6 - T[1, 1] * c5 * s6 - T[1, 2] * s5
-            xz = T[2, 0] * c5 * c6 - T[2, 1] * c5 * s6 - T[2, 2] * s5
-            q234 = math.atan2(xz, c1 * xx + s1 * xy)
-            # The end of the planar arm, in the x and y of frame 1: one d5 back from the wrist point.
-            x = c1 * wx + s1 * wy - d5 * math.sin(q234)
-            y = wz + d5 * math.cos(q234)
-            elbow = _clipped_acos((x * x + y * y - a2 * a2 - a3 * a3) / (2.0 * a2 * a3))
-            if math.isnan(elbow):
-                continue
-            for k3 in range(2):
-                q3 = elbow if k3 == 0 else -elbow
-                ux, uy = a2 + a3 * math.cos(q3), a3 * math.sin(q3)
-                q2 = math.atan2(ux * y - uy * x, ux * x + uy * y)
-                branch = 4 * k1 + 2 * k5 + k3
-                row = out[branch]
-                row[0] = wrap(q1 - dh[0, 3])
-                row[1] = wrap(q2 - dh[1, 3])
-                row[2] = wrap(q3 - dh[2, 3])
-                row[3] = wrap(q234 - q2 - q3 - dh[3, 3])
-                row[4] = wrap(q5 - dh[4, 3])
-                row[5] = wrap(q6 - dh[5, 3])
-                valid |= 1 << branch
-    return valid
+    T = T_base_flange
+    if dh[5, 0] != 0.0 or dh[5, 1] != 0.0:
+        T = _before_last_shift(dh[5, 0], dh[5, 1], T_base_flange)
+    if _has_spherical_wrist(dh):
+        return solve_spherical_wrist(dh, T, q6_free, out)
+    return solve_parallel_axes(dh, T, q6_free, out)
+
+
+@njit(cache=True, nogil=True)
+def manipulability(dh: Array, q: Array) -> float:
+    """Return |det J| at q (6,) [m^3]: J from joint rates to the flange's twist; `dh` as of `inverse_kinematics`."""
+    if _has_spherical_wrist(dh):
+        return spherical_wrist_manipulability(dh, q)
+    return parallel_axes_manipulability(dh, q)
+
+
+@njit(cache=True, nogil=True)
+def _has_spherical_wrist(dh: Array) -> bool:
+    """Tell the two kinds apart: axis 4 is at a right angle to axis 3, or parallel to it."""
+    return 1.0 < abs(dh[2, 1]) < 2.0
+
+
+@njit(cache=True, nogil=True)
+def _before_last_shift(a: float, alpha: float, T: Transform) -> Transform:
+    """Return `T Rx(-alpha) Tx(-a)`: the flange before the a and the alpha of the last row."""
+    result, c, s = T.copy(), math.cos(alpha), math.sin(alpha)
+    for i in range(3):
+        result[i, 1] = T[i, 1] * c - T[i, 2] * s
+        result[i, 2] = T[i, 1] * s + T[i, 2] * c
+        result[i, 3] = T[i, 3] - a * T[i, 0]
+    return result
 
 
 _TURN = 2.0 * math.pi

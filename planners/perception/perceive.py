@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.cell.asset_files import read_tool_file, shipped_shelf
+from planners.cell.asset_shelf import shipped_tool
 from planners.cell.cell import Cell
 from planners.contract.scan_spec import Intrinsics, ScanSpec
 from planners.contract.scene_document import (
@@ -157,7 +157,7 @@ def _find_tool(scan: ScanSpec, picture: NDArray[np.uint8], notes: list[str]) -> 
     assert scan.colour is not None
     if scan.tool is None:
         return None
-    markers = scan.markers or read_tool_file(shipped_shelf().find("tools", scan.tool, "tool")).markers
+    markers = scan.markers or shipped_tool(scan.tool).markers
     if markers is None:
         raise SceneError("/markers", f"the tool {scan.tool} is shipped without markers; say which it has")
     board = MarkerBoard(markers.dictionary, markers.ids, markers.columns, markers.marker, markers.gap)

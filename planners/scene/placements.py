@@ -47,10 +47,10 @@ def find_cell(name: str, cells: Mapping[str, Cell] | None, fits: Callable[[Cell]
     Raises:
         SceneError: There is none, or it does not fit.
     """
-    known = known_cells() if cells is None else list(cells)
+    known = known_cells() if cells is None else cells
     find = load_cell if cells is None else cells.__getitem__
     if name not in known:
-        raise SceneError("/cell", f"there is no cell {name}", known)
+        raise SceneError("/cell", f"there is no cell {name}", list(known))
     cell = find(name)
     if not fits(cell):
         raise SceneError("/cell", needed, [other for other in known if fits(find(other))])

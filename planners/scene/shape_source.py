@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from planners.cell.asset_files import known_meshes, read_mesh_asset
+from planners.cell.asset_shelf import known_meshes, read_mesh_asset
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
 from planners.errors import SceneError
 from planners.geometry.convex import ConvexShape, enclosing_hull

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from planners.cell.asset_files import read_tool_file, shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf, shipped_tool
 from planners.contract.task_spec import CustomTool, ToolPart
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
@@ -72,7 +72,7 @@ def load_tools() -> dict[str, SuctionTool]:
 
 def tool_descriptions() -> dict[str, CustomTool]:
     """Return every shipped tool by name, as a task would describe it."""
-    return {name: read_tool_file(shipped_shelf().find("tools", name, "tool")).tool for name in known_tools()}
+    return {name: shipped_tool(name).tool for name in known_tools()}
 
 
 def load_tool(
@@ -91,7 +91,7 @@ def load_tool(
     """
     name, given = "custom", tool
     if isinstance(given, str):
-        name, given = given, read_tool_file(shipped_shelf().find("tools", given, "tool")).tool
+        name, given = given, shipped_tool(given).tool
     solid = _solid(given.shapes, shapes or ShapeSource())
     T = np.eye(4) if T_world_tool is None else T_world_tool
     com = solid.centroid if given.com is None else np.array(given.com)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
 from pydantic import ValidationError
 
+from planners.cell.cell import Cell
 from planners.contract.problems import problems_of
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
 from planners.errors import SceneError
@@ -29,14 +31,27 @@ class PointExaminer:
         self._planning = replace(solver, plan=remembering)
 
     def examine(
-        self, study: Study, index: int, uploads: Uploads = no_uploads, progress: Progress = silent
+        self,
+        study: Study,
+        index: int,
+        uploads: Uploads = no_uploads,
+        cells: Mapping[str, Cell] | None = None,
+        progress: Progress = silent,
     ) -> StudyPoint:
         """Return what comes of the task of a point; that there can be no such task is an answer, too.
+
+        Args:
+            study: that the point is of.
+            index: number of the point.
+            uploads: finds the meshes that the task names as uploads.
+            cells: by name, as the task says it; None: those of the solver.
+            progress: told what is being done.
 
         Raises:
             PlanningCancelled: `progress` asked for it.
         """
         solver = self._planning if study.spec.certify else self._searching
+        solver = solver if cells is None else replace(solver, cells=cells)
         clock = solver.clock
         begun = clock()
         try:

@@ -134,11 +134,10 @@ class Study:
             try:
                 read_task(changed(self.spec.task, [operation]))
             except CannotBeChanged:
-                allowed = _members_beside(self.spec.task, axis.pointer)
-                detail = f"the task has no member {axis.pointer}"
-                return [
-                    Problem(pointer=f"{pointer}/pointer", detail=detail, **({"allowed": allowed} if allowed else {}))
-                ]
+                missing = Problem(pointer=f"{pointer}/pointer", detail=f"the task has no member {axis.pointer}")
+                if allowed := _members_beside(self.spec.task, axis.pointer):
+                    missing["allowed"] = allowed
+                return [missing]
             except (ValidationError, SceneError) as error:
                 first = problems_of(error)[0]
                 told = f"{axis.places[place]!r} is not valid there: {first['pointer']} {first['detail']}"

@@ -68,7 +68,10 @@ def solved(sharing: httpx.Client) -> Solved:
 
 @pytest.mark.parametrize(
     "name",
-    ["ab1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2"))],
+    [
+        "ab1",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2", "ab1_ur3")),
+    ],
 )
 def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) -> None:
     body = task(f"{name}.json")
@@ -149,6 +152,7 @@ def test_the_same_task_gives_the_same_plan(client: httpx.Client, solved: Solved)
         pytest.param("can_stack", marks=pytest.mark.slow),
         pytest.param("tissue_pile", marks=pytest.mark.slow),
         pytest.param("tissue_pile_short_tool", marks=pytest.mark.slow),
+        pytest.param("tissue_pile_ur3", marks=pytest.mark.slow),
     ],
 )
 def test_a_pile_is_built_and_certified_and_its_document_stays_small(sharing: httpx.Client, name: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
-from planners.cell.asset_files import hull_points, read_hand_file, shipped_shelf
+from planners.cell.asset_shelf import read_hand_file, shipped_shelf
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.geometry.convex import CollisionBody, ConvexShape, box
@@ -45,12 +45,12 @@ def moved(T_a_b: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 def gripper_hulls(gripper: Gripper, width: float) -> dict[str, np.ndarray]:
     """Return all corners (n, 3) of base, pads and finger parts, in the flange frame, named as in `Gripper.bodies`."""
-    meshes = read_hand_file(shipped_shelf().find("hands", gripper.name, "hand")).meshes
-    points = {"gripper_base": np.add(hull_points(meshes.base), [0.0, 0.0, gripper.base_height])}
+    meshes = read_hand_file(shipped_shelf().find("hands", gripper.name)).meshes
+    points = {"gripper_base": np.add(shipped_shelf().hull_points(meshes.base), [0.0, 0.0, gripper.base_height])}
     for finger, frames in enumerate(gripper._finger_frames(width)):
         points[f"pad_{finger}"] = moved(frames["pad"], box(gripper.pad_size).vertices)
         for name in gripper.finger_parts:
-            points[f"finger_{finger}_{name}"] = moved(frames[name], hull_points(getattr(meshes, name)))
+            points[f"finger_{finger}_{name}"] = moved(frames[name], shipped_shelf().hull_points(getattr(meshes, name)))
     return points
 
 

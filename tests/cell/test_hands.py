@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planners.cell.asset_files import shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.hand import WidthError, load_hand
 from planners.geometry.pose import rotation_x
 from tests.cell.cell_probe import GRIPPER_URDF, gripper_hulls, mesh_origins, moved, obj_vertices, outside
@@ -20,12 +20,12 @@ MESHES = "grippers/robotiq_2f_85/meshes/collision/robotiq_arg2f_85_{}.obj"
 
 @pytest.fixture(scope="module")
 def gripper():
-    return load_hand("robotiq_2f85_ft300", shipped_shelf(), "test")
+    return load_hand("robotiq_2f85_ft300", shipped_shelf())
 
 
 @pytest.fixture(scope="module")
 def pusher():
-    return load_hand("pushing_stick_ft300", shipped_shelf(), "test")
+    return load_hand("pushing_stick_ft300", shipped_shelf())
 
 
 def vertices_by_name(bodies):

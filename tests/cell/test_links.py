@@ -11,10 +11,11 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planners.cell.arm import load_robot
-from planners.cell.asset_files import shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import load_cell
 from planners.geometry.convex import ConvexShape, HullSettings, enclosing_hull
 from planners.geometry.surface import hull_with_faces
+from planners.kinematics.arm_kind import ArmKind, arm_kind
 from planners.kinematics.forward import link_frames
 from tests.cell.cell_probe import ARM_URDF, cell_frames, mesh_origins, moved, obj_vertices, outside
 from tests.collision.coal_scene import coal_geometry
@@ -49,7 +50,7 @@ def distance(a, b):
 
 @pytest.fixture(scope="module")
 def ur3e():
-    return load_robot("ur3e", shipped_shelf(), "test")
+    return load_robot("ur3e", shipped_shelf())
 
 
 def test_links_are_where_the_published_urdf_puts_their_meshes(ur3e):
@@ -123,7 +124,7 @@ def test_a_simplified_hull_contains_any_cloud_of_points(vertices):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_links_centre_of_mass_lies_well_within_it(robot):
     """In another frame, or with another sign, it would not: links are longer than they are thick."""
-    made = load_robot(robot, shipped_shelf(), "test")
+    made = load_robot(robot, shipped_shelf())
     for link, (_, *com) in zip(made.links[1:], made.masses, strict=True):
         assert outside(np.array([com]), of=link.points)[0] < -5e-4, link.name
 
@@ -131,7 +132,7 @@ def test_a_links_centre_of_mass_lies_well_within_it(robot):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_neighbouring_links_hang_together_in_any_posture(robot):
     """A link in the frame of another joint, or with another sign, would leave a gap."""
-    made = load_robot(robot, shipped_shelf(), "test")
+    made = load_robot(robot, shipped_shelf())
     for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (10, 6)):
         placed = placed_links(made, q)
         for before, after in itertools.pairwise(placed):
@@ -141,16 +142,18 @@ def test_neighbouring_links_hang_together_in_any_posture(robot):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_an_arm_at_rest_is_clear_of_itself(robot):
-    """Stretched out sideways with the wrist turned down, as arms are shipped: no link touches one two joints away."""
-    made = load_robot(robot, shipped_shelf(), "test")
-    placed = placed_links(made, np.radians([0.0, -60.0, 60.0, -90.0, -90.0, 0.0]))
+    """Stretched out with the wrist turned down, as arms are shipped: no link touches one two joints away."""
+    made = load_robot(robot, shipped_shelf())
+    spherical = arm_kind(made.dh) is ArmKind.SPHERICAL_WRIST
+    posture = [0.0, -20.0, 20.0, 0.0, 90.0, 0.0] if spherical else [0.0, -60.0, 60.0, -90.0, -90.0, 0.0]
+    placed = placed_links(made, np.radians(posture))
     for (i, before), (j, after) in itertools.combinations(enumerate(placed), 2):
         if j > i + 1:
             assert min(distance(a, b) for a in before for b in after) > 2e-3, (i, j)
 
 
 def test_the_ur3_has_its_own_table_and_the_links_of_the_ur3e(ur3e):
-    ur3 = load_robot("ur3", shipped_shelf(), "test")
+    ur3 = load_robot("ur3", shipped_shelf())
     assert ur3.dh[3, 2] == 0.11235
     assert not np.array_equal(ur3.dh, ur3e.dh)
     for ours, stand_in in zip(ur3.links, ur3e.links, strict=True):

@@ -338,7 +338,7 @@ def test_a_service_has_all_of_several_tasks_before_the_first_is_waited_for(
     service: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
-    for name in ("post_plan", "follow"):
+    for name in ("post", "follow"):
         method = getattr(ServiceClient, name)
 
         def noted(*arguments: Any, name: str = name, method: Any = method) -> Any:
@@ -351,7 +351,7 @@ def test_a_service_has_all_of_several_tasks_before_the_first_is_waited_for(
     (tmp_path / "c.json").write_text(json.dumps(task(cell="moon_base")))
     files = [str(tmp_path / f"{name}.json") for name in ("a", "b", "c")]
     assert main(["plan", *files, "--service", service]) == 1
-    assert done == ["post_plan", "post_plan", "post_plan", "follow", "follow"]
+    assert done == ["post", "post", "post", "follow", "follow"]
     told = capsys.readouterr()
     outcomes = dict(zip(files, ("failed", "failed", "refused, 1 problem"), strict=True))
     # The service logs to the same screen here.

@@ -18,6 +18,7 @@ from app.access.caller import Caller, Scope
 from planners.progress import Report
 from workers.engine.job_runner import JobRunner
 from workers.settings import WorkerSettings
+from workers.stores.cell_store import CellStore
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
@@ -25,6 +26,7 @@ from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PackedDocument, PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.tables import METADATA, StoredText
+from workers.stores.task_parts import TaskParts
 from workers.stores.totals import STAGE
 from workers.stores.webhook_store import WebhookStore
 
@@ -117,7 +119,8 @@ def test_a_job_goes_on_whatever_the_database_says_to_its_progress(tmp_path: Path
     with database.engine.begin() as transaction:
         begun = sa.update(workflow_table("sqlite")).values(status="PENDING", executor_id=settings.executor_name)
         transaction.execute(begun)
-    runner = JobRunner(settings, queue, store, MeshStore(database), QuickPool())  # pyright: ignore[reportArgumentType]
+    parts = TaskParts(MeshStore(database), CellStore(database, tmp_path))
+    runner = JobRunner(settings, queue, store, parts, QuickPool())  # pyright: ignore[reportArgumentType]
     assert asyncio.run(runner.run(plan_id)) == "solved"
     assert store.outcome(plan_id) == "solved"
     queue.close()

@@ -69,8 +69,8 @@ def service(store: SlowStore) -> FastAPI:
     asgi = FastAPI()
     asgi.state.settings = ServiceSettings()
     asgi.state.meshes, asgi.state.cells = store, {}
-    asks_for_scenes = get_args(dependencies.Scenes)[1].dependency
-    asgi.dependency_overrides[asks_for_scenes] = lambda: None
+    for part in (dependencies.Scenes, dependencies.Cells):
+        asgi.dependency_overrides[get_args(part)[1].dependency] = lambda: None
     asgi.state.mesh_limits = asgi.state.scan_limits = UploadLimits(HELD, WORKED)
     install_error_handlers(asgi)
     asgi.include_router(meshes.router)

@@ -32,7 +32,39 @@ UR3 = dh_table(-0.24365, -0.21325, 0.1519, 0.11235, 0.08535, 0.0819)
 OFFSET = UR3E.copy()
 OFFSET[:, 3] = [0.3, -1.2, 2.5, 0.7, -0.4, 1.9]
 OFFSET[1:3, 2] = [0.01, -0.02]
-ARMS = {"ur3e": UR3E, "ur3": UR3, "ur3e with joint offsets": OFFSET}
+TURNED_ROUND = OFFSET.copy()
+"""Three parallel axes, one of them turned round, and other signs at the right angles."""
+TURNED_ROUND[:, 1] = np.radians([-90.0, 180.0, 0.0, -90.0, -90.0, 180.0])
+INDUSTRIAL = np.array(
+    [
+        [0.15, -RIGHT_ANGLE, 0.445, 0.0],
+        [0.7, 0.0, 0.0, -RIGHT_ANGLE],
+        [0.115, -RIGHT_ANGLE, 0.0, 0.0],
+        [0.0, RIGHT_ANGLE, 0.795, 0.0],
+        [0.0, -RIGHT_ANGLE, 0.0, 0.0],
+        [0.0, 0.0, 0.085, math.pi],
+    ]
+)
+"""A spherical wrist, as industrial arms of middle size have it."""
+PUMA = np.array(
+    [
+        [-0.05, RIGHT_ANGLE, 0.3, 0.2],
+        [-0.43, math.pi, 0.15, 0.4],
+        [0.02, RIGHT_ANGLE, -0.07, -1.3],
+        [0.0, RIGHT_ANGLE, -0.43, 0.6],
+        [0.0, RIGHT_ANGLE, 0.0, -0.9],
+        [0.03, 2.2, -0.06, 1.1],
+    ]
+)
+"""A spherical wrist with an arm beside its first axis, axes turned round, and a flange aslant."""
+ARMS = {
+    "ur3e": UR3E,
+    "ur3": UR3,
+    "ur3e with joint offsets": OFFSET,
+    "parallel axes turned round": TURNED_ROUND,
+    "industrial": INDUSTRIAL,
+    "puma": PUMA,
+}
 
 
 class PinocchioArm:
@@ -52,6 +84,10 @@ class PinocchioArm:
         """Return `T_base_flange`."""
         pin.forwardKinematics(self.model, self.data, q)
         return pin.updateFramePlacement(self.model, self.data, self.flange).homogeneous
+
+    def flange_poses(self, Q: np.ndarray) -> np.ndarray:
+        """Return `T_base_flange` (n, 4, 4)."""
+        return np.array([self.flange_pose(q) for q in Q]).reshape(-1, 4, 4)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Return [v; w] of the flange's origin in the base's axes."""

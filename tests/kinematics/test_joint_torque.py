@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from planners.cell.arm import load_robot
-from planners.cell.asset_files import shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import load_cell
 from planners.kinematics.joint_torque import WeighedArm, joint_torques
 from tests.kinematics.arm_oracle import published_urdf
@@ -32,7 +32,7 @@ class ArmOracle:
 
     def __init__(self, robot: str, arm: str) -> None:
         mounted = load_cell("dual_ur3e_lift").arms[arm]
-        made = load_robot(robot, shipped_shelf(), "test")
+        made = load_robot(robot, shipped_shelf())
         self.dh, self.T_world_base = made.dh, mounted.T_world_base
         self.masses = np.vstack([made.masses, mounted.masses[6:]])
         self.weighed = WeighedArm(self.dh, self.T_world_base, self.masses, GRAVITY)

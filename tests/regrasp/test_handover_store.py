@@ -15,7 +15,7 @@ from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from workers.stores.handover_store import HandoverStore
 
 SMALL = HandoverSettings(
-    ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1
+    ToolGraspSettings(rolls=4), HandoverPlaceSettings(step=0.2, finest=0.2, grasps=16, best=2), axis_rolls=1
 )
 
 

@@ -71,7 +71,7 @@ LAYERS = {
         ("plan", "collision", "balance"),
         ("cell", "graph", "motion"),
         ("scene", "hands"),
-        ("manipulation", "regrasp", "perception", "certify"),
+        ("manipulation", "regrasp", "perception", "certify", "survey"),
         ("lifting", "remedies"),
         ("planning",),
         ("study",),

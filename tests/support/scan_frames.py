@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from planners.cell.asset_files import read_tool_file, shipped_shelf
+from planners.cell.asset_shelf import shipped_tool
 from planners.cell.cell import load_cell
 from planners.contract.scan_spec import MarkersSpec
 from planners.geometry.pose import Array, Transform, rotation_z, to_pose7, transform
@@ -77,7 +77,7 @@ def tool_in_rest(T_world_tool: Transform) -> list[Thing]:
 
 def tool_board() -> tuple[MarkerBoard, MarkersSpec]:
     """Return the board of the long symmetric tool."""
-    markers = read_tool_file(shipped_shelf().find("tools", "long_symmetric", "tool")).markers
+    markers = shipped_tool("long_symmetric").markers
     assert markers is not None
     return MarkerBoard(markers.dictionary, markers.ids, markers.columns, markers.marker, markers.gap), markers
 

@@ -22,7 +22,7 @@ Document = dict[str, Any]
 QUARTER = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]
 """Quaternion of a quarter turn about z."""
 FEW = HandoverSettings(
-    ToolGraspSettings(rolls=8), HandoverPlaceSettings(step=0.1, finest=0.1, grasps=16, best=2), axis_rolls=1
+    ToolGraspSettings(rolls=8), HandoverPlaceSettings(step=0.2, finest=0.2, grasps=16, best=2), axis_rolls=1
 )
 """Fewer grasps and handovers than a job has: soon found."""
 

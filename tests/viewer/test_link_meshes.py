@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from app.viewer.body_drawing import ArmDrawing, Drawings, link_files
 from app.viewer.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin_out, visual_path
-from planners.cell.asset_files import shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import known_cells, load_cell
 
 LIGHT_SHARE = 0.4
@@ -43,10 +43,10 @@ def test_no_arm_with_its_hand_takes_more_than_a_megabyte(cell: str, folder: Path
     try:
         for name, arm in load_cell(cell).arms.items():
             meshes = CountedMeshes(folder)
-            ArmDrawing(server.scene, arm, Drawings(meshes, FULL), shipped_shelf(), f"/{name}")
+            ArmDrawing(server.scene, arm, Drawings(meshes, shipped_shelf(), FULL), f"/{name}")
             assert 100_000 < meshes.sent <= LARGEST_ARM_BYTES
             lighter = CountedMeshes(folder)
-            ArmDrawing(server.scene, arm, Drawings(lighter, LIGHT), shipped_shelf(), f"/{name}_light")
+            ArmDrawing(server.scene, arm, Drawings(lighter, shipped_shelf(), LIGHT), f"/{name}_light")
             assert lighter.sent < LIGHT_SHARE * meshes.sent
     finally:
         server.stop()
@@ -57,9 +57,9 @@ def test_what_is_drawn_is_nowhere_far_from_the_mesh(folder: Path, detail: Detail
     """Both ways: nothing sticks out, and nothing is lost."""
     arm = load_cell("dual_ur3e_lift").arms["left"]
     link = link_files(arm, shipped_shelf())[2]
-    glb = LinkMeshes(folder).glb(link.mesh, np.eye(4), detail.links)
+    glb = LinkMeshes(folder).glb(link.mesh, shipped_shelf(), np.eye(4), detail.links)
     drawn = trimesh.load(io.BytesIO(glb), file_type="glb", force="mesh")
-    whole = trimesh.load(visual_path(link.mesh), force="mesh", process=False)
+    whole = trimesh.load(visual_path(link.mesh, shipped_shelf()), force="mesh", process=False)
     points = [trimesh.sample.sample_surface(mesh, 20_000, seed=1)[0] for mesh in (drawn, whole)]
     diagonal = np.sqrt(3.0) * detail.links.cell
     for a, b in (points, points[::-1]):

@@ -50,7 +50,7 @@ def addresses(service: ServiceProcess) -> dict[str, str]:
     """Return where the pages are, by name."""
     with service.client() as client:
         plans = [finished(client, client.post("/v1/plans", json=task(external_id=name)).json()) for name in PLANS]
-    pages = {"start": "/", "reference": "/docs", "no plan": "/viewer/"}
+    pages = {"start": "/", "reference": "/docs", "no plan": "/viewer/", "cells": "/viewer/cells?cell=dual_ur3e_tool"}
     pages |= {name: plan["links"]["view"] for name, plan in zip(PLANS, plans, strict=True)}
     pages |= {"editor": f"/viewer/new?plan={plans[0]['id']}", "editor of a pile": "/viewer/new?example=can_stack"}
     pages["comparison"] = f"/viewer/compare?plans={plans[0]['id']},{plans[1]['id']}"
@@ -95,11 +95,15 @@ def show(page: Page, name: str, address: str) -> None:
         page.locator("#task-details summary").click()
     elif name == "comparison":
         page.locator("#tables td").first.wait_for()
+    elif name == "cells":
+        page.locator("#sentences li").first.wait_for()
     elif name == "start":
         page.locator("#capabilities dd").first.wait_for()
 
 
-@pytest.mark.parametrize("name", ["start", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS])
+@pytest.mark.parametrize(
+    "name", ["start", "cells", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS]
+)
 def test_a_page_is_readable_and_whole_at_every_width_in_light_and_dark(
     name: str, window: Page, addresses: dict[str, str]
 ) -> None:

@@ -9,7 +9,6 @@ import structlog
 from dbos import error
 from sqlalchemy.exc import SQLAlchemyError
 
-from planners.contract.uploads import named_uploads
 from planners.errors import LiftwrightError
 from planners.progress import Report
 from workers.settings import WorkerSettings
@@ -18,8 +17,8 @@ from workers.solver.progress import ProgressScale
 from workers.solver.protocol import SolverRequest
 from workers.stores.database_loss import once_it_is_there, said_by
 from workers.stores.job_queue import JobQueue
-from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PackedDocument, PlanStore
+from workers.stores.task_parts import TaskParts
 
 log = structlog.get_logger(__name__)
 
@@ -47,9 +46,9 @@ class JobRunner:
     """Runs jobs on the running event loop, at most `worker_slots` at a time."""
 
     def __init__(
-        self, settings: WorkerSettings, queue: JobQueue, store: PlanStore, meshes: MeshStore, pool: SolverPool
+        self, settings: WorkerSettings, queue: JobQueue, store: PlanStore, parts: TaskParts, pool: SolverPool
     ) -> None:
-        self._settings, self._queue, self._store, self._meshes, self._pool = settings, queue, store, meshes, pool
+        self._settings, self._queue, self._store, self._parts, self._pool = settings, queue, store, parts, pool
         self._slots = asyncio.Semaphore(settings.worker_slots)
         self._solving: dict[str, asyncio.Task[PackedDocument]] = {}
         self._left: set[asyncio.Task[PackedDocument]] = set()
@@ -87,8 +86,8 @@ class JobRunner:
         task = await once_it_is_there(self._store.task, plan_id)
         if task is None:
             raise JobLeft(plan_id)
-        meshes = await once_it_is_there(self._meshes.documents, named_uploads(task))
-        request: SolverRequest = {"id": plan_id, "task": task, "meshes": meshes}
+        parts = await once_it_is_there(self._parts.named_by, task)
+        request: SolverRequest = {"id": plan_id, "task": task, **parts}
         async with self._slots:
             return await self._solve_despite_crashes(plan_id, request)
 

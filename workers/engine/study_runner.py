@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import structlog
 
-from planners.contract.uploads import named_uploads
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint, best_of
 from workers.engine.job_runner import JobLeft
@@ -18,8 +17,8 @@ from workers.solver.pool import OnPoint, SolverDied, SolverFault
 from workers.solver.protocol import StudyRequest
 from workers.stores.database_loss import once_it_is_there
 from workers.stores.job_queue import JobQueue, part_workflow_id
-from workers.stores.mesh_store import MeshStore
 from workers.stores.study_store import StudyRecord, StudyStore, points_of_part
+from workers.stores.task_parts import TaskParts
 
 log = structlog.get_logger(__name__)
 
@@ -28,9 +27,9 @@ class StudyRunner:
     """Runs parts of studies on the running event loop, as many at a time as the engine hands it."""
 
     def __init__(
-        self, settings: WorkerSettings, queue: JobQueue, studies: StudyStore, meshes: MeshStore, pool: ExaminerPool
+        self, settings: WorkerSettings, queue: JobQueue, studies: StudyStore, parts: TaskParts, pool: ExaminerPool
     ) -> None:
-        self._settings, self._queue, self._studies, self._meshes = settings, queue, studies, meshes
+        self._settings, self._queue, self._studies, self._parts = settings, queue, studies, parts
         self._pool = pool
         self._slots = asyncio.Semaphore(settings.study_slots)
         self._examining: dict[str, asyncio.Task[None]] = {}
@@ -65,13 +64,13 @@ class StudyRunner:
         record = await once_it_is_there(self._studies.get, study_id)
         if study is None or record is None or not await once_it_is_there(self._studies.begin, study_id):
             raise JobLeft(study_id)
-        meshes = await once_it_is_there(self._meshes.documents, named_uploads(study.spec.task))
+        parts = await once_it_is_there(self._parts.named_by, study.spec.task)
         job_id, deaths = part_workflow_id(study_id, part), Counter[int]()
         async with self._slots:
             while missing := await self._missing(record, part):
                 if await once_it_is_there(self._queue.not_with, self._settings.executor_name, [job_id]):
                     raise JobLeft(job_id)
-                request: StudyRequest = {"study": study.document(), "points": missing, "meshes": meshes}
+                request: StudyRequest = {"study": study.document(), "points": missing, **parts}
                 await self._examine(job_id, record, study, request, deaths)
         await self._plan_best(record, study)
         return "examined"

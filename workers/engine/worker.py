@@ -24,6 +24,7 @@ from workers.settings import WorkerSettings
 from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import SolverCommand, SolverPool
 from workers.solver.protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
+from workers.stores.cell_store import CellStore
 from workers.stores.database import Database
 from workers.stores.database_loss import DATABASE_GONE
 from workers.stores.job_queue import (
@@ -41,6 +42,7 @@ from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
+from workers.stores.task_parts import TaskParts
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
 
@@ -64,11 +66,13 @@ class Worker:
         memory = settings.solver_memory_mb * 2**20
         command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
         self._pool = SolverPool(command, settings.worker_slots)
-        self._runner = JobRunner(settings, queue, store, MeshStore(database), self._pool)
+        self._cells = CellStore(database, settings.cells_dir)
+        parts = TaskParts(MeshStore(database), self._cells)
+        self._runner = JobRunner(settings, queue, store, parts, self._pool)
         self._studies = StudyStore(database, store, queue)
         studies = SolverCommand(settings.study_command, folders, memory, min(19, settings.solver_niceness + 5))
         self._examiners = ExaminerPool(studies)
-        self._study_runner = StudyRunner(settings, queue, self._studies, MeshStore(database), self._examiners)
+        self._study_runner = StudyRunner(settings, queue, self._studies, parts, self._examiners)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
@@ -126,6 +130,7 @@ class Worker:
         repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
         repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
+        repeat("cells", partial(asyncio.to_thread, self._cells.forget_deleted), DELETION_PAUSE_SECONDS)
         if settings.retention_days is not None:
             stores = store, SceneStore(self._database), self._studies
             delete = partial(delete_old, *stores, queue, settings.retention_days)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from planners.cell.cell import Cell, load_cells
+from planners.cell.cell import Cell, load_cell_file, load_cells
 from planners.contract.task_spec import read_task
 from planners.plan.plan import Plan
 from planners.planning import CertificateFailed, TaskSolver
@@ -18,9 +19,10 @@ from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.suction_tool import SuctionTool, load_tools
+from planners.survey.reach_map import map_reach
 from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
-from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest, uploads_of
+from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest, StudyRequest, uploads_of
 from workers.stores.handover_store import HandoverStore
 
 REFERENCE_TASK = "ab1.json"
@@ -67,6 +69,8 @@ class Pipeline:
                 self.solve({"id": "compile", "task": task}, silent)
             for cell, tool, settings in self.shipped_handovers():
                 self.solver.handovers(cell, tool, settings, silent)
+            # Whoever asks the service what a cell can do does not wait for a compiler.
+            map_reach(self.solver.cells[reference_tool_tasks()[0]["cell"]])
 
     def shipped_handovers(self) -> Iterator[tuple[Cell, SuctionTool, HandoverSettings]]:
         """Yield what handovers are asked for in tasks with shipped tools: of each tool standing, and lying."""
@@ -96,11 +100,24 @@ class Pipeline:
             CertificateFailed: The plan must not be delivered.
         """
         task, uploads = read_task(request["task"]), uploads_of(request)
+        solver = replace(self.solver, cells=cells_of(request, task.cell, self.solver.cells))
         try:
-            return self.solver.solve(task, request["id"], uploads, progress)
+            return solver.solve(task, request["id"], uploads, progress)
         except CertificateFailed as failure:
             _keep_rejected(failure.plan)
             raise
+
+
+def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:
+    """Return the cells that a request may name: the shipped ones, and its own as its task names it."""
+    folder = request.get("cell_folder")
+    return shipped if folder is None else {**shipped, task_cell: _unpacked_cell(Path(folder))}
+
+
+@lru_cache(maxsize=4)
+def _unpacked_cell(folder: Path) -> Cell:
+    (path,) = (folder / "cells").glob("*.yaml")
+    return load_cell_file(path)
 
 
 def reference_task() -> dict[str, Any]:

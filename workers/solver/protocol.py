@@ -1,13 +1,13 @@
 """What a worker and its solver process say to each other: JSON lines, and one block of bytes at the end.
 
-Parent to child, on stdin: one request `{"id", "task", "meshes"}`. Stdin then stays open; that it closes means the
-parent died.
+Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folder"}`. Stdin then stays open; that it closes
+means the parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
 `{"document": {outcome, sha256, size, stages}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`. Then the
 child is ready for the next request, and says so, or it ends.
 
-A process that examines points of studies is asked `{"study", "points", "meshes"}`, answers with `{"point": …}` for
-each, then with `{"examined": true}`, and waits for the next request.
+A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folder"}`, answers with
+`{"point": …}` for each, then with `{"examined": true}`, and waits for the next request.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ class SolverRequest(TypedDict):
     task: dict[str, object]
     meshes: NotRequired[dict[str, dict[str, object]]]
     """The uploads that the task names, by id, as `SolidMesh.document` gives them."""
+    cell_folder: NotRequired[str]
+    """Where the files of the task's cell are unpacked, unless that is a shipped one."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class StudyRequest(TypedDict):
     points: list[int]
     """Numbers of its points, in the order in which they are wanted."""
     meshes: NotRequired[dict[str, dict[str, object]]]
+    cell_folder: NotRequired[str]
 
 
 def uploads_of(request: SolverRequest | StudyRequest) -> Uploads:

@@ -10,14 +10,13 @@ import gc
 import json
 from collections.abc import Callable
 
-from planners.scene.shape_source import Uploads
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
 from workers.solver.process import Channel, ReportedFaults, listen_to_the_worker, load_pipeline, tell_ready
 from workers.solver.protocol import StudyRequest, uploads_of
 
-Examine = Callable[[Study, int, Uploads], StudyPoint]
-"""Examines one point, by its number."""
+Examine = Callable[[Study, int, StudyRequest], StudyPoint]
+"""Examines one point, by its number, with what came with the request."""
 
 
 def main(prepare: Callable[[], Examine]) -> None:
@@ -29,17 +28,25 @@ def main(prepare: Callable[[], Examine]) -> None:
         tell_ready(channel)
         while True:
             request: StudyRequest = json.loads(requests.get())
-            study, uploads = Study.of_document(request["study"]), uploads_of(request)
+            study = Study.of_document(request["study"])
             for index in request["points"]:
-                channel.send({"point": examine(study, index, uploads).model_dump(mode="json")})
+                channel.send({"point": examine(study, index, request).model_dump(mode="json")})
                 gc.collect()
             channel.send({"examined": True})
 
 
 def _load_examiner() -> Examine:
     from planners.study.examine import PointExaminer
+    from workers.solver.pipeline import cells_of
 
-    return PointExaminer(load_pipeline().warm_up().solver).examine
+    solver = load_pipeline().warm_up().solver
+    examiner = PointExaminer(solver)
+
+    def examine(study: Study, index: int, request: StudyRequest) -> StudyPoint:
+        cells = cells_of(request, str(study.spec.task["cell"]), solver.cells)
+        return examiner.examine(study, index, uploads_of(request), cells)
+
+    return examine
 
 
 if __name__ == "__main__":

@@ -186,6 +186,7 @@ class Submission:
             "fingerprint": fingerprint(task),
             "task": json.dumps(task),
             "scene_id": task.get("scene_id"),
+            "cell": stored_text(task.get("cell")),
         }
         record = PlanRecord(**shared, started_us=None, finished_us=None, stage=None, outcome=None)
         return cls(record, row, order, None if audit is None else audit(plan_id), order.pause(now) > 0.0)

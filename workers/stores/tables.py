@@ -70,12 +70,14 @@ PLANS = sa.Table(
     sa.Column("priority", sa.Integer),
     sa.Column("start_us", sa.BigInteger),
     sa.Column("end_us", sa.BigInteger),
+    sa.Column("cell", StoredText(64)),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_kind", "kind", "created_us", "id"),
     sa.Index("liftwright_plans_work_master", "work_master", "created_us", "id"),
     sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
     sa.Index("liftwright_plans_of_scene", "scene_id"),
+    sa.Index("liftwright_plans_in_cell", "cell"),
 )
 
 EVENTS = sa.Table(
@@ -102,6 +104,22 @@ MESHES = sa.Table(
     sa.Column("id", StoredText(64), primary_key=True),
     sa.Column("created_us", sa.BigInteger, nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
+)
+
+CELLS = sa.Table(
+    "liftwright_cells",
+    METADATA,
+    sa.Column("id", StoredText(64), primary_key=True),
+    sa.Column("created_us", sa.BigInteger, nullable=False),
+    sa.Column("owner", StoredText(64)),
+    sa.Column("name", StoredText(64), nullable=False),
+    sa.Column("version", sa.Integer, nullable=False),
+    sa.Column("hash", StoredText(64), nullable=False),
+    sa.Column("figures", sa.Text, nullable=False),
+    sa.Column("zip", sa.LargeBinary, nullable=False),
+    sa.Column("deleted_us", sa.BigInteger),
+    sa.UniqueConstraint("owner", "name", "version"),
+    sa.Index("liftwright_cells_by_name", "name", "version"),
 )
 
 SCENES = sa.Table(

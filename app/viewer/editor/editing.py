@@ -252,7 +252,7 @@ class _Editing:
     def _draw(self, request: DrawDraft) -> None:
         name = cell_of(request.task)
         # A cell that there is not is told where the task is checked; here the last one stays.
-        if name in self.workshop.servers.cells and name != self.cell:
+        if name is not None and name != self.cell and name in self.workshop.servers.cells:
             self.scene, self.cell = self.workshop.servers.open_draft(self.server, name, self._told), name
         if self.scene is None or self.cell is None:
             return

@@ -113,7 +113,8 @@ class Editor {
         if (of === "plan") this.lastPlan = asked.get(of);
         return this.connection.send({ type: "start", of, name: asked.get(of) });
       }
-    this.begin(EMPTY[asked.get("kind")] ?? EMPTY.plate_lift);
+    const empty = EMPTY[asked.get("kind")] ?? EMPTY.plate_lift;
+    this.begin(asked.get("cell") ? { ...empty, cell: asked.get("cell") } : empty);
   }
 
   begin(task) {

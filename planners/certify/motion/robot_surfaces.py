@@ -217,6 +217,8 @@ def _link(described: Mapping[str, Any]) -> tuple[ConvexPart, ...]:
     if "mesh" in described:
         turn = Rotation.from_euler("xyz", described["rpy_deg"], degrees=True).as_matrix()
         return (_hull(_mesh_vertices(described["mesh"]) @ turn.T + described["position"], name),)
+    if "pieces" in described:
+        return tuple(_hull(np.array(corners, dtype=float), name) for corners in described["pieces"])
     return tuple(_cylinder(each["start"], each["end"], each["radius"]) for each in described["cylinders"])
 
 

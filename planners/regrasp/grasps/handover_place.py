@@ -14,23 +14,25 @@ from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
-from planners.kinematics.inverse import inverse_kinematics, multiply, within_limits
+from planners.kinematics.inverse import inverse_kinematics, manipulability, multiply, within_limits
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 
 
 @dataclass(frozen=True)
 class HandoverPlaceSettings:
-    """What is searched for the handover place."""
+    """What is searched for the handover place. Lengths are shares of what the shorter arm reaches by its data sheet."""
 
-    lowest: tuple[float, float, float] = (0.30, -0.10, 0.25)
-    """Corner of the box that is searched: x and y in the world, height over the table [m]. Our choice: nearer to the
-    column a tool and the hand on it could not turn."""
-    highest: tuple[float, float, float] = (0.60, 0.10, 0.55)
-    """The opposite corner [m]; our choice."""
-    step: float = 0.10
-    """Between the places of the first grid [m]; our choice."""
-    finest: float = 0.05
-    """The grid about the best place is halved down to this [m]: half as much changes the result by 1 %."""
+    lowest: tuple[float, float, float] = (0.6, -0.2, 0.5)
+    """Corner of the box that is searched [1]: from the middle between the bases towards the table and to the left, and
+    over the table. Our choice: nearer to what the arms stand on a tool and the hand on it could not turn."""
+    highest: tuple[float, float, float] = (1.2, 0.2, 1.1)
+    """The opposite corner [1]; our choice."""
+    facing: tuple[float, float] = (-0.3, 0.3)
+    """What is searched from the middle on instead, where the table is between the arms [1]; our choice."""
+    step: float = 0.2
+    """Between the places of the first grid [1]; our choice."""
+    finest: float = 0.1
+    """The grid about the best place is halved down to this [1]: half as much changes the result by 1 %."""
     grasps: int = 96
     """Grasps that are asked at each place, spread over all; our choice."""
     best: int = 3
@@ -65,22 +67,42 @@ def handover_place(cell: Cell, grasps: ToolGrasps, settings: HandoverPlaceSettin
     grasps in each, each on its best branch; a grasp out of reach has none.
     """
     chosen = np.unique(np.linspace(0, len(grasps) - 1, settings.grasps).round().astype(int))
-    base = np.array([0.0, 0.0, cell.table_top])
-    low, high = base + settings.lowest, base + settings.highest
-    axes = [np.arange(a, b + 0.5 * settings.step, settings.step) for a, b in zip(low, high, strict=True)]
+    T_world_box, reach = _box_frame(cell), min(arm.robot.reach for arm in cell.arms.values())
+    low, high = (reach * np.array(corner) for corner in (settings.lowest, settings.highest))
+    if abs(float((inverse(T_world_box) @ [*cell.boxes[0].center, 1.0])[0])) < reach * settings.facing[1]:
+        low[0], high[0] = (reach * share for share in settings.facing)
+    low[2], high[2] = cell.table_top + low[2], cell.table_top + high[2]
+    first, finest = reach * settings.step, reach * settings.finest
+    axes = [np.arange(a, b + 0.5 * first, first) for a, b in zip(low, high, strict=True)]
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    best, most, step = places[0], -1.0, settings.step
+    best, most, step = places[0], -1.0, first
     while True:
         for place in places:
-            found = min(_manipulability(cell, arm, place, grasps, chosen, settings) for arm in cell.arms)
+            at = T_world_box[:3, :3] @ place + T_world_box[:3, 3]
+            found = min(_manipulability(cell, arm, at, grasps, chosen, settings) for arm in cell.arms)
             # Rounding decides no tie.
             if found > most + 1e-9:
                 best, most = place, found
-        if step <= settings.finest:
-            return best
-        step = max(0.5 * step, settings.finest)
+        if step <= finest:
+            return T_world_box[:3, :3] @ best + T_world_box[:3, 3]
+        step = max(0.5 * step, finest)
         around = best + step * np.array(list(itertools.product((-1, 0, 1), repeat=3)))
         places = around[((around >= low - 1e-9) & (around <= high + 1e-9)).all(axis=1)]
+
+
+def _box_frame(cell: Cell) -> Transform:
+    """Return where handovers are searched: on the floor between the bases, x towards the table, z up."""
+    left, right = (cell.arms[name].T_world_base[:3, 3] for name in ("left", "right"))
+    middle, center = 0.5 * (left + right), cell.boxes[0].center
+    across = left[:2] - right[:2]
+    apart = float(np.linalg.norm(across))
+    # Arms one above the other have no left.
+    to_the_left = across / apart if apart > 1e-6 else np.array([0.0, 1.0])
+    forward = np.array([to_the_left[1], -to_the_left[0]])
+    if forward @ (center[:2] - middle[:2]) < 0.0:
+        forward = -forward
+    axes = np.array([[*forward, 0.0], [-forward[1], forward[0], 0.0], [0.0, 0.0, 1.0]]).T
+    return transform(axes, [middle[0], middle[1], 0.0])
 
 
 def _manipulability(
@@ -99,19 +121,6 @@ def _manipulability(
         arm.dh, inverse(arm.T_world_base), arm.position_min, arm.position_max, T_world_tools, T_tool_flange
     )
     return float(np.sort(values, axis=1)[:, -settings.best :].mean())
-
-
-@njit(cache=True, nogil=True)
-def manipulability(dh: Array, q: Array) -> float:
-    """Return |det J| of an arm of the UR family at q (6,) [m^3]: J from joint rates to the flange's twist.
-
-    Three of its axes are parallel, which leaves the product of how far the elbow is from straight, how far wrist 2 is
-    from parallel, and how far the wrist is from the shoulder's axis.
-    """
-    q2, q3, q4 = q[1] + dh[1, 3], q[2] + dh[2, 3], q[3] + dh[3, 3]
-    q23 = q2 + q3
-    lever = dh[1, 0] * math.cos(q2) + dh[2, 0] * math.cos(q23) + dh[4, 2] * math.sin(q23 + q4)
-    return abs(dh[1, 0] * dh[2, 0] * math.sin(q3) * math.sin(q[4] + dh[4, 3]) * lever)
 
 
 @njit(cache=True, nogil=True)

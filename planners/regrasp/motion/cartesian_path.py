@@ -18,6 +18,7 @@ from planners.cell.arm import Arm
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector
 from planners.hands.arm_motion import interpolated
 from planners.kinematics.inverse import follow_branch
+from planners.kinematics.windings import all_windings
 from planners.regrasp.motion.scene_state import HeldGrasp
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -68,10 +69,6 @@ def turned_about(T: Transform, pivot: Array, turn: Array) -> Transform:
     turned[:3, :3] = R @ T[:3, :3]
     turned[:3, 3] = pivot + R @ (T[:3, 3] - pivot)
     return turned
-
-
-_TURN = 2.0 * math.pi
-_WINDINGS = np.array([-_TURN, 0.0, _TURN])
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +135,7 @@ class Posture:
     def windings(self, lo: Array, hi: Array) -> Array:
         """Return (k, 6) whole turns [rad] after which the whole path is within limits."""
         everything = np.concatenate(self.ways)
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        choices = [_WINDINGS[(low[i] + _WINDINGS >= lo[i]) & (high[i] + _WINDINGS <= hi[i])] for i in range(6)]
-        return np.stack(np.meshgrid(*choices, indexing="ij"), axis=-1).reshape(-1, 6)
+        return all_windings(np.zeros(6), lo - everything.min(axis=0), hi - everything.max(axis=0))
 
 
 @dataclass(frozen=True, eq=False)

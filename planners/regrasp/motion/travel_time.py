@@ -134,7 +134,14 @@ def _least_travel_time(one, other, beyond, joints, dh, lips, pace):
 
 @njit(cache=True, nogil=True)
 def _turn(start, end, low, high):
-    """The shorter turn that leads to an angle and ends within limits; if neither way does, the shorter one."""
+    """The shorter turn that leads to an angle and ends within limits; if neither way does, the shorter one.
+
+    Where limits do not reach round to the start, which is an angle as well, it is taken a whole turn further.
+    """
+    if start < low:
+        start += 2.0 * math.pi
+    elif start > high:
+        start -= 2.0 * math.pi
     step = wrap(end - start)
     other = step - math.copysign(2.0 * math.pi, step)
     within = low <= start + step <= high

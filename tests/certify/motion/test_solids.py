@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from planners.cell.arm import load_robot
-from planners.cell.asset_files import shipped_shelf
+from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
 from planners.certify import RobotSurfaces
@@ -82,7 +82,7 @@ def test_links_are_where_the_cell_has_them(cell: Cell, surfaces: RobotSurfaces) 
 def test_links_of_every_shipped_arm_are_read_alike(robot: str) -> None:
     """Of the prisms around cylinders one has more sides than the other: at most 0.9 % of a radius of 0.15 m."""
     read = load_surfaces({"left": (robot, "robotiq_2f85_ft300")})["left"]
-    for ours, theirs in zip(load_robot(robot, shipped_shelf(), "test").links, read.links, strict=True):
+    for ours, theirs in zip(load_robot(robot, shipped_shelf()).links, read.links, strict=True):
         for shape, hull in zip(ours.shapes, theirs, strict=True):
             assert_encloses(shape.vertices, 1.4e-3, hull.vertices)
 

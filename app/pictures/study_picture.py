@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import cast
 
 import cv2
 import numpy as np
 from pydantic import JsonValue
 
+from app.pictures.canvas import INK, PAPER, BlueGreenRed, viridis, write, write_left
 from planners.perception.preview import Picture
 from planners.study.study_map import StudyMap, StudyPoint
-
-BlueGreenRed = tuple[int, int, int]
 
 CELL = 44
 """Side of a point at least [pixels]."""
 LARGEST = 640
 """The map is about so large [pixels]."""
 MARGIN_LEFT, MARGIN_TOP, MARGIN_RIGHT, MARGIN_BOTTOM = 130, 56, 210, 70
-INK: BlueGreenRed = (40, 40, 40)
-PAPER: BlueGreenRed = (255, 255, 255)
 WORDS = {
     "not_found": "not found",
     "infeasible": "infeasible",
@@ -62,10 +58,7 @@ def draw_map(study: StudyMap) -> bytes:
 
 def colour_of(reserve: float) -> BlueGreenRed:
     """Return the colour of a reserve, as blue, green and red: of viridis, whose lightness alone tells the order."""
-    level = round(255 * min(1.0, max(0.0, reserve / FULL_RESERVE)))
-    scale = cv2.applyColorMap(np.array([[level]], np.uint8), cv2.COLORMAP_VIRIDIS)
-    blue, green, red = (int(each) for each in scale[0, 0])
-    return blue, green, red
+    return viridis(reserve / FULL_RESERVE)
 
 
 def whole_percent(reserve: float | None) -> int:
@@ -80,7 +73,7 @@ def _draw_point(image: Picture, point: StudyPoint, x: int, y: int, side: int) ->
         cv2.rectangle(image, (x, y), corner, colour, cv2.FILLED)
         if side >= 30:
             dark = sum(colour) < 330
-            _write(
+            write(
                 image, f"{100 * (point.reserve or 0.0):.0f}", x + side // 2, y + side // 2 + 5, PAPER if dark else INK
             )
         return
@@ -105,14 +98,14 @@ def _label_axes(image: Picture, study: StudyMap, shape: tuple[int, int], side: i
     first = study.axes[0]
     below = MARGIN_TOP + rows * side
     for place in _labelled(columns, side, 52):
-        _write(image, _short(first.values[place]), MARGIN_LEFT + place * side + side // 2, below + 18, INK)
-    _write(image, f"{first.pointer}{_of(first.part)}", MARGIN_LEFT + columns * side // 2, below + 42, INK, 0.5)
+        write(image, _short(first.values[place]), MARGIN_LEFT + place * side + side // 2, below + 18, INK)
+    write(image, f"{first.pointer}{_of(first.part)}", MARGIN_LEFT + columns * side // 2, below + 42, INK, 0.5)
     if len(study.axes) > 1:
         second = study.axes[1]
         for place in _labelled(rows, side, 18):
             text = _short(second.values[place])
-            _write(image, text, MARGIN_LEFT - 34, MARGIN_TOP + (rows - 1 - place) * side + side // 2 + 5, INK)
-        _write(image, f"{second.pointer}{_of(second.part)}", MARGIN_LEFT, MARGIN_TOP - 14, INK, 0.5)
+            write(image, text, MARGIN_LEFT - 34, MARGIN_TOP + (rows - 1 - place) * side + side // 2 + 5, INK)
+        write(image, f"{second.pointer}{_of(second.part)}", MARGIN_LEFT, MARGIN_TOP - 14, INK, 0.5)
 
 
 def _labelled(count: int, side: int, room: int) -> range:
@@ -122,29 +115,29 @@ def _labelled(count: int, side: int, room: int) -> range:
 
 def _draw_legend(image: Picture, study: StudyMap, x: int) -> None:
     y = MARGIN_TOP + 10
-    _write_left(image, "kept back of all limits", x, y)
+    write_left(image, "kept back of all limits", x, y)
     for step in range(101):
         column = x + step
         cv2.line(image, (column, y + 10), (column, y + 24), colour_of(FULL_RESERVE * step / 100), 1)
-    _write_left(image, "0 %", x - 4, y + 40)
-    _write_left(image, f"{100 * FULL_RESERVE:.0f} % +", x + 80, y + 40)
+    write_left(image, "0 %", x - 4, y + 40)
+    write_left(image, f"{100 * FULL_RESERVE:.0f} % +", x + 80, y + 40)
     y += 64
     for outcome, word in WORDS.items():
         if study.outcomes[outcome]:
             cv2.rectangle(image, (x, y), (x + 18, y + 18), GREYS[outcome], cv2.FILLED)
             _hatch(image, outcome, x, y, 19)
             cv2.rectangle(image, (x, y), (x + 18, y + 18), INK, 1)
-            _write_left(image, f"{word}: {study.outcomes[outcome]}", x + 26, y + 14)
+            write_left(image, f"{word}: {study.outcomes[outcome]}", x + 26, y + 14)
             y += 26
     if study.best is not None:
         cv2.rectangle(image, (x + 2, y + 2), (x + 16, y + 16), INK, 2)
-        _write_left(image, "best", x + 26, y + 14)
+        write_left(image, "best", x + 26, y + 14)
         y += 26
-    _write_left(image, f"{study.outcomes['solved']} of {study.count} solved", x, y + 14)
+    write_left(image, f"{study.outcomes['solved']} of {study.count} solved", x, y + 14)
     if study.done < study.count:
-        _write_left(image, f"{study.count - study.done} not known yet", x, y + 34)
+        write_left(image, f"{study.count - study.done} not known yet", x, y + 34)
     elif not study.certify:
-        _write_left(image, "searched, not certified", x, y + 34)
+        write_left(image, "searched, not certified", x, y + 34)
 
 
 def _of(part: str) -> str:
@@ -154,12 +147,3 @@ def _of(part: str) -> str:
 def _short(value: JsonValue) -> str:
     text = f"{value:.3g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
     return text if len(text) <= 9 else f"{text[:8]}~"
-
-
-def _write(image: Picture, text: str, x: int, y: int, colour: BlueGreenRed, size: float = 0.42) -> None:
-    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    _write_left(image, text, x - width // 2, y, colour, size)
-
-
-def _write_left(image: Picture, text: str, x: int, y: int, colour: BlueGreenRed = INK, size: float = 0.42) -> None:
-    cv2.putText(cast("cv2.typing.MatLike", image), text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)

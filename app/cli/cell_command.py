@@ -1,0 +1,242 @@
+"""`liftwright cell`: check, keep, list and show cells, on this machine or in a service."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from app.cli.output import BAD_INPUT, BadInput, refuse
+from app.cli.service_client import ServiceClient, ServiceRefused
+from app.errors import ServiceError
+from app.pictures.survey_picture import draw_survey
+from app.resources.cell_collection import CellCollection
+from app.resources.schemas import CellList, CellResource
+from planners.cell.bundle import CellBundle
+from planners.cell.cell import Cell, load_cells
+from planners.contract.problems import Problem
+from planners.errors import AssetError
+from planners.survey.faults import check_cell
+from planners.survey.survey import CellSurvey, SurveyFigures
+from workers.settings import WorkerSettings
+from workers.stores.cell_store import CellStore
+from workers.stores.database import open_database
+
+DONE = 0
+COLUMNS = ("name", "version", "id", "added")
+
+
+class CellKeeper(Protocol):
+    """Keeps cells: a database of this machine, or a service."""
+
+    def add(self, bundle: CellBundle) -> CellResource:
+        """Keep a cell."""
+        ...
+
+    def all(self) -> Sequence[CellResource]:
+        """Return the shipped cells and those that are kept."""
+        ...
+
+    def survey(self, name: str) -> tuple[SurveyFigures, Callable[[], bytes]]:
+        """Return what a cell can do, and what draws it."""
+        ...
+
+    def files(self, name: str) -> bytes:
+        """Return all files of a cell as a zip."""
+        ...
+
+    def delete(self, name: str) -> None:
+        """Have a cell no more."""
+        ...
+
+
+def check_cell_files(path: Path, picture: Path | None) -> int:
+    """Say what is wrong with a cell or what it can do, and return the exit code; nothing is kept.
+
+    Raises:
+        OSError: A file cannot be read or written.
+    """
+    try:
+        bundle = CellBundle.read(path)
+        survey = CellSurvey.of(_checked(bundle))
+    except AssetError as error:
+        return _refuse(error, path)
+    for note in bundle.notes:
+        sys.stderr.write(f"note: {note}\n")
+    _tell(survey.figures())
+    if picture is not None:
+        picture.write_bytes(draw_survey(survey))
+    return DONE
+
+
+def _checked(bundle: CellBundle) -> Cell:
+    with tempfile.TemporaryDirectory(prefix="liftwright-cell-") as place:
+        cell = bundle.load(Path(place))
+    check_cell(cell)
+    return cell
+
+
+def add_cell(path: Path, keeper: CellKeeper) -> int:
+    """Keep the cell in a folder, a zip or a file, and return the exit code.
+
+    Raises:
+        OSError: A file cannot be read.
+    """
+    try:
+        added = keeper.add(CellBundle.read(path))
+    except AssetError as error:
+        return _refuse(error, path)
+    except ServiceRefused as error:
+        if not error.is_about_the_input:
+            raise
+        return refuse(error.problems, str(path))
+    if added.figures is not None:
+        _tell(added.figures)
+    version = "" if added.version is None else f", version {added.version}"
+    sys.stdout.write(
+        f'kept as {added.name}{version}; tasks name it as "cell": "{added.name}", or for good "{added.id}"\n'
+    )
+    return DONE
+
+
+def list_cells(keeper: CellKeeper) -> int:
+    """Print a table of all cells, and return the exit code."""
+    rows = [COLUMNS, *(_row(cell) for cell in keeper.all())]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
+    for row in rows:
+        sys.stdout.write("  ".join(map(str.ljust, row, widths)).rstrip() + "\n")
+    return DONE
+
+
+def show_cell(name: str, keeper: CellKeeper, picture: Path | None, files: Path | None) -> int:
+    """Print what a cell can do, write its picture and its files, and return the exit code.
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    figures, draw = keeper.survey(name)
+    _tell(figures)
+    if picture is not None:
+        picture.write_bytes(draw())
+    if files is not None:
+        files.write_bytes(keeper.files(name))
+    return DONE
+
+
+class LocalCells:
+    """Keeps cells in a database, which a service may use at the same time."""
+
+    def __init__(self, cells: CellCollection) -> None:
+        self._cells = cells
+
+    def add(self, bundle: CellBundle) -> CellResource:
+        """Keep a cell.
+
+        Raises:
+            AssetError: Something is wrong with it.
+            BadInput: It is called as a shipped one is.
+        """
+        with _said_plainly():
+            return CellResource.of(self._cells.add(bundle)[0])
+
+    def all(self) -> list[CellResource]:
+        """Return the shipped cells and those that are kept."""
+        shipped = [CellResource.of_shipped(cell) for _, cell in sorted(self._cells.shipped.items())]
+        return [*shipped, *(CellResource.of(stored) for stored in self._cells.own())]
+
+    def survey(self, name: str) -> tuple[SurveyFigures, Callable[[], bytes]]:
+        """Return what a cell can do, and what draws it.
+
+        Raises:
+            BadInput: There is none of this name.
+        """
+        with _said_plainly():
+            found = self._cells.survey(name)
+        return found.figures(), lambda: draw_survey(found)
+
+    def files(self, name: str) -> bytes:
+        """Return all files of a cell as a zip.
+
+        Raises:
+            BadInput: There is none of this name, or it is shipped.
+        """
+        with _said_plainly():
+            return self._cells.files(name)
+
+    def delete(self, name: str) -> None:
+        """Have a cell no more.
+
+        Raises:
+            BadInput: There is none of this name, or it is shipped.
+        """
+        with _said_plainly():
+            self._cells.delete(name)
+
+
+@contextmanager
+def local_cells(settings: WorkerSettings) -> Iterator[LocalCells]:
+    """Open the database in which cells are kept."""
+    with closing(open_database(settings)) as database:
+        yield LocalCells(CellCollection(load_cells(), CellStore(database, settings.cells_dir)))
+
+
+class ServiceCells:
+    """Has a service keep cells."""
+
+    def __init__(self, address: str) -> None:
+        self._client = ServiceClient(address)
+
+    def add(self, bundle: CellBundle) -> CellResource:
+        """Keep a cell.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
+        """
+        return CellResource.model_validate(self._client.post("/v1/cells", bundle.zip(), "application/zip"))
+
+    def all(self) -> list[CellResource]:
+        """Return the shipped cells and those that are kept."""
+        return CellList.model_validate(self._client.get("/v1/cells")).cells
+
+    def survey(self, name: str) -> tuple[SurveyFigures, Callable[[], bytes]]:
+        """Return what a cell can do, and what draws it."""
+        address = f"/v1/cells/{name}/survey"
+        figures = SurveyFigures.model_validate_json(self._client.read(address))
+        return figures, lambda: self._client.read(f"{address}.png")
+
+    def files(self, name: str) -> bytes:
+        """Return all files of a cell as a zip."""
+        return self._client.read(f"/v1/cells/{name}/files.zip")
+
+    def delete(self, name: str) -> None:
+        """Have a cell no more."""
+        self._client.delete(f"/v1/cells/{name}")
+
+
+@contextmanager
+def _said_plainly() -> Iterator[None]:
+    """Have what a service would answer with be said as bad input."""
+    try:
+        yield
+    except ServiceError as error:
+        raise BadInput(str(error)) from error
+
+
+def _row(cell: CellResource) -> tuple[str, str, str, str]:
+    added = "shipped" if cell.created_at is None else f"{cell.created_at:%Y-%m-%d %H:%M}"
+    return cell.name, "" if cell.version is None else str(cell.version), cell.id, added
+
+
+def _tell(figures: SurveyFigures) -> None:
+    sys.stdout.write(f"{figures.cell}\n" + "".join(f"  {sentence}\n" for sentence in figures.sentences))
+
+
+def _refuse(error: AssetError, path: Path) -> int:
+    problems: list[Mapping[str, Any]] = [
+        Problem(pointer=each.pointer, detail=each.detail, file=each.file) for each in error.faults
+    ]
+    refuse(problems, str(path))
+    return BAD_INPUT

@@ -1,0 +1,1 @@
+"""Maps as PNG pictures, in colours that everybody tells apart."""

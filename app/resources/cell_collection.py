@@ -1,0 +1,147 @@
+"""Cells: those that are shipped, and one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+
+from app.access.caller import ANYBODY, Caller, Scope
+from app.errors import CellIsShipped, CellNotFound
+from planners.cell.bundle import CellBundle
+from planners.cell.cell import Cell
+from planners.survey.faults import check_cell
+from planners.survey.survey import CellSurvey, SurveyFigures
+from workers.stores.cell_store import CellStore, StoredCell
+
+
+@lru_cache(maxsize=16)
+def _survey(cell: Cell) -> CellSurvey:
+    return CellSurvey.of(cell)
+
+
+class CellCollection(Mapping[str, Cell]):
+    """What one caller sees of all cells, by what a task may call them: a name, or an id.
+
+    Of cells that have one name, the newest is meant. All methods block on the database, those that load or look at a
+    cell for long: call them from a thread.
+    """
+
+    def __init__(
+        self, shipped: Mapping[str, Cell], store: CellStore, caller: Caller = ANYBODY, *, deleted_too: bool = False
+    ) -> None:
+        """With `deleted_too`, cells are found by their ids for whoever looks at plans that are in them."""
+        self.shipped, self._store, self._caller, self._deleted_too = shipped, store, caller, deleted_too
+
+    def seen_by(self, caller: Caller) -> CellCollection:
+        """Return what another caller sees."""
+        return CellCollection(self.shipped, self._store, caller)
+
+    def with_deleted(self) -> CellCollection:
+        """Return these and deleted ones, by their ids."""
+        return CellCollection(self.shipped, self._store, self._caller, deleted_too=True)
+
+    def __getitem__(self, name: str) -> Cell:
+        if name in self.shipped:
+            return self.shipped[name]
+        stored = self._find(name)
+        cell = None if stored is None else self._store.load(stored.id)
+        if cell is None:
+            raise KeyError(name)
+        return cell
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.shipped or (isinstance(name, str) and self._find(name) is not None)
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self.shipped
+        yield from dict.fromkeys(cell.name for cell in self.own())
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def lasting_name(self, name: str) -> str:
+        """Return by what a task is to name a cell for good: a shipped one by its name, another by its id.
+
+        What does not exist keeps its name, for whoever tells so.
+        """
+        if name in self.shipped:
+            return name
+        stored = self._find(name)
+        return name if stored is None else stored.id
+
+    def own(self) -> list[StoredCell]:
+        """Return the caller's own cells by name, newest version first; an administrator's are everybody's."""
+        return self._store.all(self._caller.owner, anybodys=self._sees_all)
+
+    def stored(self, cell_id: str) -> StoredCell:
+        """Return one of the caller's own cells, by id or name.
+
+        Raises:
+            CellNotFound: There is none.
+        """
+        stored = self._find(cell_id)
+        if stored is None:
+            raise CellNotFound(cell_id)
+        return stored
+
+    def add(self, bundle: CellBundle) -> tuple[StoredCell, bool]:
+        """Keep a cell in which something can be planned; return it, and whether it was not there before.
+
+        Raises:
+            CellIsShipped: It is called as a shipped one is.
+            AssetError: Something is wrong with it; it lists everything that is.
+        """
+        figures = self.examine(bundle)
+        return self._store.add(bundle, figures, self._caller.owner)
+
+    def examine(self, bundle: CellBundle) -> SurveyFigures:
+        """Return what a cell can do, without keeping it.
+
+        Raises:
+            CellIsShipped: It is called as a shipped one is.
+            AssetError: Something is wrong with it; it lists everything that is.
+        """
+        if bundle.name in self.shipped:
+            raise CellIsShipped(bundle.name)
+        cell = bundle.load(self._store.folder)
+        check_cell(cell)
+        return _survey(cell).figures()
+
+    def survey(self, name: str) -> CellSurvey:
+        """Look at a cell.
+
+        Raises:
+            CellNotFound: There is none.
+        """
+        if name not in self:
+            raise CellNotFound(name)
+        return _survey(self[name])
+
+    def files(self, cell_id: str) -> bytes:
+        """Return all files of one of the caller's own cells, as a zip.
+
+        Raises:
+            CellNotFound: There is none.
+        """
+        content = self._store.zip(self.stored(cell_id).id)
+        if content is None:
+            raise CellNotFound(cell_id)
+        return content
+
+    def delete(self, cell_id: str) -> None:
+        """Have a cell for no more tasks. Plans that were made in it, or are under way, keep it.
+
+        Raises:
+            CellNotFound: There is none.
+        """
+        self._store.delete(self.stored(cell_id).id)
+
+    @property
+    def _sees_all(self) -> bool:
+        return self._caller.scope is Scope.ADMIN
+
+    def _find(self, name: str) -> StoredCell | None:
+        stored = self._store.get(name)
+        if stored is not None and self._caller.may_see(stored.owner) and (self._deleted_too or not stored.deleted):
+            return stored
+        return self._store.named(name, self._caller.owner, anybodys=self._sees_all)

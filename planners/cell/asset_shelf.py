@@ -1,0 +1,221 @@
+"""Where the files of cells are: the shipped ones, and those of a cell of one's own. Reads and validates them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from pydantic import ValidationError
+from scipy.spatial import ConvexHull, QhullError
+
+from assets import assets_folder
+from planners.cell.asset_files import (
+    Asset,
+    CellFile,
+    GripperFile,
+    MeshFile,
+    MountFile,
+    RobotFile,
+    SensorFile,
+    StickFile,
+    ToolFile,
+)
+from planners.contract.problems import json_pointer, problem_of
+from planners.contract.strict_yaml import NotYaml, parse_yaml
+from planners.errors import AssetError, AssetFault
+from planners.geometry.mesh_file import MeshFormat, MeshRefused, obj_vertices, read_mesh_file
+from planners.geometry.pose import Array
+
+AssetKind = Literal["cells", "mounts", "robots", "hands", "sensors", "tools"]
+KINDS: tuple[AssetKind, ...] = ("cells", "mounts", "robots", "hands", "sensors", "tools")
+"""Folders of a shelf, and what the files in them are."""
+MESHES = "meshes"
+"""The folder of shipped meshes that tasks name, all OBJ and in metres."""
+MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
+_HAND_KINDS: dict[str, type[GripperFile | StickFile]] = {"gripper": GripperFile, "stick": StickFile}
+_File = TypeVar("_File", bound=Asset)
+
+
+@dataclass(frozen=True)
+class AssetShelf:
+    """Folders of assets, searched in order: `<folder>/robots/<name>.yaml` and so on."""
+
+    folders: tuple[Path, ...]
+
+    def names(self, kind: AssetKind) -> list[str]:
+        """List the names of all files of a kind."""
+        return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
+
+    def find(self, kind: AssetKind, name: str) -> Path:
+        """Return the file of a name.
+
+        Raises:
+            AssetError: There is none; the message lists those there are.
+        """
+        for folder in self.folders:
+            path = folder / kind / f"{name}.yaml"
+            if path.is_file():
+                return path
+        known = ", ".join(self.names(kind)) or "none"
+        raise AssetError(f"no file {name!r} among the {kind}; there are: {known}")
+
+    def mesh_path(self, mesh: MeshFile) -> Path:
+        """Return where a mesh is: in one of the folders, or in an installed package, which is not imported.
+
+        Raises:
+            AssetError: It is nowhere.
+        """
+        if mesh.package is None:
+            for folder in self.folders:
+                if (folder / mesh.path).is_file():
+                    return folder / mesh.path
+            raise AssetError(f"there is no file {mesh.path} beside robots, hands and the like")
+        spec = find_spec(mesh.package)
+        if spec is None or not spec.submodule_search_locations:
+            raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
+        file = Path(spec.submodule_search_locations[0]) / mesh.path
+        if not file.is_file():
+            raise AssetError(f"the package {mesh.package!r} ships no {mesh.path}")
+        return file
+
+    def hull_points(self, mesh: MeshFile) -> Array:
+        """Return the corners (n, 3) of the convex hull of a mesh, in its own frame [m].
+
+        Raises:
+            AssetError: There is no such mesh, or it spans no volume.
+        """
+        path = self.mesh_path(mesh)
+        try:
+            points = _vertices(path) * mesh.scale
+            return points[ConvexHull(points).vertices]
+        except MeshRefused as error:
+            raise AssetError(f"{mesh.path}: {error}") from error
+        except (QhullError, ValueError) as error:
+            where = "" if mesh.package is None else f" of the package {mesh.package!r}"
+            raise AssetError(f"{mesh.path}{where} spans no volume") from error
+
+
+def _vertices(path: Path) -> Array:
+    """Return the vertices (n, 3) of a mesh file, in its own unit."""
+    content = path.read_bytes()
+    file_format = MESH_FORMATS.get(path.suffix.lower(), "obj")
+    return obj_vertices(content) if file_format == "obj" else read_mesh_file(content, file_format)[0]
+
+
+def shipped_shelf() -> AssetShelf:
+    """Return the assets that are part of the product."""
+    return AssetShelf((assets_folder(),))
+
+
+def fingerprint(contents: Iterable[bytes]) -> str:
+    """Return a hash of contents in this order, the same on every machine."""
+    digest = hashlib.sha256()
+    for content in contents:
+        digest.update(hashlib.sha256(content).digest())
+    return digest.hexdigest()
+
+
+def read_cell_file(path: Path) -> CellFile:
+    """Read cells/*.yaml."""
+    return _validated(CellFile, path, _read_mapping(path))
+
+
+def read_mount_file(path: Path) -> MountFile:
+    """Read mounts/*.yaml."""
+    return _validated(MountFile, path, _read_mapping(path))
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Read robots/*.yaml."""
+    return _validated(RobotFile, path, _read_mapping(path))
+
+
+def read_hand_file(path: Path) -> GripperFile | StickFile:
+    """Read hands/*.yaml."""
+    data = _read_mapping(path)
+    kind = data.get("kind")
+    if not isinstance(kind, str) or kind not in _HAND_KINDS:
+        raise AssetError(AssetFault(f"must be one of {', '.join(sorted(_HAND_KINDS))}", str(path), "/kind"))
+    return _validated(_HAND_KINDS[kind], path, data)
+
+
+def read_sensor_file(path: Path) -> SensorFile:
+    """Read sensors/*.yaml."""
+    return _validated(SensorFile, path, _read_mapping(path))
+
+
+def read_tool_file(path: Path) -> ToolFile:
+    """Read tools/*.yaml."""
+    return _validated(ToolFile, path, _read_mapping(path))
+
+
+@cache
+def shipped_tool(name: str) -> ToolFile:
+    """Read the file of a shipped tool.
+
+    Raises:
+        AssetError: There is none of this name, or it is wrong.
+    """
+    return read_tool_file(shipped_shelf().find("tools", name))
+
+
+def known_meshes() -> list[str]:
+    """List the names of the meshes that are shipped for tasks."""
+    return sorted(path.stem for path in (assets_folder() / MESHES).glob("*.obj"))
+
+
+def read_mesh_asset(name: str) -> tuple[bytes, Literal["obj"]]:
+    """Return the file of a mesh that is shipped for tasks, in metres, and its format.
+
+    Raises:
+        AssetError: There is none of this name.
+    """
+    path = assets_folder() / MESHES / f"{name}.obj"
+    try:
+        return path.read_bytes(), "obj"
+    except OSError as error:
+        raise AssetError(AssetFault(f"cannot be read: {error.strerror}", str(path))) from error
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    try:
+        data, _ = parse_yaml(path.read_bytes())
+    except OSError as error:
+        raise AssetError(AssetFault(f"cannot be read: {error.strerror}", str(path))) from error
+    except NotYaml as error:
+        raise AssetError(AssetFault(str(error), str(path))) from error
+    if not isinstance(data, dict):
+        raise AssetError(AssetFault("must be a mapping of fields", str(path)))
+    return data
+
+
+def validated(model: type[_File], data: Mapping[str, Any], called: str) -> _File:
+    """Return what a file says, which messages call so.
+
+    Raises:
+        AssetError: It lists everything that is wrong with it.
+    """
+    try:
+        # Validated as JSON: there, and only there, does strict mode accept arrays for tuples.
+        return model.model_validate_json(json.dumps(data))
+    except ValidationError as error:
+        raise AssetError(*(_fault(each, called) for each in error.errors(include_url=False))) from error
+
+
+def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
+    file = validated(model, data, str(path))
+    if file.name != path.stem:
+        raise AssetError(AssetFault(f"must be that of the file, {path.stem!r}", str(path), "/name"))
+    return file
+
+
+def _fault(fault: Mapping[str, Any], file: str) -> AssetFault:
+    """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
+    pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
+    return AssetFault(problem_of(fault)["detail"].removeprefix("Value error, "), file, pointer)

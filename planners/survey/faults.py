@@ -1,0 +1,127 @@
+"""What is wrong with a cell whose files can be read: found before anything is planned in it, in millimetres."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from planners.cell.arm import Arm
+from planners.cell.cell import Cell
+from planners.collision.distance import distance
+from planners.errors import AssetFaults
+from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
+from planners.geometry.pose import Transform
+from planners.hands.workcell import Clearance
+from planners.kinematics.forward import link_frames
+
+SUNK = 0.005
+"""How deep the base of an arm may be in the table that it is mounted on [m]."""
+LEVEL = np.radians(1.0)
+"""Gravity may be off the vertical by so much [rad]."""
+LONGEST_PULL = 30.0
+"""No planet on which anybody builds has more [m/s^2]."""
+
+
+def check_cell(cell: Cell) -> None:
+    """Refuse a cell in which nothing could be planned.
+
+    Joints at home must be within their ranges and everything there be as far apart as planning keeps it, arms must not
+    stand in the table, and gravity must point down.
+
+    Raises:
+        AssetError: All that is wrong, each with its file and member.
+    """
+    faults = AssetFaults()
+    _check_gravity(cell, faults)
+    mount = f"mounts/{cell.mount}.yaml"
+    for arm in cell.arms.values():
+        _check_home_range(arm, mount, faults)
+        _check_base(cell, arm, mount, faults)
+    for meeting in meetings_at_home(cell):
+        arm = next(name for name in cell.arms if any(body.startswith(f"{name}_") for body in meeting.bodies))
+        faults.add(meeting.sentence(), mount, f"/arms/{arm}/home_deg")
+    faults.raise_any()
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Two bodies that are too near to one another."""
+
+    bodies: tuple[str, str]
+    distance: float
+    """Negative: by so much one would have to be moved to come clear [m]."""
+    margin: float
+    """That planning keeps [m]."""
+
+    def sentence(self) -> str:
+        """Say it in millimetres."""
+        one, other = self.bodies
+        if self.distance < 0.0:
+            return f"at home {one} and {other} overlap by {-1e3 * self.distance:.1f} mm"
+        gap = f"{1e3 * self.distance:.1f} mm"
+        return f"at home {one} and {other} are {gap} apart; planning keeps {1e3 * self.margin:.1f} mm"
+
+
+def meetings_at_home(cell: Cell, clearance: Clearance | None = None) -> Iterator[Meeting]:
+    """Yield all pairs of bodies, of those that are ever checked, that are nearer at home than planning keeps them."""
+    margin = (clearance or Clearance()).margin
+    frames = {"world": np.eye(4)}
+    for name, arm in cell.arms.items():
+        placed = np.empty((7, 4, 4))
+        link_frames(arm.dh, arm.T_world_base, arm.home, placed)
+        frames |= {f"{name}/{i}": placed[i] for i in range(7)}
+    for one, other in itertools.combinations(cell.collision_bodies(), 2):
+        if one.frame == other.frame or sorted_pair(one.name, other.name) in cell.excluded_pairs:
+            continue
+        apart = _distance(one, frames[one.frame], other, frames[other.frame])
+        if apart < margin:
+            yield Meeting((one.name, other.name), apart, margin)
+
+
+def _check_gravity(cell: Cell, faults: AssetFaults) -> None:
+    pull = float(np.linalg.norm(cell.gravity))
+    if not 0.0 < pull <= LONGEST_PULL:
+        detail = f"is {pull:g} m/s^2; more than 0 and at most {LONGEST_PULL:g} are needed, 9.81 on Earth"
+    elif cell.gravity[2] > -np.cos(LEVEL) * pull:
+        detail = "must point along -z: the table is level, and plates are lifted along z"
+    else:
+        return
+    faults.add(detail, f"cells/{cell.name}.yaml", "/gravity")
+
+
+def _check_home_range(arm: Arm, mount: str, faults: AssetFaults) -> None:
+    low, home, high = (np.degrees(each) for each in (arm.position_min, arm.home, arm.position_max))
+    for i in np.flatnonzero((home < low - 1e-9) | (home > high + 1e-9)):
+        joint = arm.robot.joint_names[i]
+        detail = f"{home[i]:g} degrees are beyond {joint}'s range, {low[i]:g} to {high[i]:g}"
+        faults.add(detail, mount, f"/arms/{arm.name}/home_deg/{i}")
+
+
+def _check_base(cell: Cell, arm: Arm, mount: str, faults: AssetFaults) -> None:
+    base = arm.link_bodies()[0]
+    table = cell.boxes[0].collision_body()
+    sunk = -_distance(base, arm.T_world_base, table, np.eye(4))
+    if sunk > SUNK:
+        detail = f"the arm's base is {1e3 * sunk:.1f} mm deep in the table; {1e3 * SUNK:g} mm are allowed"
+        faults.add(detail, mount, f"/arms/{arm.name}/position")
+
+
+def _distance(one: CollisionBody, T_world_one: Transform, other: CollisionBody, T_world_other: Transform) -> float:
+    """Return the distance of two bodies, or less what it takes to part them [m]."""
+    return min(
+        _signed_distance(a, T_world_one, b, T_world_other) for a, b in itertools.product(one.shapes, other.shapes)
+    )
+
+
+def _signed_distance(a: ConvexShape, T_world_a: Transform, b: ConvexShape, T_world_b: Transform) -> float:
+    apart, radii = distance(a, T_world_a, b, T_world_b), a.radius + b.radius
+    if apart > -radii or min(len(a.face_normals), len(b.face_normals)) == 0:
+        return apart
+    # Bodies overlap as deep as the origin is inside the hull of all differences of their points.
+    points, others = (s.vertices @ T[:3, :3].T + T[:3, 3] for s, T in ((a, T_world_a), (b, T_world_b)))
+    differences = (points[:, None, :] - others).reshape(-1, 3)
+    return float(ConvexHull(differences).equations[:, 3].max()) - radii

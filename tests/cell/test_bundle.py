@@ -1,0 +1,303 @@
+"""Cells of one's own as one value: the same from a folder, a zip and a document, and nothing that leads elsewhere."""
+
+from __future__ import annotations
+
+import copy
+import io
+import json
+import math
+import random
+import stat
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from geometry.mesh_shapes import file_of
+from support.own_cell import station, station_files, written, zipped
+from support.samples import sample
+
+from planners.cell import bundle as bundle_module
+from planners.cell.bundle import CellBundle
+from planners.errors import AssetError
+from planners.survey.faults import check_cell
+from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
+
+MUTATIONS = 300
+
+
+def test_a_folder_a_zip_a_document_and_a_file_among_others_are_the_same_cell(tmp_path: Path) -> None:
+    for name, content in station_files().items():
+        path = tmp_path / "assets" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    in_parts = CellBundle.read(tmp_path / "assets")
+    assert CellBundle.read(tmp_path / "assets/cells/station.yaml").digest == in_parts.digest
+    assert CellBundle.of_zip(zipped(station_files())).digest == in_parts.digest
+    in_a_folder = {f"station-1.0/{name}": content for name, content in station_files().items()}
+    assert CellBundle.of_zip(zipped({**in_a_folder, "__MACOSX/._x": b"?"})).digest == in_parts.digest
+    assert CellBundle.of_zip(in_parts.zip()).digest == in_parts.digest
+    assert in_parts.zip() == CellBundle.of_zip(in_parts.zip()).zip()
+    whole = CellBundle.of_text(written(station()))
+    assert sorted(whole.files) == sorted(in_parts.files)
+    cells = [each.load(tmp_path / "unpacked") for each in (in_parts, whole)]
+    assert cells[0].hash == cells[1].hash
+    assert cells[0].name == cells[1].name == whole.name == "station"
+
+
+def test_every_part_may_stand_in_the_document_itself(tmp_path: Path) -> None:
+    stick = {
+        "name": "short_stick",
+        "kind": "stick",
+        "mass": 0.2,
+        "com": 0.06,
+        "tip_distance": 0.20,
+        "tip_radius": 0.012,
+        "stick_radius": 0.012,
+        "tip_length": 0.01,
+        "sensor": {
+            "name": "flat",
+            "radius": 0.04,
+            "length": 0.02,
+            "mass": 0.2,
+            "force_max": 300.0,
+            "torque_max": 30.0,
+            "rate": 500.0,
+            "force_noise": 0.2,
+            "torque_noise": 0.01,
+        },
+    }
+    document = station()
+    document["arms"]["left"]["hand"] = stick
+    cell = CellBundle.of_text(written(document)).load(tmp_path)
+    assert cell.arms["left"].hand.name == "short_stick"
+    assert cell.arms["left"].hand.mass == pytest.approx(0.4)
+
+
+def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None:
+    box = trimesh.creation.box((0.1, 0.1, 0.2))
+    shapes = {}
+    for kind in ("stl", "obj", "ply", "glb"):
+        files = {**station_files(), f"meshes/wrist.{kind}": file_of(box, kind)}
+        robot = json.loads(json.dumps(_shipped_robot()))
+        mesh = {"path": f"meshes/wrist.{kind}", "scale": 0.5}
+        robot["links"][6] = {"name": "wrist_3", "position": [0, 0, 0], "rpy_deg": [0, 0, 0], "mesh": mesh}
+        files["robots/ur10e.yaml"] = written(robot)
+        cell = CellBundle.of_zip(zipped(files)).load(tmp_path)
+        shapes[kind] = cell.arms["left"].robot.links[6].points
+        np.testing.assert_allclose(np.ptp(shapes[kind], axis=0), [0.05, 0.05, 0.1], atol=1e-6)
+
+
+def _shipped_robot() -> dict[str, Any]:
+    from planners.cell.asset_shelf import read_robot_file, shipped_shelf
+
+    return read_robot_file(shipped_shelf().find("robots", "ur10e")).model_dump(mode="json", exclude_none=True)
+
+
+def test_what_is_unpacked_twice_is_unpacked_once_and_nothing_is_left_of_a_failure(tmp_path: Path) -> None:
+    bundle = CellBundle.of_text(written(station()))
+    first = bundle.unpack(tmp_path)
+    marks = {path: path.stat().st_mtime_ns for path in first.rglob("*")}
+    assert bundle.unpack(tmp_path) == first
+    assert {path: path.stat().st_mtime_ns for path in first.rglob("*")} == marks
+    assert list(tmp_path.iterdir()) == [first]
+
+
+def linked() -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        entry = zipfile.ZipInfo("meshes/link.stl")
+        entry.external_attr = (stat.S_IFLNK | 0o777) << 16
+        archive.writestr(entry, "/etc/passwd")
+        archive.writestr("cell.yaml", written(station()))
+    return packed.getvalue()
+
+
+WHOLE = written(station())
+REFUSED = {
+    "no zip": (b"PK\x03\x04", "the zip cannot be read"),
+    "an empty zip": (zipped({}), "none was found"),
+    "no cell": (zipped({"mounts/x.yaml": b"name: x"}), "none was found"),
+    "two cells": (zipped({"cells/a.yaml": b"name: a", "cells/b.yaml": b"name: b"}), "2 were found"),
+    "a way out": (zipped({"../evil.yaml": b"", "cell.yaml": WHOLE}), "../evil.yaml: cannot be called so"),
+    "a way out further down": (zipped({"a/../../evil": b"", "cell.yaml": WHOLE}), "cannot be called so"),
+    "an absolute path": (zipped({"/etc/evil": b"", "cell.yaml": WHOLE}), "cannot be called so"),
+    "a path of another system": (zipped({"a\\..\\evil": b"", "cell.yaml": WHOLE}), "cannot be called so"),
+    "a hidden file": (zipped({".ssh/keys": b"", "cell.yaml": WHOLE}), "cannot be called so"),
+    "a link": (linked(), "meshes/link.stl: is a link"),
+    "a mapping that is none": (zipped({"cell.yaml": b"[1, 2]"}), "cell.yaml: must be a mapping"),
+    "no YAML": (zipped({"cell.yaml": b"a: [1"}), "cell.yaml: the file is not YAML"),
+    "no name": (zipped({"cell.yaml": b"mount: x"}), "cell.yaml: /name: must be 1 to 64"),
+    "a name that leads elsewhere": (zipped({"cell.yaml": b"name: ../x"}), "/name: must be 1 to 64"),
+    "a name that is not the file's": (zipped({"cells/a.yaml": b"name: b"}), "/name: must be that of the file"),
+    "a bomb of aliases": (
+        zipped({"cell.yaml": b"a: &a [1,1,1,1,1,1,1,1,1,1]\n" + b"".join(
+            b"%c: &%c [%s]\n" % (c, c, b",".join([b"*%c" % (c - 1)] * 10)) for c in range(ord("b"), ord("i")))}),
+        "more than 100000 values",
+    ),
+    "a long text": (zipped({"cell.yaml": b"#" * 1_000_001}), "has 1000001 bytes"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "reason"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_zip_that_is_no_cell_is_refused_with_the_reason(content: bytes, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(AssetError) as caught:
+        CellBundle.of_zip(content).load(tmp_path)
+    assert reason in str(caught.value)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_a_file_that_is_there_twice_is_refused() -> None:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        archive.writestr("cell.yaml", WHOLE)
+        archive.writestr("cell.yaml", WHOLE)
+    with pytest.raises(AssetError, match=r"cell\.yaml: is in the zip twice"):
+        CellBundle.of_zip(packed.getvalue())
+
+
+def test_a_bomb_ends_at_the_limit_whatever_it_says_of_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bundle_module, "MOST_BYTES", 100_000)
+    honest = zipped({"cell.yaml": WHOLE, "meshes/x.stl": bytes(1_000_000)})
+    with pytest.raises(AssetError, match="100000"):
+        CellBundle.of_zip(honest)
+    # The size in the directory at the end, and in the head of the file itself.
+    lying = honest.replace((1_000_000).to_bytes(4, "little"), (10).to_bytes(4, "little"))
+    with pytest.raises(AssetError):
+        CellBundle.of_zip(lying)
+    with pytest.raises(AssetError, match="more than 500 files"):
+        CellBundle.of_zip(zipped({f"a{i}": b"" for i in range(501)}, zipfile.ZIP_STORED))
+
+
+def test_all_faults_of_all_files_are_told_at_once_by_the_names_that_they_have_in_the_bundle(tmp_path: Path) -> None:
+    files = station_files()
+    mount = json.loads(files["mounts/station_mount.yaml"])
+    mount["table"]["size"][0] = -1.0
+    mount["arms"]["left"]["home_deg"][2] = "straight"
+    cell = json.loads(files["cells/station.yaml"])
+    cell["arms"]["right"] = {"robot": "ur99", "hand": "hook"}
+    files |= {"mounts/station_mount.yaml": written(mount), "cells/station.yaml": written(cell)}
+    with pytest.raises(AssetError) as caught:
+        CellBundle.of_zip(zipped(files)).load(tmp_path)
+    told = {(fault.file, fault.pointer) for fault in caught.value.faults}
+    assert told == {
+        ("mounts/station_mount.yaml", "/table/size/0"),
+        ("mounts/station_mount.yaml", "/arms/left/home_deg/2"),
+        ("cells/station.yaml", "/arms/right/robot"),
+        ("cells/station.yaml", "/arms/right/hand"),
+    }
+
+
+VALUES = (None, True, -1, 0, 1e308, math.nan, math.inf, "", "x" * 100, "../x", [], {}, [1, 2], {"name": "x"}, 3.7)
+
+
+def mutated(document: dict[str, Any], chance: random.Random) -> dict[str, Any]:
+    """Return a document with a member replaced, removed or added somewhere."""
+    document = copy.deepcopy(document)
+    places = list(_places(document))
+    holder, key = chance.choice(places)
+    kind = chance.randrange(4)
+    if kind == 0 and isinstance(holder, dict):
+        del holder[key]
+    elif kind == 1 and isinstance(holder, dict):
+        holder[f"{key}_"] = holder[key]
+    elif isinstance(holder[key], int | float) and kind == 2:
+        holder[key] *= chance.choice((-1, 0, 10, 1e6, 1e-6))
+    else:
+        holder[key] = chance.choice(VALUES)
+    return document
+
+
+def _places(document: Any) -> Iterator[tuple[Any, Any]]:
+    members = document.items() if isinstance(document, dict) else enumerate(document)
+    for key, value in members:
+        yield document, key
+        if isinstance(value, dict | list):
+            yield from _places(value)
+
+
+def spoiled(content: bytes, chance: random.Random) -> bytes:
+    """Return bytes of which some are gone, others or there twice."""
+    spoiled, at = bytearray(content), chance.randrange(len(content))
+    match chance.randrange(3):
+        case 0:
+            return bytes(spoiled[:at])
+        case 1:
+            for _ in range(chance.randrange(1, 8)):
+                spoiled[chance.randrange(len(spoiled))] = chance.randrange(256)
+        case _:
+            spoiled[at:at] = spoiled[at : at + 40]
+    return bytes(spoiled)
+
+
+def test_whatever_is_wrong_with_a_cell_is_told_as_a_fault_and_nothing_is_written_elsewhere(tmp_path: Path) -> None:
+    chance = random.Random(16)
+    folder, refused = tmp_path / "cells", list[AssetError]()
+    count = sample(60, MUTATIONS)
+    for index in range(count):
+        try:
+            if index % 3 == 2:
+                bundle = CellBundle.of_zip(spoiled(zipped(station_files()), chance))
+            else:
+                bundle = CellBundle.of_text(json.dumps(mutated(station(), chance)).encode())
+            check_cell(bundle.load(folder))
+        except AssetError as error:
+            refused.append(error)
+    assert len(refused) > count // 2
+    for fault in (fault for error in refused for fault in error.faults):
+        assert fault.detail
+        assert str(tmp_path) not in f"{fault.file} {fault.detail}"
+    assert {path.name for path in tmp_path.iterdir()} <= {"cells"}
+
+
+INDUSTRIAL = {
+    "urdf": "arm/arm.urdf",
+    "root": "l0",
+    "tip": "tip",
+    "payload": 12.0,
+    "acceleration": [5.0, 5.0, 5.0, 8.0, 8.0, 8.0],
+}
+
+
+def urdf_files(**changes: Any) -> dict[str, bytes]:
+    """Return the station with arms from a URDF that is among its files."""
+    robot = {"name": "industrial", **INDUSTRIAL, **changes}
+    cell = station()
+    for side in ("left", "right"):
+        cell["arms"][side]["robot"] = "industrial"
+    arm = UrdfArm(INDUSTRIAL_AXES, INDUSTRIAL_TIP)
+    return {"cell.yaml": written(cell), "robots/industrial.yaml": written(robot), "arm/arm.urdf": arm.write()}
+
+
+def test_an_arm_may_come_as_a_urdf_among_the_files(tmp_path: Path) -> None:
+    bundle = CellBundle.of_zip(zipped(urdf_files()))
+    cell = bundle.load(tmp_path)
+    robot = cell.arms["left"].robot
+    assert (robot.name, robot.payload) == ("industrial", 12.0)
+    np.testing.assert_allclose(robot.acceleration_max, INDUSTRIAL["acceleration"])
+    # What is sent back says the same without being made again.
+    again = CellBundle.of_zip(bundle.zip())
+    assert again.digest == bundle.digest
+    assert again.load(tmp_path).hash == cell.hash
+
+
+@pytest.mark.parametrize(
+    ("changes", "file", "pointer", "detail"),
+    [
+        ({"urdf": "arm/other.urdf"}, "robots/industrial.yaml", "/urdf", "there is no file arm/other.urdf"),
+        ({"payload": -1.0}, "robots/industrial.yaml", "/payload", "greater than 0"),
+        ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "at least 6"),
+        ({"tip": "hand"}, "arm/arm.urdf", "", "hand"),
+    ],
+)
+def test_what_is_wrong_with_a_urdf_or_with_what_is_said_of_it_is_told(
+    changes: dict[str, Any], file: str, pointer: str, detail: str
+) -> None:
+    with pytest.raises(AssetError) as caught:
+        CellBundle.of_zip(zipped(urdf_files(**changes)))
+    (fault,) = caught.value.faults
+    assert (fault.file, fault.pointer) == (file, pointer)
+    assert detail in fault.detail

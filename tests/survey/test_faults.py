@@ -1,0 +1,104 @@
+"""What is wrong with a cell: found and told in millimetres, as far as things really overlap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.own_cell import station, written
+
+from planners.cell.bundle import CellBundle
+from planners.cell.cell import Cell, known_cells, load_cell
+from planners.errors import AssetError
+from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder
+from planners.geometry.pose import transform
+from planners.survey.faults import _signed_distance, check_cell, meetings_at_home
+from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
+
+
+def own(tmp_path: Path, **mount: object) -> Cell:
+    document = station()
+    for path, value in mount.items():
+        holder = document["mount"]
+        *way, last = path.split("__")
+        for step in way:
+            holder = holder[step]
+        holder[last] = value
+    return CellBundle.of_text(written(document)).load(tmp_path)
+
+
+@pytest.mark.parametrize("name", known_cells())
+def test_nothing_is_wrong_with_the_shipped_cells(name: str) -> None:
+    check_cell(load_cell(name))
+
+
+@pytest.mark.parametrize("depth", [0.004, 0.021, -0.007, -0.2])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_boxes_that_overlap_by_so_much_are_told_so(depth: float, axis: int) -> None:
+    one, other = box([0.3, 0.4, 0.5]), box([0.2, 0.6, 0.5])
+    position = np.zeros(3)
+    position[axis] = 0.5 * (np.ptp(one.vertices[:, axis]) + np.ptp(other.vertices[:, axis])) - depth
+    for T in (np.eye(4), transform(None, [0.3, -0.2, 0.1])):
+        assert _signed_distance(one, T, other, T @ transform(None, position)) == pytest.approx(-depth, abs=1e-6)
+
+
+def test_what_carries_balls_is_measured_with_them() -> None:
+    stick, table = capsule([0.0, 0.0, 0.0], [0.0, 0.0, 0.3], 0.02), box([1.0, 1.0, 0.1])
+    for height in (0.10, 0.06):
+        T = transform(None, [0.0, 0.0, height])
+        assert _signed_distance(stick, T, table, np.eye(4)) == pytest.approx(height - 0.05 - 0.02, abs=1e-6)
+    deep: ConvexShape = cylinder(0.1, 0.2)
+    assert _signed_distance(deep, transform(None, [0.0, 0.0, 0.12]), table, np.eye(4)) == pytest.approx(-0.03, abs=1e-6)
+
+
+def test_a_table_that_stands_in_the_arms_is_named_with_as_many_millimetres_as_fcl_finds(tmp_path: Path) -> None:
+    """As long as it only touches; how deep it then is grows with the table."""
+    lowest = own(tmp_path)
+    frames = cell_frames(lowest, lowest.home)
+    reaching = [body for body in lowest.collision_bodies() if body.frame not in ("world", "left/0", "right/0")]
+    parts = [CollisionBody(body.name, body.group, body.frame, (shape,)) for body in reaching for shape in body.shapes]
+    table = next(body for body in lowest.bodies if body.name == "table")
+    gap = min(fcl_distance(fcl_object(part, frames[part.frame]), fcl_object(table, np.eye(4))) for part in parts)
+    assert gap > 0.01
+    for overlap in (-0.001, 0.002, 0.010):
+        raised = own(tmp_path, table__center=[0.60, 0.0, 0.88 + gap + overlap], table__size=[1.2, 2.0, 0.04])
+        found = [meeting for meeting in meetings_at_home(raised) if "table" in meeting.bodies]
+        assert min(meeting.distance for meeting in found) == pytest.approx(-overlap, abs=1e-4)
+        with pytest.raises(AssetError) as caught:
+            check_cell(raised)
+        word = "apart; planning keeps 3.0 mm" if overlap < 0 else f"overlap by {1e3 * overlap:.1f} mm"
+        assert any(word in fault.detail and fault.pointer.endswith("home_deg") for fault in caught.value.faults)
+
+
+WRONG = {
+    "a joint at home beyond its range": (
+        {"arms__left__home_deg": [60, -120, 190, -90, -90, 0]},
+        "/arms/left/home_deg/2",
+        "190 degrees are beyond elbow_joint's range, -180 to 180",
+    ),
+    "a base in the table": ({"arms__right__position": [0.0, -0.35, 0.87]}, "/arms/right/position", "30.0 mm deep"),
+    "hands that meet": (
+        {"arms__left__position": [0.0, -0.35, 0.90]},
+        "/arms/left/home_deg",
+        "overlap by",
+    ),
+}
+
+
+@pytest.mark.parametrize(("mount", "pointer", "detail"), WRONG.values(), ids=WRONG.keys())
+def test_what_nothing_can_be_planned_in_is_refused_at_its_member(
+    mount: dict[str, object], pointer: str, detail: str, tmp_path: Path
+) -> None:
+    with pytest.raises(AssetError) as caught:
+        check_cell(own(tmp_path, **mount))
+    assert any(fault.pointer == pointer and detail in fault.detail for fault in caught.value.faults)
+    assert {fault.file for fault in caught.value.faults} == {"mounts/station_mount.yaml"}
+
+
+@pytest.mark.parametrize("gravity", [[0, 0, 9.81], [0, 0, 0], [1.0, 0, -9.81], [0, 0, -300]])
+def test_gravity_points_down(gravity: list[float], tmp_path: Path) -> None:
+    cell = CellBundle.of_text(written(station(gravity=gravity))).load(tmp_path)
+    with pytest.raises(AssetError) as caught:
+        check_cell(cell)
+    assert ("cells/station.yaml", "/gravity") in {(each.file, each.pointer) for each in caught.value.faults}

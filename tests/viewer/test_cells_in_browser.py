@@ -1,0 +1,74 @@
+"""The page of cells: one's own is added from a file, looked at, planned in; what is wrong with it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.own_cell import station, station_files, written, zipped
+from support.service import FAKE_SOLVER, ServiceProcess, running_service
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def page(service: ServiceProcess) -> Iterator[Page]:
+    with running_browser() as browser:
+        page = browser.new_page()
+        page.set_default_timeout(LOADING_MILLISECONDS)
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(f"{service.address}/viewer/cells")
+        page.locator("#sentences li").first.wait_for()
+        yield page
+        assert errors == []
+
+
+def test_a_cell_is_added_from_a_file_and_looked_at(page: Page, tmp_path: Path) -> None:
+    file = tmp_path / "station.zip"
+    file.write_bytes(zipped(station_files()))
+    page.locator("#file").set_input_files(file)
+    expect(page.locator("#name")).to_have_text("station")
+    expect(page.locator("#sentences li").first).to_contain_text("Table 1.2 × 2 m")
+    expect(page.locator("#cells [aria-current=true]")).to_contain_text("version 1")
+    page.wait_for_function("document.getElementById('picture').naturalWidth > 300")
+    assert page.locator("#lift").get_attribute("href") == "/viewer/new?kind=plate_lift&cell=station"
+    assert page.locator("#move").is_hidden()
+    assert "cell=" in page.url
+
+
+def test_everything_that_is_wrong_is_told(page: Page, tmp_path: Path) -> None:
+    wrong = station(name="wrong", gravity=[0, 0, 9.81])
+    wrong["mount"]["arms"]["right"]["position"][2] = 0.87
+    file = tmp_path / "wrong.json"
+    file.write_bytes(written(wrong))
+    page.locator("#file").set_input_files(file)
+    expect(page.locator("#faults li").filter(has_text="/gravity")).to_have_count(1)
+    expect(page.locator("#faults li").filter(has_text="30.0 mm deep in the table")).to_have_count(1)
+    file = tmp_path / "wrong.txt"
+    file.write_text("?")
+    page.locator("#file").set_input_files(file)
+    expect(page.locator("#refusal")).to_contain_text("neither a zip nor YAML nor JSON")
+
+
+def test_the_editor_begins_in_the_cell(page: Page, service: ServiceProcess) -> None:
+    page.goto(f"{service.address}/viewer/new?kind=plate_lift&cell=station")
+    page.locator("#task-details summary").click()
+    expect(page.locator("#task-details")).to_contain_text("station")
+
+
+def test_a_cell_is_deleted(page: Page, service: ServiceProcess) -> None:
+    page.goto(f"{service.address}/viewer/cells?cell=station")
+    expect(page.locator("#name")).to_have_text("station")
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.locator("#delete").click()
+    expect(page.locator("#cells")).not_to_contain_text("station")
