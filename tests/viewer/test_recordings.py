@@ -142,12 +142,17 @@ def test_a_recording_that_fails_fails_for_all_who_wait_and_is_tried_again(tmp_pa
         tried = list[str]()
 
         def fails(of: StoredDocument) -> str:
+            assert free.wait(20)
             tried.append(of.sha256)
             raise ValueError("out of order")
 
         broken = Recordings(tmp_path, fails, "1", 10**6, WAITING)
         for _attempt in range(2):
-            told = await asyncio.gather(*(broken.get(document("a"), forever) for _ in range(3)), return_exceptions=True)
+            free = threading.Event()
+            asked = [asyncio.create_task(broken.get(document("a"), forever)) for _ in range(3)]
+            await begun(asked[-1])
+            free.set()
+            told = await asyncio.gather(*asked, return_exceptions=True)
             assert [type(each) for each in told] == [ValueError] * 3
         assert tried == ["a", "a"]
 
