@@ -12,7 +12,8 @@ import viser
 from support.service import FAKE_SOLVER, wait_for
 from support.serving import served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import Connection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from app.access.caller import Scope
