@@ -98,7 +98,7 @@ def _show_example(path: str, bodies: dict[str, Any]) -> None:
     elif path == "/v1/studies":
         task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
         bodies["application/json"]["example"] = {"task": json.loads(task), "axes": EXAMPLE_AXES}
-    elif path in ("/v1/cells", "/v1/cells/check"):
+    elif path in ("/v1/cells", "/v1/surveys"):
         cell = resources.files("assets").joinpath("cells", EXAMPLE_CELL).read_bytes()
         bodies["application/json"]["example"] = {**parse_yaml(cell)[0], "name": "my_cell"}
     elif path == "/v1/webhooks":

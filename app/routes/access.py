@@ -53,7 +53,7 @@ async def log_in(request: Request, authenticator: Authentication, settings: Sett
     return response
 
 
-@router.post("/viewer/logout")
+@router.post("/viewer/logout", include_in_schema=False)
 async def log_out(request: Request, authenticator: Authentication, _: CurrentCaller) -> Response:
     """Make the browser's cookie worthless."""
     token = request.cookies.get(COOKIE)

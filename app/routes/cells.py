@@ -1,4 +1,4 @@
-"""/v1/cells: describe a cell of one's own, see what it can do, and have tasks name it."""
+"""/v1/cells and /v1/surveys: describe a cell of one's own, see what it can do, and have tasks name it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ CELL_BODY = {
     }
 }
 
-router = APIRouter(prefix="/v1/cells", tags=["cells"])
+router = APIRouter(prefix="/v1", tags=["cells"])
 
 
 def _limits(request: Request) -> UploadLimits:
@@ -45,7 +45,7 @@ CellGate = Annotated[UploadLimits, Depends(_limits)]
 
 
 @router.post(
-    "",
+    "/cells",
     status_code=201,
     response_model=CellResource,
     summary="Add a cell",
@@ -74,23 +74,23 @@ async def post_cell(
 
 
 @router.post(
-    "/check", summary="Check a cell without keeping it", openapi_extra=CELL_BODY, responses=REFUSED, status_code=200
+    "/surveys", summary="Check a cell without keeping it", openapi_extra=CELL_BODY, responses=REFUSED, status_code=200
 )
-async def check_cell(request: Request, cells: Cells, settings: Settings, limits: CellGate) -> SurveyFigures:
+async def post_survey(request: Request, cells: Cells, settings: Settings, limits: CellGate) -> SurveyFigures:
     """Return what a cell can do: where its hands reach and what they bear there."""
     async with limits.held:
         content, suffix = await read_cell(request, settings.max_cell_bytes, settings)
         return await to_thread.run_sync(lambda: cells.examine(_bundle(content, suffix)), limiter=limits.worked)
 
 
-@router.get("", summary="List cells")
+@router.get("/cells", summary="List cells")
 def list_cells(cells: Cells) -> CellList:
     """Return the shipped cells and one's own."""
     shipped = [CellResource.of_shipped(cell) for _, cell in sorted(cells.shipped.items())]
     return CellList(cells=[*shipped, *(CellResource.of(stored, figures=False) for stored in cells.own())])
 
 
-@router.get("/{cell_id}", summary="One cell", responses=NOT_FOUND)
+@router.get("/cells/{cell_id}", summary="One cell", responses=NOT_FOUND)
 def get_cell(cell_id: str, cells: Cells) -> CellResource:
     """Return what is known of a cell, by id or name."""
     if cell_id in cells.shipped:
@@ -99,7 +99,7 @@ def get_cell(cell_id: str, cells: Cells) -> CellResource:
 
 
 @router.get(
-    "/{cell_id}/files.zip",
+    "/cells/{cell_id}/files.zip",
     summary="Fetch the files of a cell",
     response_class=Response,
     responses={**NOT_FOUND, 200: {"content": {"application/zip": {}}, "description": "All files of the cell"}},
@@ -110,14 +110,14 @@ def get_files(cell_id: str, cells: Cells) -> Response:
     return Response(cells.files(cell_id), media_type="application/zip", headers=headers)
 
 
-@router.get("/{cell_id}/survey", summary="What a cell can do", responses=NOT_FOUND)
+@router.get("/cells/{cell_id}/survey", summary="What a cell can do", responses=NOT_FOUND)
 async def get_survey(cell_id: str, cells: Cells, limits: CellGate) -> SurveyFigures:
     """Return where the hands of a cell reach and what they bear there, in figures."""
     return await to_thread.run_sync(lambda: cells.survey(cell_id).figures(), limiter=limits.worked)
 
 
 @router.get(
-    "/{cell_id}/survey.png",
+    "/cells/{cell_id}/survey.png",
     summary="What a cell can do, as a picture",
     response_class=Response,
     responses={**NOT_FOUND, 200: {"content": {"image/png": {}}, "description": "Maps of the table, from above"}},
@@ -128,7 +128,7 @@ async def get_survey_picture(cell_id: str, cells: Cells, limits: CellGate) -> Re
     return Response(picture, media_type="image/png", headers={"Cache-Control": "no-cache"})
 
 
-@router.delete("/{cell_id}", status_code=204, summary="Delete a cell", responses=NOT_FOUND)
+@router.delete("/cells/{cell_id}", status_code=204, summary="Delete a cell", responses=NOT_FOUND)
 def delete_cell(cell_id: str, cells: Cells) -> None:
     """Have a cell for no more tasks; plans that are in it keep it, whether they have ended or not."""
     cells.delete(cell_id)

@@ -80,7 +80,7 @@ def test_a_cell_is_surveyed_in_figures_and_as_a_picture(client: httpx.Client, wh
     assert figures["hash"] == cell["hash"]
     if which == "own":
         assert figures == cell["figures"]
-        assert client.post("/v1/cells/check", json=station()).json() == figures
+        assert client.post("/v1/surveys", json=station()).json() == figures
     assert all(0.0 < arm["reached"] <= 1.0 for arm in figures["arms"].values())
     picture = client.get(cell["links"]["picture"])
     image = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)
@@ -160,7 +160,7 @@ def test_everything_that_is_wrong_is_told_with_file_and_member(client: httpx.Cli
     ],
 )
 def test_what_is_no_cell_is_refused(client: httpx.Client, content: bytes, media: str, status: int) -> None:
-    for path in ("/v1/cells", "/v1/cells/check"):
+    for path in ("/v1/cells", "/v1/surveys"):
         answer = client.post(path, content=content, headers={"Content-Type": media})
         assert answer.status_code == status, answer.text
         assert answer.headers["content-type"] == "application/problem+json"

@@ -20,7 +20,7 @@ from support.worker import WorkerProcess
 from workers.stores.job_queue import INTERRUPTED_TOO_OFTEN
 
 pytestmark = needs_postgres
-SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 1.0}
+SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 3.0}
 
 
 @dataclass(frozen=True)

@@ -32,9 +32,11 @@ class Maker:
 
     def __init__(self) -> None:
         self.made: list[str] = []
+        self.begun = threading.Event()
         self.free = threading.Event()
 
     def __call__(self, of: StoredDocument) -> str:
+        self.begun.set()
         assert self.free.wait(20)
         self.made.append(of.sha256)
         return f"page of {of.sha256}" + 1000 * " "
@@ -171,6 +173,7 @@ def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_i
         left = '_count{method="GET",route="/v1/plans/{plan_id}/recording.html",status="499"} '
         with ThreadPoolExecutor(2) as pool:
             first = pool.submit(client.get, pages[0])
+            assert make.begun.wait(20)
             for number in (1, 2):
                 # Each leaves room for the next one when it leaves.
                 with pytest.raises(httpx.ReadTimeout):

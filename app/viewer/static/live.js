@@ -226,8 +226,8 @@ async function post(task) {
 
 /** Mark in the lists what is wanted. */
 function mark() {
-  for (const item of list.children) item.setAttribute("aria-selected", String(item.dataset.plan === wanted));
-  for (const item of perceived.list.children) item.setAttribute("aria-selected", String(item.dataset.scene === wantedScene));
+  for (const item of list.querySelectorAll('[role="option"]')) item.setAttribute("aria-selected", String(item.dataset.plan === wanted));
+  for (const item of perceived.list.querySelectorAll('[role="option"]')) item.setAttribute("aria-selected", String(item.dataset.scene === wantedScene));
 }
 
 /** Title and words about a plan that cannot be shown. */
