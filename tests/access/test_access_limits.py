@@ -12,7 +12,8 @@ import viser
 from support.service import FAKE_SOLVER, wait_for
 from support.serving import served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from app.access.caller import Scope
@@ -65,7 +66,7 @@ def test_one_owner_neither_has_all_scenes_nor_is_sent_one_without_end(tmp_path: 
     keys = [issue_key(settings, owner, Scope.READ, None) for owner in ("mes", "mes", "other")]
     with served(settings, with_worker=False) as address, ExitStack() as open_pages:
 
-        def opened(path: str, key: str) -> ClientConnection:
+        def opened(path: str, key: str) -> Connection:
             headers = {"Authorization": f"Bearer {key}"}
             protocols = [Subprotocol(f"viser-v{viser.__version__}")] if "scene" in path else None
             url = address.replace("http", "ws") + path
@@ -75,7 +76,10 @@ def test_one_owner_neither_has_all_scenes_nor_is_sent_one_without_end(tmp_path: 
             with pytest.raises((ConnectionClosed, InvalidStatus)) as closed:
                 opened(path, key).recv(timeout=20)
             error = closed.value
-            return error.response.status_code if isinstance(error, InvalidStatus) else error.rcvd.code
+            if isinstance(error, InvalidStatus):
+                return error.response.status_code
+            assert error.rcvd is not None
+            return error.rcvd.code
 
         pages = [opened("/viewer/watch", keys[0]), opened("/viewer/edit", keys[1])]
         scene, _ = [json.loads(page.recv(timeout=20))["scene"] for page in pages]

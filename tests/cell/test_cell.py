@@ -16,7 +16,7 @@ from assets import assets_folder
 from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody
-from planners.geometry.pose import from_pose7, rotation_x, rotation_z
+from planners.geometry.pose import from_pose7, pose_row, rotation_x, rotation_z
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
 
 
@@ -195,6 +195,19 @@ def test_bases_table_and_frame_can_stand_elsewhere(shelf):
     np.testing.assert_allclose([column.min(axis=0), column.max(axis=0)], [[-0.53, 0.67, 0.0], [-0.47, 0.73, 2.4]])
     shipped = load_cell("dual_ur3e_lift")
     np.testing.assert_array_equal(cell.arms["right"].T_world_base, shipped.arms["right"].T_world_base)
+
+
+def test_a_robot_may_be_mounted_with_another_frame_than_that_before_its_first_joint(shelf):
+    """An arm turned by 90 degrees on its foot, and mounted turned back, stands where it stood."""
+    robot, mount = shelf / "robots" / "ur3e.yaml", shelf / "mounts" / "dual_column.yaml"
+    edit(mount, ["arms", "left"], {"position": [0.1, 0.2, 1.5], "rpy_deg": [0, 0, 0], "home_deg": [0] * 6})
+    edit(robot, ["base"], {"position": [0, 0, 0.3], "rpy_deg": [0, 0, 90]})
+    turned = load_cell_file(shelf / "cells" / "dual_ur3e_lift.yaml")
+    edit(robot, ["base"], None)
+    edit(mount, ["arms", "left"], {"position": [0.1, 0.2, 1.8], "rpy_deg": [0, 0, 90], "home_deg": [0] * 6})
+    upright = load_cell_file(shelf / "cells" / "dual_ur3e_lift.yaml")
+    np.testing.assert_allclose(turned.arms["left"].T_world_base, upright.arms["left"].T_world_base, atol=1e-15)
+    np.testing.assert_array_equal(turned.arms["left"].document().base, pose_row(turned.arms["left"].T_world_base))
 
 
 def test_arms_can_be_other_robots_and_swap_their_hands(shelf):

@@ -25,8 +25,13 @@ from tests.cell.urdf_arms import UrdfArm, industrial, ur5e
 FIGURES = RobotFigures(name="mine", root="l0", tip="tip", payload=5.0, acceleration=(5.0,) * 6)
 TURNED = transform(Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix(), [0.2, -0.1, 0.3])
 SIDEWAYS = transform(Rotation.from_euler("xyz", [0.0, math.pi / 2, 0.7]).as_matrix(), [0.0, 0.0, 0.3])
+TURNED_ROUND = tuple(
+    ((tuple(-x for x in axis) if i in (2, 4) else axis), point) for i, (axis, point) in enumerate(ur5e().axes)
+)
+"""A UR5e whose elbow and second wrist joint turn the other way."""
 ARMS = {
     "ur5e": (ur5e(), ArmKind.PARALLEL_AXES),
+    "ur5e, joints turned round": (replace(ur5e(), axes=TURNED_ROUND), ArmKind.PARALLEL_AXES),
     "ur5e, frames on the joints": (ur5e(seed=None), ArmKind.PARALLEL_AXES),
     "ur5e in a root aslant": (ur5e(T_root_base=TURNED, seed=1), ArmKind.PARALLEL_AXES),
     "ur5e in a root on its side": (ur5e(T_root_base=SIDEWAYS, seed=2), ArmKind.PARALLEL_AXES),
@@ -208,7 +213,8 @@ def test_what_is_fixed_to_a_link_is_part_of_it_and_what_hangs_on_the_tip_is_not(
         '<joint name="c" type="fixed"><parent link="l2"/><child link="cover"/></joint>'
         '<link name="hand"><collision><geometry><sphere radius="1.0"/></geometry></collision></link>'
         '<joint name="h" type="fixed"><parent link="tip"/><child link="hand"/></joint>'
-        '<link name="lever"/><joint name="v" type="revolute"><parent link="l1"/><child link="lever"/></joint>'
+        '<link name="lever"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+        '<joint name="v" type="revolute"><parent link="l1"/><child link="lever"/></joint>'
     )
     found = described(ur5e(more=cover))
     assert [len(link.pieces) for link in loaded(found, tmp_path).links] == [1, 1, 2, 1, 1, 1, 1]

@@ -14,7 +14,7 @@ from typing import cast
 import psycopg
 import pytest
 import sqlalchemy as sa
-from sqlalchemy import exc
+from sqlalchemy import event, exc
 from support.postgres import needs_postgres, running_postgres
 from support.service import ROOT
 
@@ -90,6 +90,7 @@ def test_every_character_may_stand_in_a_password(tmp_path: Path, password: str) 
     """The database's own library is asked what it makes of the address; %40 is an @, as RFC 3986 says."""
     url = f"postgresql://planner:{password}@db.example:6543/liftwright"
     database = server_database(WorkerSettings(data_dir=tmp_path, database_url=url))
+    assert event.contains(database.engine, "do_connect", database_module._connect_to_spare)
     shared = sa.create_engine(sa.make_url(database.engine_url).set(drivername="postgresql+psycopg"))
     for engine in (database.engine, shared):
         _, named = engine.dialect.create_connect_args(engine.url)

@@ -62,7 +62,7 @@ def assert_solved(dh: np.ndarray, Q: np.ndarray) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_ten_thousand_random_poses_of_a_shipped_arm_are_reproduced_by_all_branches(robot):
     rng = np.random.default_rng(0)
-    assert_solved(table_of(robot), rng.uniform(-math.pi, math.pi, (sample(500, 10_000), 6)))
+    assert_solved(table_of(robot), rng.uniform(-math.pi, math.pi, (10_000, 6)))
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)

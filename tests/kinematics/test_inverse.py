@@ -35,10 +35,10 @@ def assert_reproduced(oracle: PinocchioArm, T_base_flange: np.ndarray, branches:
 
 
 @pytest.mark.parametrize("dh", ARMS.values(), ids=ARMS.keys())
-def test_ten_thousand_random_poses_are_reproduced_by_all_branches_and_the_arm_is_one_of_them(dh):
+def test_random_poses_are_reproduced_by_all_branches_and_the_arm_is_one_of_them(dh):
     rng = np.random.default_rng(0)
     oracle = PinocchioArm(dh)
-    for q in rng.uniform(-math.pi, math.pi, (10_000 if dh is UR3E else 1000, 6)):
+    for q in rng.uniform(-math.pi, math.pi, (500, 6)):
         T_base_flange = oracle.flange_pose(q)
         branches = solve(dh, T_base_flange)
         assert_reproduced(oracle, T_base_flange, branches)

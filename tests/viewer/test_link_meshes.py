@@ -12,7 +12,7 @@ import viser
 from scipy.spatial import cKDTree
 
 from app.viewer.body_drawing import ArmDrawing, Drawings, link_files
-from app.viewer.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin_out, visual_path
+from app.viewer.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin_out, visual_path, write_pieces
 from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import known_cells, load_cell
 
@@ -72,3 +72,13 @@ def test_thinning_keeps_the_volume_of_a_closed_body() -> None:
     assert len(faces) < 0.25 * len(ball.faces)
     thinned = trimesh.Trimesh(vertices, faces, process=False)
     assert thinned.volume == pytest.approx(ball.volume, rel=0.02)
+
+
+def test_convex_pieces_are_drawn_as_they_are() -> None:
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
+    ball.apply_translation([1.0, 0.0, 0.0])
+    drawn = trimesh.load(io.BytesIO(write_pieces([box.vertices.tolist(), ball.vertices.tolist()])), file_type="glb")
+    volumes = sorted(part.convex_hull.volume for part in drawn.geometry.values())
+    assert volumes == pytest.approx(sorted([box.volume, ball.volume]), rel=1e-5)
+    np.testing.assert_allclose(drawn.bounds, trimesh.util.concatenate([box, ball]).bounds, atol=1e-6)

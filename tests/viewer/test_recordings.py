@@ -5,13 +5,19 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
+from support.service import FAKE_SOLVER, finished, task, wait_for
+from support.serving import served
 
 from app.errors import TooManyRecordings
 from app.resources.recordings import NobodyWaits, Recordings
+from app.settings import ServiceSettings
+from app.viewer.scene_servers import SceneServers
 from workers.stores.plan_store import StoredDocument
 
 WAITING = 3
@@ -136,13 +142,46 @@ def test_a_recording_that_fails_fails_for_all_who_wait_and_is_tried_again(tmp_pa
         tried = list[str]()
 
         def fails(of: StoredDocument) -> str:
+            assert free.wait(20)
             tried.append(of.sha256)
             raise ValueError("out of order")
 
         broken = Recordings(tmp_path, fails, "1", 10**6, WAITING)
         for _attempt in range(2):
-            told = await asyncio.gather(*(broken.get(document("a"), forever) for _ in range(3)), return_exceptions=True)
+            free = threading.Event()
+            asked = [asyncio.create_task(broken.get(document("a"), forever)) for _ in range(3)]
+            await begun(asked[-1])
+            free.set()
+            told = await asyncio.gather(*asked, return_exceptions=True)
             assert [type(each) for each in told] == [ValueError] * 3
         assert tried == ["a", "a"]
 
     run(tmp_path, body)
+
+
+def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_its_tag(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make = Maker()
+    monkeypatch.setattr(SceneServers, "record", lambda _, document: make(document))
+    settings = ServiceSettings(data_dir=tmp_path, solver_command=FAKE_SOLVER, worker_slots=1, max_recordings_waiting=1)
+    with served(settings) as address, httpx.Client(base_url=address, timeout=20.0) as client:
+        plans = [client.post("/v1/plans", json=task(external_id="now")).json() for _ in range(4)]
+        pages = [f"{finished(client, plan)['links']['self']}/recording.html" for plan in plans]
+        left = '_count{method="GET",route="/v1/plans/{plan_id}/recording.html",status="499"} '
+        with ThreadPoolExecutor(2) as pool:
+            first = pool.submit(client.get, pages[0])
+            for number in (1, 2):
+                # Each leaves room for the next one when it leaves.
+                with pytest.raises(httpx.ReadTimeout):
+                    httpx.get(f"{address}{pages[number]}", timeout=0.5)
+                wait_for(lambda so_many=f"{left}{number}.0": so_many in client.get("/metrics").text, 5.0)
+            stays = pool.submit(client.get, pages[3])
+            wait_for(lambda: httpx.get(f"{address}{pages[1]}", timeout=1.0).status_code == 429, 5.0)
+            make.free.set()
+            assert first.result().status_code == stays.result().status_code == 200
+        assert len(make.made) == 2
+        tag = first.result().headers["ETag"]
+        assert client.get(pages[0], headers={"If-None-Match": tag}).status_code == 304
+        assert client.get(pages[0]).text == first.result().text
+        assert len(make.made) == 2
