@@ -64,7 +64,7 @@ def summarise(plan: Plan) -> str:
         **_reserve(plan),
         "planning time": "not told" if total is None else f"{total - certifying - simulating:.2f} s",
         "certificate": _certificate(plan, certifying),
-        "simulation": _simulated(plan.simulation, simulating),
+        "simulation": _simulated(plan, simulating),
     }
     return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
 
@@ -115,11 +115,12 @@ def _happening(plan: Plan) -> dict[str, str]:
     return {"contact states": " > ".join(states)} if states else {"moved": plan.explanation.summary}
 
 
-def _simulated(simulation: Simulation | None, seconds: float) -> str:
+def _simulated(plan: Plan, seconds: float) -> str:
     """Return how the plan fared in physics, and how long that took to find out."""
+    simulation = plan.simulation
     match simulation:
         case None:
-            return "none, options.simulate is false"
+            return "not yet" if plan.task.options.simulate else "none, options.simulate is false"
         case LiftSimulation(outcome="lifted", lift=lift):
             height = "" if lift is None else f", {MILLIMETRES * lift.height:.0f} mm"
             return f"lifted{height}, in {seconds:.1f} s"

@@ -185,8 +185,12 @@ class TaskSolver:
         name: str = "",
         uploads: Uploads = no_uploads,
         on_progress: Progress = silent,
+        on_certified: Callable[[Plan], None] = lambda _: None,
     ) -> Plan:
-        """Return what `planners.solve` returns, as the plan of this name (its `id`), and simulated if it shall be."""
+        """Return what `planners.solve` returns, as the plan of this name (its `id`), and simulated if it shall be.
+
+        A plan that is going to be simulated is handed to `on_certified` before, as it is without that.
+        """
         begun = self.clock()
         on_progress(Report("scene", 0, 1))
         scene = build_scene(task, self.cells, uploads=uploads, tools=self.tools)
@@ -211,10 +215,24 @@ class TaskSolver:
             raise CertificateFailed(found, certificate.failures)
         if self.simulate is None or found.outcome != "solved" or not task.options.simulate:
             return found
-        simulation = self.simulate(found, scene, on_progress, task.seed)
-        simulated = self.clock()
-        statistics = statistics.taking([*times, ("simulate", simulated - certified)], simulated - begun)
-        return found.model_copy(update={"simulation": simulation, "statistics": statistics})
+        on_certified(found)
+        return self._simulated(found, scene, task.seed, on_progress)
+
+    def simulated(self, certified: Plan, uploads: Uploads = no_uploads, on_progress: Progress = silent) -> Plan:
+        """Return a plan that `solve` has handed to `on_certified`, simulated: whatever became of that `solve`."""
+        scene = build_scene(certified.task, self.cells, uploads=uploads, tools=self.tools)
+        return self._simulated(certified, scene, certified.task.seed, on_progress)
+
+    def _simulated(
+        self, certified: Plan, scene: PlateLiftScene | SuctionToolScene, seed: int, on_progress: Progress
+    ) -> Plan:
+        assert self.simulate is not None
+        begun = self.clock()
+        simulation = self.simulate(certified, scene, on_progress, seed)
+        seconds, statistics = self.clock() - begun, certified.statistics
+        times = [*statistics.times, ("simulate", seconds)]
+        statistics = statistics.taking(times, (statistics.total_seconds or 0.0) + seconds)
+        return certified.model_copy(update={"simulation": simulation, "statistics": statistics})
 
     def _certificate_of(self, plan: Plan) -> Certificate | None:
         cell = self.cells[plan.cell.name]

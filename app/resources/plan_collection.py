@@ -159,14 +159,15 @@ class PlanCollection:
         return dict(task)
 
     def document(self, plan_id: str) -> StoredDocument:
-        """Return the document of a plan whose job has succeeded.
+        """Return the document of a plan that is certified, or whose job has succeeded.
 
         Raises:
             PlanNotFound: There is no plan of that id.
-            DocumentNotReady: Its job has not succeeded.
+            DocumentNotReady: Neither is so.
         """
         plan = self.plan(plan_id)
-        document = self.store.document(plan_id) if plan.state == JobState.SUCCEEDED.value else None
+        there = plan.certified_at is not None or plan.state == JobState.SUCCEEDED.value
+        document = self.store.document(plan_id) if there else None
         if document is None:
             raise DocumentNotReady(plan.state, done=plan.done)
         return document

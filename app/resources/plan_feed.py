@@ -120,7 +120,10 @@ class PlanFeed:
         return ended, {plan_id: self._store.events_after(plan_id, known[plan_id]) for plan_id in behind}
 
     def _as_sent(self, number: int, event: dict[str, Any]) -> SentEvent:
-        return number, format_sse_event(data_str=json.dumps(event), event=self._event, id=str(number))
+        # Those of another kind say so themselves.
+        told = {name: value for name, value in event.items() if name != "event"}
+        kind = event.get("event", self._event)
+        return number, format_sse_event(data_str=json.dumps(told), event=kind, id=str(number))
 
 
 async def stream_events(

@@ -223,6 +223,9 @@ class PlanResource(Resource):
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
+    certified_at: datetime | None = None
+    """When a plan was found and had passed its certificate: from then on its document can be fetched, at first without
+    its simulation, and stays valid whatever becomes of that. None where nothing was found."""
     attempts: int
     """How often a solver process began."""
     error: PlanError | None
@@ -374,6 +377,7 @@ def plan_resource(record: PlanRecord, job: Job, queue_position: int | None = Non
             "created_at": _time(record.created_us),
             "started_at": _time(record.started_us),
             "finished_at": _time(_finished_us(record, job)),
+            "certified_at": _time(record.certified_us),
             "attempts": record.attempts,
             "error": None if job.error is None else {"detail": job.error},
             "cancelled_by": _cancelled_by(record, job),

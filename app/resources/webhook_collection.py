@@ -24,7 +24,7 @@ class WebhookCollection:
         """Return what another caller sees."""
         return WebhookCollection(self._store, self._rules, self._most, caller)
 
-    def register(self, url: str, plans: WantedPlans) -> Webhook:
+    def register(self, url: str, plans: WantedPlans, *, certified: bool = False) -> Webhook:
         """Register a webhook of the caller.
 
         Raises:
@@ -35,7 +35,7 @@ class WebhookCollection:
         # Of two that come at the same moment both may be the last: the limit is there against floods.
         if self._store.count(self._caller.owner) >= self._most:
             raise TooManyWebhooks(self._most)
-        return self._store.add(self._caller.owner, url, plans)
+        return self._store.add(self._caller.owner, url, plans, certified=certified)
 
     def webhook(self, webhook_id: str) -> Webhook:
         """Return one webhook.

@@ -132,10 +132,13 @@ def get_document(
     if_none_match: Annotated[str | None, Header()] = None,
     accept_encoding: Annotated[str, Header()] = "",
 ) -> Response:
-    """Return the plan document of a job that has succeeded."""
+    """Return the plan document, once the plan is certified or the job has succeeded.
+
+    A plan that is still simulated has the `simulation` null, and another `ETag` than when that is there.
+    """
     document = plans.document(plan_id)
     # Weak: compressed or not, it is the same document in other bytes.
-    headers = {"ETag": f'W/"{document.sha256}"', "Vary": "Accept-Encoding"}
+    headers = {"ETag": f'W/"{document.sha256}"', "Vary": "Accept-Encoding", "Cache-Control": "no-cache"}
     body = document.gzip
     if re.search(r"\bgzip\b(?!\s*;\s*q=0(\.0*)?\s*(,|$))", accept_encoding):
         headers["Content-Encoding"] = "gzip"
@@ -149,7 +152,10 @@ def get_document(
     summary="Follow a job (server-sent events)",
     responses={
         **NOT_FOUND,
-        200: {"content": {"text/event-stream": {}}, "description": "`progress` events, then one `finished`"},
+        200: {
+            "content": {"text/event-stream": {}},
+            "description": "`progress` events, one `certified` where a plan is simulated, then one `finished`",
+        },
         204: {"description": "Everything was received already"},
         400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},
     },

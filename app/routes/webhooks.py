@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
@@ -31,6 +32,9 @@ class WebhookSpec(BaseModel):
     """Where messages are posted: https, a public address unless the operator allows others."""
     plans: Literal["all", "named"] = "all"
     """Whether it wants to know of all plans of its owner, or of those that were posted with `?webhook=` and its id."""
+    certified: bool = False
+    """Whether it is told, too, when a plan is certified and its document can be fetched, while it is still simulated:
+    by a message of type `plan.certified`, before the one that tells the end."""
 
 
 class WebhookLinks(Resource):
@@ -47,6 +51,8 @@ class WebhookResource(Resource):
     id: str
     url: str
     plans: Literal["all", "named"]
+    certified: bool = False
+    """Whether it is told, too, when a plan is certified."""
     created_at: datetime
     disabled_at: datetime | None
     """When it has answered 410; nothing is sent any more."""
@@ -78,6 +84,8 @@ class DeliveryResource(Resource):
     id: str
     """As in the header `webhook-id`; the same at every try."""
     plan_id: str
+    type: str | None = None
+    """What it tells, as `plan.succeeded`; None while it waits."""
     state: Literal["waiting", "pending", "delivered", "failed"]
     """waiting: for the job to end; pending: to be taken."""
     created_at: datetime
@@ -117,7 +125,9 @@ async def post_webhook(request: Request, response: Response, webhooks: Webhooks,
     """Register an address that is told when jobs end. Keep the secret: it is told once."""
     body = await read_body(request, settings.max_body_bytes, settings)
     spec = WebhookSpec.model_validate(parse_json(body))
-    resource = _resource(await run_in_threadpool(webhooks.register, spec.url, spec.plans), tell=True)
+    resource = _resource(
+        await run_in_threadpool(webhooks.register, spec.url, spec.plans, certified=spec.certified), tell=True
+    )
     response.headers["Location"] = resource.links.self
     return resource
 
@@ -169,6 +179,7 @@ def _resource(webhook: Webhook, *, tell: bool = False) -> WebhookResource:
         id=webhook.id,
         url=webhook.url,
         plans=webhook.plans,
+        certified=webhook.certified,
         created_at=moment(webhook.created_us),
         disabled_at=None if webhook.disabled_us is None else moment(webhook.disabled_us),
         secret=webhook.secret if tell else None,
@@ -180,6 +191,7 @@ def _delivery(delivery: Delivery, attempts: list[Attempt]) -> DeliveryResource:
     return DeliveryResource(
         id=f"msg_{delivery.id}",
         plan_id=delivery.plan_id,
+        type=None if delivery.body is None else json.loads(delivery.body)["type"],
         state=delivery.state.value,
         created_at=moment(delivery.created_us),
         attempts=[

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import itertools
 import json
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from support.lift_documents import lift_document, simulation
 from support.service import task
 
 from planners.cell.cell import load_cell
@@ -23,7 +26,7 @@ from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Report, silent
 from planners.scene.suction_tool import load_tools
 from workers.solver.pipeline import Pipeline
-from workers.solver.protocol import REJECTED_VARIABLE, SolverRequest
+from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest
 
 CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
 REQUEST: SolverRequest = {"id": "p1", "task": task()}
@@ -145,6 +148,34 @@ def test_uploaded_meshes_come_with_the_request() -> None:
     assert np.ptp(vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
     with pytest.raises(SceneError, match="there is no upload bin"):
         pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
+
+
+def test_what_is_handed_over_before_the_simulation_is_simulated_later_as_it_would_have_been_then() -> None:
+    document = {**lift_document(CELLS["dual_ur3e_lift"]), "outcome": "solved"}
+    planned = Plan.read(json.dumps({**document, "certificate": None, "simulation": None}).encode())
+    simulated = Plan.read(json.dumps({**document, "simulation": simulation(1.0)}).encode()).simulation
+    seeds: list[int] = []
+
+    def simulate(_plan: Any, _scene: Any, _progress: Any, seed: int) -> Any:
+        seeds.append(seed)
+        return simulated
+
+    def planned_once(*_: Any) -> Plan:
+        planning.append("planned")
+        return planned
+
+    planning: list[str] = []
+    handed: list[Answer] = []
+    solver = pipeline(passed=True, plan=planned_once, simulate=simulate)
+    request: SolverRequest = {"id": "p1", "task": planned.document()["task"]}
+    at_once = json.loads(solver.answer(request, silent, handed.append).document)
+    (before,) = handed
+    assert json.loads(before.document)["simulation"] is None
+    kept = base64.b64encode(gzip.compress(before.document)).decode()
+    later = json.loads(solver.answer({**request, "certified": kept}, silent, handed.append).document)
+    assert later == at_once
+    assert later["simulation"] is not None
+    assert (len(handed), planning, len(set(seeds)), len(seeds)) == (1, ["planned"], 1, 2)
 
 
 def test_a_task_may_leave_the_simulation_out() -> None:

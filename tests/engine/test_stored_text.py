@@ -106,7 +106,7 @@ class ForgetfulStore(PlanStore):
 class QuickPool:
     """Solvers that report once and are done."""
 
-    async def solve(self, _request: Any, show: Any, _seconds: float) -> PackedDocument:
+    async def solve(self, _request: Any, show: Any, _seconds: float, _certified: Any) -> PackedDocument:
         await show(Report("scene", 1, 1))
         return PackedDocument("solved", "0" * 64, b"document")
 

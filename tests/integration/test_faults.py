@@ -84,6 +84,23 @@ def test_jobs_survive_a_service_that_is_killed_and_leave_no_process_behind(servi
         assert client.get(under_way["links"]["self"]).json()["attempts"] == 2
 
 
+def test_a_certified_plan_outlives_a_service_that_is_killed_and_is_the_one_that_is_simulated_then(
+    service: ServiceProcess,
+) -> None:
+    with service.client() as client:
+        plan = post(client, "simulate-60")
+        wait_for(lambda: client.get(plan["links"]["self"]).json()["certified_at"], 10)
+        before = client.get(plan["links"]["document"])
+    service.kill()
+    service.start()
+    with service.client() as client:
+        again = client.get(plan["links"]["document"], headers={"If-None-Match": before.headers["ETag"]})
+        assert again.status_code == 304
+        assert finished(client, plan)["state"] == "succeeded"
+        after = client.get(plan["links"]["document"]).json()
+        assert after == {**before.json(), "simulation": {"outcome": "lifted"}}
+
+
 def test_a_service_that_is_asked_to_stop_gives_its_job_to_the_next_one(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "steps-60")

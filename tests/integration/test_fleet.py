@@ -79,6 +79,20 @@ def test_another_worker_takes_over_what_a_dead_one_had_and_its_processes_are_gon
     fleet.second.end(signal.SIGTERM)
 
 
+def test_another_worker_simulates_the_plan_that_a_dead_one_has_certified(fleet: Fleet) -> None:
+    fleet.first.start()
+    plan = fleet.post("simulate-100")
+    wait_for(lambda: fleet.plan(plan)["certified_at"], 20)
+    before = fleet.client.get(plan["links"]["document"])
+    fleet.first.end(signal.SIGKILL)
+    fleet.second.start()
+    assert fleet.client.get(plan["links"]["document"]).headers["ETag"] == before.headers["ETag"]
+    assert finished(fleet.client, plan)["attempts"] == 2
+    after = fleet.client.get(plan["links"]["document"]).json()
+    assert after == {**before.json(), "simulation": {"outcome": "lifted"}}
+    fleet.second.end(signal.SIGTERM)
+
+
 @pytest.mark.slow
 def test_a_worker_that_lives_is_not_robbed(fleet: Fleet) -> None:
     fleet.with_both_workers()

@@ -74,7 +74,7 @@ BUSY = """
 from planners.progress import Report
 from workers.solver.process import main
 from workers.solver.protocol import Answer
-def solve(request, progress):
+def solve(request, progress, certified):
     for step in range(100_000):
         progress(Report("graph", step + 1, 100_000))
     return Answer("solved", b'{"outcome": "solved"}')
@@ -85,7 +85,7 @@ NOISY = """
 import os
 from workers.solver.process import main
 from workers.solver.protocol import Answer
-def solve(request, progress):
+def solve(request, progress, certified):
     print("a library says hello")
     os.write(1, b"and another one")
     return Answer("solved", b'{"outcome": "solved"}')
@@ -233,7 +233,7 @@ REMEMBERING = """
 from workers.solver.process import main
 from workers.solver.protocol import Answer
 asked = []
-def solve(request, progress):
+def solve(request, progress, certified):
     asked.append(request["id"])
     return Answer("solved", b"%d" % len(asked))
 main(lambda: solve)
@@ -256,7 +256,7 @@ LEAVING = """
 import subprocess, sys
 from workers.solver.process import main
 from workers.solver.protocol import Answer
-def solve(request, progress):
+def solve(request, progress, certified):
     left = "import os, time; os.setpgid(0, 0); time.sleep(600)"
     subprocess.Popen([sys.executable, "-c", left])
     return Answer("solved", b"left")

@@ -1,19 +1,34 @@
-"""A solver process that answers with documents that are there already: files in a folder, by `external_id`."""
+"""A solver process that answers with documents that are there already: files in a folder, by `external_id`.
+
+Where a file `ID.simulating` is beside one, its plan is certified, and simulated for as long as that file is there.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, SolverRequest
 
 
-def solve(request: SolverRequest, _: Callable[[str, int, int], None]) -> Answer:
-    document = json.loads((Path(sys.argv[1]) / f"{request['task']['external_id']}.json").read_text())
-    return Answer(document["outcome"], json.dumps({**document, "id": request["id"]}).encode())
+def solve(request: SolverRequest, _: object, certified: Callable[[Answer], None]) -> Answer:
+    folder, name = Path(sys.argv[1]), request["task"]["external_id"]
+    document = {**json.loads((folder / f"{name}.json").read_text()), "id": request["id"]}
+    simulating = folder / f"{name}.simulating"
+    if simulating.exists():
+        certified(answer({**document, "simulation": None}))
+    while simulating.exists():
+        time.sleep(0.02)
+    return answer(document)
+
+
+def answer(document: dict[str, Any]) -> Answer:
+    return Answer(document["outcome"], json.dumps(document).encode())
 
 
 if __name__ == "__main__":

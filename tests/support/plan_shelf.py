@@ -9,7 +9,7 @@ import fcntl
 import hashlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,7 +61,7 @@ class PlanShelf:
                 path.write_bytes(self._pipeline.answer({**request, "id": NOBODY}, progress).document)
         return path.read_bytes().replace(NOBODY.encode(), request["id"].encode())
 
-    def answer(self, request: SolverRequest, progress: Progress) -> Answer:
+    def answer(self, request: SolverRequest, progress: Progress, _: Callable[[Answer], None]) -> Answer:
         """Answer as a solver."""
         document = self.take(request, progress)
         return Answer(json.loads(document)["outcome"], document)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -26,15 +27,22 @@ def document(shelf: PlanShelf) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def address(document: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def folder(document: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where the service's solver finds its documents."""
     folder = tmp_path_factory.mktemp("documents")
     (folder / "ab1.json").write_text(json.dumps(document))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def service(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
     solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
     with running_service(tmp_path_factory.mktemp("data"), solver) as service:
-        yield view_of(service)
+        yield service
 
 
-def view_of(service: ServiceProcess) -> str:
+@pytest.fixture(scope="module")
+def address(service: ServiceProcess) -> str:
     """Return where the plan is shown."""
     with service.client() as client:
         plan = finished(client, client.post("/v1/plans", json=task("ab1.json", external_id="ab1")).json())
@@ -65,6 +73,22 @@ def test_an_address_opens_its_moment_and_its_camera(window: Page, address: str) 
     window.evaluate("camera = null")
     window.wait_for_function("connection.askCamera(), camera !== null")
     assert window.evaluate("camera") == pytest.approx(CAMERA, abs=NEAR)
+
+
+def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simulation_is_there(
+    window: Page, service: ServiceProcess, folder: Path, address: str
+) -> None:
+    simulating = folder / "ab1.simulating"
+    simulating.touch()
+    with service.client() as client:
+        plan = client.post("/v1/plans", json=task("ab1.json", external_id="ab1")).json()
+    show(window, f"{service.address}/viewer/?plan={plan['id']}")
+    assert window.evaluate("player.description.simulation") is None
+    window.evaluate("player.seek(2.5)")
+    window.wait_for_function("simulating")
+    simulating.unlink()
+    window.wait_for_function("player.description?.simulation")
+    assert window.evaluate("[player.time, player.sourceName, simulating]") == [2.5, "plan", False]
 
 
 def test_the_address_follows_time_and_view(window: Page, address: str) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import base64
+from functools import partial
 from typing import Any
 
+import sqlalchemy as sa
 import structlog
 from dbos import error
 from sqlalchemy.exc import SQLAlchemyError
@@ -12,14 +15,19 @@ from sqlalchemy.exc import SQLAlchemyError
 from planners.errors import LiftwrightError
 from planners.progress import Report
 from workers.settings import WorkerSettings
-from workers.solver.pool import SolverDied, SolverFault, SolverPool
+from workers.solver.pool import OnCertified, OnReport, SolverDied, SolverFault, SolverPool
 from workers.solver.progress import ProgressScale
 from workers.solver.protocol import SolverRequest
 from workers.stores.database_loss import once_it_is_there, said_by
 from workers.stores.job_queue import JobQueue
-from workers.stores.plan_store import PackedDocument, PlanStore
+from workers.stores.jobs import JobState
+from workers.stores.plan_store import PackedDocument, PlanRecord, PlanStore
 from workers.stores.task_parts import TaskParts
+from workers.stores.webhook_store import tell_certified
+from workers.webhooks.runner import message
 
+CERTIFIED = "certified"
+"""What events and messages call it that a plan is certified and can be fetched, while it is still simulated."""
 log = structlog.get_logger(__name__)
 
 
@@ -98,9 +106,12 @@ class JobRunner:
             record = await once_it_is_there(self._store.begin_attempt, plan_id)
             if record is None:
                 raise JobLeft(plan_id)
-            scale = ProgressScale.of(request["task"], record.fraction)
+            certified = await once_it_is_there(self._store.certified, plan_id)
+            if certified is not None:
+                # Somebody may have begun to follow that plan: it is simulated, and no other one takes its place.
+                request = {**request, "certified": base64.b64encode(certified).decode()}
             try:
-                document = await self._attempt(plan_id, request, record.attempts, scale)
+                document = await self._attempt(record, request)
             except JobFailed as failure:
                 if not await once_it_is_there(self._store.mark_failed, plan_id, record.attempts, failure.why):
                     raise JobLeft(plan_id) from failure
@@ -112,23 +123,34 @@ class JobRunner:
                 log.info("job solved", job_id=plan_id, outcome=document.outcome, bytes=len(document.gzip))
                 return document.outcome
 
-    async def _attempt(
-        self, plan_id: str, request: SolverRequest, attempt: int, scale: ProgressScale
-    ) -> PackedDocument | None:
+    async def _attempt(self, record: PlanRecord, request: SolverRequest) -> PackedDocument | None:
         """Have a solver process try; None if it died and another one may try."""
+        plan_id, scale = record.id, ProgressScale.of(request["task"], record.fraction)
+
+        def event(report: Report) -> dict[str, Any]:
+            counts = {"stage": report.name, "done": report.done, "total": report.total}
+            return {"attempt": record.attempts, **counts, "fraction": round(scale.advance(report), 4)}
 
         async def show(report: Report) -> None:
-            counts = {"stage": report.name, "done": report.done, "total": report.total}
-            event: dict[str, Any] = {"attempt": attempt, **counts, "fraction": round(scale.advance(report), 4)}
             try:
-                await asyncio.to_thread(self._store.add_event, plan_id, event)
+                await asyncio.to_thread(self._store.add_event, plan_id, event(report))
             except SQLAlchemyError as loss:
                 # Whatever the database says, it is no reason to end a job: what the solver reports next tells more.
                 log.warning("progress not kept", job_id=plan_id, error=said_by(loss))
 
+        async def show_certified(document: PackedDocument) -> None:
+            told = {"event": CERTIFIED, **event(Report("certify", 1, 1)), "outcome": document.outcome}
+            body = message(record, CERTIFIED, JobState.RUNNING, document.outcome)
+            tell = partial(tell_certified, plan_id, body, partial(self._enqueue_message, plan_id))
+            try:
+                await asyncio.to_thread(self._store.save_certified, plan_id, document, told, tell)
+            except SQLAlchemyError as loss:
+                # It is stored again with its simulation.
+                log.warning("certified plan not kept", job_id=plan_id, error=said_by(loss))
+
         limit = self._settings.solver_seconds
         try:
-            return await self._solve(plan_id, request, show)
+            return await self._solve(plan_id, request, show, show_certified)
         except TimeoutError:
             raise JobFailed(
                 f"the solver was stopped after {limit:g} s, the longest it may take (LIFTWRIGHT_SOLVER_SECONDS)", "time"
@@ -142,12 +164,18 @@ class JobRunner:
                 raise JobFailed(f"given up after {crashes} attempts: {death}", "crashes") from death
             return None
 
-    async def _solve(self, plan_id: str, request: SolverRequest, show: Any) -> PackedDocument:
+    def _enqueue_message(self, plan_id: str, transaction: sa.Connection, delivery_id: str) -> None:
+        self._queue.enqueue_delivery(transaction, plan_id, delivery_id, number=1, pause=0.0)
+
+    async def _solve(
+        self, plan_id: str, request: SolverRequest, show: OnReport, show_certified: OnCertified
+    ) -> PackedDocument:
         if self._stopping:
             await self._wait_for_the_end()
         # An earlier run of the same job in this process has lost it: only the newest may have a solver.
         self.leave(plan_id)
-        solving = asyncio.create_task(self._pool.solve(request, show, self._settings.solver_seconds))
+        limit = self._settings.solver_seconds
+        solving = asyncio.create_task(self._pool.solve(request, show, limit, show_certified))
         self._solving[plan_id] = solving
         try:
             return await solving

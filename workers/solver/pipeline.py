@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import resources
@@ -79,21 +81,19 @@ class Pipeline:
             for settings in (standing, standing.with_fingertips()):
                 yield cell, tool, settings.handovers
 
-    def answer(self, request: SolverRequest, progress: Progress) -> Answer:
-        """Return what `solve` finds as it is sent."""
-        plan = self.solve(request, progress)
-        objects = () if plan.task.kind == "plate_lift" else tuple(f" {each.name}" for each in plan.task.objects)
-        # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
-        stages = tuple(
-            (next((name.removesuffix(suffix) for suffix in objects if name.endswith(suffix)), name), seconds)
-            for name, seconds in plan.statistics.times
-        )
-        return Answer(plan.outcome, plan.write(), stages)
+    def answer(
+        self, request: SolverRequest, progress: Progress, certified: Callable[[Answer], None] = lambda _: None
+    ) -> Answer:
+        """Return what `solve` finds as it is sent; `certified` gets it before it is simulated, if it shall be."""
+        return _answer(self.solve(request, progress, lambda plan: certified(_answer(plan))))
 
-    def solve(self, request: SolverRequest, progress: Progress) -> Plan:
+    def solve(
+        self, request: SolverRequest, progress: Progress, certified: Callable[[Plan], None] = lambda _: None
+    ) -> Plan:
         """Return the certified and simulated plan of a task, or the one that says why there is none.
 
-        That nothing was found is no claim: such a plan has the certificate None.
+        That nothing was found is no claim: such a plan has the certificate None. A plan that is going to be simulated
+        is handed to `certified` before.
 
         Raises:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
@@ -101,11 +101,25 @@ class Pipeline:
         """
         task, uploads = read_task(request["task"]), uploads_of(request)
         solver = replace(self.solver, cells=cells_of(request, task.cell, self.solver.cells))
+        if "certified" in request:
+            plan = Plan.read(gzip.decompress(base64.b64decode(request["certified"])))
+            return solver.simulated(plan, uploads, progress)
         try:
-            return solver.solve(task, request["id"], uploads, progress)
+            return solver.solve(task, request["id"], uploads, progress, certified)
         except CertificateFailed as failure:
             _keep_rejected(failure.plan)
             raise
+
+
+def _answer(plan: Plan) -> Answer:
+    """Return a plan as it is sent."""
+    objects = () if plan.task.kind == "plate_lift" else tuple(f" {each.name}" for each in plan.task.objects)
+    # Callers choose the names of objects: they would fill the metrics, and are longer than a label.
+    stages = tuple(
+        (next((name.removesuffix(suffix) for suffix in objects if name.endswith(suffix)), name), seconds)
+        for name, seconds in plan.statistics.times
+    )
+    return Answer(plan.outcome, plan.write(), stages)
 
 
 def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:

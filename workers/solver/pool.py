@@ -33,6 +33,7 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THRE
 """Libraries of linear algebra keep threads otherwise, which a process that forks must not have."""
 
 OnReport = Callable[[Report], Awaitable[None]]
+OnCertified = Callable[[PackedDocument], Awaitable[None]]
 OnPoint = Callable[[dict[str, object]], Awaitable[None]]
 log = structlog.get_logger(__name__)
 
@@ -119,8 +120,12 @@ class SolverProcess:
             await self._receive()
             self._ready = True
 
-    async def solve(self, request: SolverRequest, on_report: OnReport) -> PackedDocument:
+    async def solve(
+        self, request: SolverRequest, on_report: OnReport, on_certified: OnCertified | None = None
+    ) -> PackedDocument:
         """Hand over a request and wait for its document; then, or after a fault, the process gets ready again.
+
+        `on_certified` is given the document before, as soon as it is certified, if it is simulated after that.
 
         Raises:
             SolverDied: It ended before.
@@ -133,6 +138,10 @@ class SolverProcess:
             message = await self._receive()
             if "progress" in message:
                 await on_report(Report(*message["progress"]))
+            elif "certified" in message:
+                certified = await self._receive_document(message["certified"])
+                if on_certified is not None:
+                    await on_certified(certified)
             elif "document" in message:
                 return await self._receive_document(message["document"])
 
@@ -223,7 +232,11 @@ class SolverPool:
         await asyncio.gather(*map(_give_up, waiting))
 
     async def solve(
-        self, request: SolverRequest, on_report: OnReport, most_seconds: float | None = None
+        self,
+        request: SolverRequest,
+        on_report: OnReport,
+        most_seconds: float | None = None,
+        on_certified: OnCertified | None = None,
     ) -> PackedDocument:
         """Solve one request in a process that works on nothing else; when this is cancelled, the process is gone.
 
@@ -231,6 +244,7 @@ class SolverPool:
             request: what is to be solved.
             on_report: told of progress.
             most_seconds: so long the solver may take, from when it is ready [s]; None: as long as it likes.
+            on_certified: given the document once it is certified, if it is simulated after that.
 
         Raises:
             SolverDied: The process ended before.
@@ -244,7 +258,7 @@ class SolverPool:
             child = await self._take()
             await _wait_until_ready(child)
             async with asyncio.timeout(most_seconds):
-                document = await child.solve(request, on_report)
+                document = await child.solve(request, on_report, on_certified)
             answered = True
             return document
         except SolverFault:

@@ -48,8 +48,8 @@ PARTS = ("plate_lift", "suction_tool")
 GZIP_LEVEL = 3
 """Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
 
-Solve = Callable[[SolverRequest, Progress], Answer]
-"""Answers a request, telling its progress."""
+Solve = Callable[[SolverRequest, Progress, Callable[[Answer], None]], Answer]
+"""Answers a request, telling its progress, and its answer before it is simulated, if it shall be."""
 
 
 class ThreadsAlive(LiftwrightError):
@@ -274,7 +274,16 @@ def tell_ready(channel: Channel) -> None:
 
 def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
     """Hand over the document of a request."""
-    answer = solve(request, ThrottledReports(channel))
+
+    def send_certified(answer: Answer) -> None:
+        header, packed = _packed(answer)
+        channel.send({"certified": header}, packed)
+
+    header, packed = _packed(solve(request, ThrottledReports(channel), send_certified))
+    channel.send({"document": header}, packed)
+
+
+def _packed(answer: Answer) -> tuple[DocumentHeader, bytes]:
     packed = gzip.compress(answer.document, GZIP_LEVEL, mtime=0)
     header: DocumentHeader = {
         "outcome": answer.outcome,
@@ -282,7 +291,7 @@ def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
         "size": len(packed),
         "stages": list(answer.stages),
     }
-    channel.send({"document": header}, packed)
+    return header, packed
 
 
 def listen_to_the_worker() -> SimpleQueue[bytes]:

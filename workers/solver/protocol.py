@@ -4,7 +4,9 @@ Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folder"}`
 means the parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
 `{"document": {outcome, sha256, size, stages}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`. Then the
-child is ready for the next request, and says so, or it ends.
+child is ready for the next request, and says so, or it ends. A plan that is certified and still to be simulated is sent
+in between, as a document is, but as `{"certified": …}`. A request may bring it back as `certified`: then it is only
+simulated.
 
 A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folder"}`, answers with
 `{"point": …}` for each, then with `{"examined": true}`, and waits for the next request.
@@ -36,6 +38,8 @@ class SolverRequest(TypedDict):
     task: dict[str, object]
     meshes: NotRequired[dict[str, dict[str, object]]]
     """The uploads that the task names, by id, as `SolidMesh.document` gives them."""
+    certified: NotRequired[str]
+    """The plan of an earlier attempt that is only to be simulated: its document, as gzip in base64."""
     cell_folder: NotRequired[str]
     """Where the files of the task's cell are unpacked, unless that is a shipped one."""
 
@@ -84,6 +88,7 @@ class Message(TypedDict):
 
     ready: NotRequired[bool]
     progress: NotRequired[Report]
+    certified: NotRequired[DocumentHeader]
     document: NotRequired[DocumentHeader]
     point: NotRequired[dict[str, object]]
     examined: NotRequired[bool]

@@ -83,6 +83,8 @@ class PlanRecord:
     priority: int
     start_us: int | None
     end_us: int | None
+    certified_us: int | None = None
+    """When its document was first stored, of a solved plan; None of those that earlier software has stored."""
 
 
 @dataclass(frozen=True)
@@ -254,8 +256,9 @@ WHY_OF_STATUS = MappingProxyType({FAILED: "error", GIVEN_UP: "interruptions"})
 """Why a job has failed if no solver said so and none was stopped, by the engine's word for its end."""
 EVERYTHING = PlanFilter()
 _COLUMNS: list[sa.ColumnElement[Any]] = [
-    *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in ("outcome", "priority")),
+    *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in ("outcome", "priority", "certified_us")),
     DOCUMENTS.c.outcome,
+    DOCUMENTS.c.certified_us,
     sa.func.coalesce(PLANS.c.priority, 0).label("priority"),
 ]
 _RECORDS = sa.select(*_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
@@ -425,16 +428,8 @@ class PlanStore:
 
     def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
         """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
-        next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
         with self._database.engine.begin() as transaction:
-            shown = transaction.execute(
-                _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
-            )
-            if shown.rowcount == 0:
-                return
-            sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
-            row = {"plan_id": plan_id, "sequence": sequence, "event": json.dumps(event)}
-            transaction.execute(sa.insert(EVENTS).values(row))
+            _add_event(transaction, plan_id, event)
 
     def events_after(self, plan_id: str, sequence: int) -> list[tuple[int, dict[str, Any]]]:
         """Return the events behind `sequence`, oldest first."""
@@ -455,26 +450,61 @@ class PlanStore:
         query = sa.select(EVENTS.c.plan_id, newest).where(EVENTS.c.plan_id.in_(plan_ids)).group_by(EVENTS.c.plan_id)
         return {row.plan_id: row.newest for row in self._database.rows(query)}
 
+    def save_certified(
+        self,
+        plan_id: str,
+        document: PackedDocument,
+        event: Mapping[str, Any],
+        tell: Callable[[sa.Connection], None],
+    ) -> None:
+        """Store the document of a certified plan that is still to be simulated, until `save_document` replaces it.
+
+        Nothing happens unless the event's `attempt` is the newest, all of it or nothing.
+
+        Args:
+            plan_id: of which plan.
+            document: without a simulation.
+            event: as for `add_event`; appended.
+            tell: has whoever wants to know be told, in the same transaction.
+        """
+        with self._database.engine.begin() as transaction:
+            if not _add_event(transaction, plan_id, event):
+                return
+            transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            row = _document_row(plan_id, document) | {"certified_us": now_us(), "awaits_simulation": True}
+            transaction.execute(sa.insert(DOCUMENTS).values(row))
+            tell(transaction)
+
     def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
         """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
 
         All of it or nothing: a document that can be read is whole. What an earlier life of the same attempt stored is
-        replaced.
+        replaced, and so is the document without a simulation.
         """
+        mine = DOCUMENTS.c.plan_id == plan_id
         with self._database.engine.begin() as transaction:
             finished = _attempt(plan_id, attempt).values(finished_us=now_us())
             if transaction.execute(finished).rowcount == 0:
                 return False
-            known = transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id)).rowcount
-            row = {"plan_id": plan_id, "outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
+            known = sa.select(DOCUMENTS.c.certified_us, DOCUMENTS.c.awaits_simulation).where(mine)
+            before = transaction.execute(known).one_or_none()
+            transaction.execute(sa.delete(DOCUMENTS).where(mine))
+            certified_us = before.certified_us if before else now_us() if document.outcome == "solved" else None
+            row = _document_row(plan_id, document) | {"certified_us": certified_us}
             transaction.execute(sa.insert(DOCUMENTS).values(row))
-            if not known:
+            if before is None or before.awaits_simulation:
                 count_document(transaction, document.outcome, document.stages)
         return True
 
     def outcome(self, plan_id: str) -> str | None:
-        """Return the outcome of a plan's document, if there is one."""
-        return self._database.scalar(sa.select(DOCUMENTS.c.outcome).where(DOCUMENTS.c.plan_id == plan_id))
+        """Return the outcome of a plan's document, if there is one to which nothing is added any more."""
+        final = sa.and_(DOCUMENTS.c.plan_id == plan_id, sa.not_(DOCUMENTS.c.awaits_simulation))
+        return self._database.scalar(sa.select(DOCUMENTS.c.outcome).where(final))
+
+    def certified(self, plan_id: str) -> bytes | None:
+        """Return the document, as gzip, of a certified plan that is still to be simulated; None: there is none."""
+        awaiting = sa.and_(DOCUMENTS.c.plan_id == plan_id, DOCUMENTS.c.awaits_simulation)
+        return self._database.scalar(sa.select(DOCUMENTS.c.gzip).where(awaiting))
 
     def overdue(self, time_us: int, most: int) -> list[str]:
         """Return the ids of plans whose jobs have not ended and should have by a time, most overdue first."""
@@ -587,6 +617,22 @@ def stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     if idempotency_key is None or owner is None:
         return idempotency_key
     return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
+
+
+def _document_row(plan_id: str, document: PackedDocument) -> dict[str, Any]:
+    return {"plan_id": plan_id, "outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
+
+
+def _add_event(transaction: sa.Connection, plan_id: str, event: Mapping[str, Any]) -> bool:
+    """Do what `PlanStore.add_event` says; False if nothing happened."""
+    shown = _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
+    if transaction.execute(shown).rowcount == 0:
+        return False
+    next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
+    sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
+    row = {"plan_id": plan_id, "sequence": sequence, "event": json.dumps(event)}
+    transaction.execute(sa.insert(EVENTS).values(row))
+    return True
 
 
 def _attempt(plan_id: str, attempt: int) -> sa.Update:

@@ -95,6 +95,8 @@ DOCUMENTS = sa.Table(
     sa.Column("outcome", StoredText(32), nullable=False),
     sa.Column("sha256", StoredText(64), nullable=False),
     sa.Column("gzip", sa.LargeBinary, nullable=False),
+    sa.Column("certified_us", sa.BigInteger),
+    sa.Column("awaits_simulation", sa.Boolean, nullable=False, server_default=sa.false()),
     sa.Index("liftwright_documents_outcome", "outcome"),
 )
 
@@ -213,6 +215,7 @@ WEBHOOKS = sa.Table(
     sa.Column("previous_secret", StoredText(64)),
     sa.Column("previous_until_us", sa.BigInteger),
     sa.Column("disabled_us", sa.BigInteger),
+    sa.Column("certified", sa.Boolean, nullable=False, server_default=sa.false()),
     sa.Index("liftwright_webhooks_of_owner", "owner"),
 )
 

@@ -39,6 +39,8 @@ class Webhook:
     previous_until_us: int | None
     disabled_us: int | None
     """When it has answered that it is gone for good (410)."""
+    certified: bool
+    """Whether it is told, too, when a plan is certified, before that is simulated."""
 
     def secrets_at(self, time_us: int) -> list[str]:
         """Return the secrets to sign with, the newest first."""
@@ -88,9 +90,9 @@ class WebhookStore:
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
 
-    def add(self, owner: str | None, url: str, plans: WantedPlans) -> Webhook:
+    def add(self, owner: str | None, url: str, plans: WantedPlans, *, certified: bool = False) -> Webhook:
         """Register a webhook, with a new secret."""
-        webhook = Webhook(uuid.uuid4().hex, now_us(), owner, url, plans, make_secret(), None, None, None)
+        webhook = Webhook(uuid.uuid4().hex, now_us(), owner, url, plans, make_secret(), None, None, None, certified)
         self._database.write(sa.insert(WEBHOOKS).values(vars(webhook)))
         return webhook
 
@@ -219,6 +221,36 @@ def expect_deliveries(transaction: sa.Connection, plans: Sequence[tuple[str, str
     ]
     if rows:
         transaction.execute(sa.insert(DELIVERIES), rows)
+
+
+def tell_certified(
+    plan_id: str, body: str, enqueue: Callable[[sa.Connection, str], None], transaction: sa.Connection
+) -> None:
+    """Have a message about a certified plan delivered to those who wait for its end and want to know of that, too.
+
+    Args:
+        plan_id: of which plan.
+        body: of the message.
+        enqueue: has a message, by its id, be delivered if a transaction commits.
+        transaction: with which all of it happens.
+    """
+    query = (
+        sa.select(WEBHOOKS.c.id)
+        .join(DELIVERIES, DELIVERIES.c.webhook_id == WEBHOOKS.c.id)
+        .where(DELIVERIES.c.plan_id == plan_id, DELIVERIES.c.state == DeliveryState.WAITING.value)
+        .where(WEBHOOKS.c.certified, WEBHOOKS.c.disabled_us.is_(None))
+    )
+    for webhook_id in transaction.scalars(query).all():
+        row = {
+            "id": uuid.uuid4().hex,
+            "created_us": now_us(),
+            "webhook_id": webhook_id,
+            "plan_id": plan_id,
+            "state": DeliveryState.PENDING.value,
+            "body": body,
+        }
+        transaction.execute(sa.insert(DELIVERIES).values(row))
+        enqueue(transaction, row["id"])
 
 
 def forget_deliveries(transaction: sa.Connection, plan_id: str) -> None:

@@ -16,7 +16,7 @@ import structlog
 from workers.settings import WorkerSettings
 from workers.stores.database_loss import once_it_is_there
 from workers.stores.job_queue import JobQueue
-from workers.stores.jobs import Job, JobState
+from workers.stores.jobs import JobState
 from workers.stores.plan_store import PlanRecord, PlanStore
 from workers.stores.tables import now_us
 from workers.stores.webhook_store import Attempt, Delivery, DeliveryState, Webhook, WebhookStore
@@ -50,7 +50,8 @@ class WebhookRunner:
             job, plan = jobs.get(delivery.plan_id), plans[delivery.plan_id]
             # Either may have been deleted meanwhile.
             if job is not None and plan is not None:
-                body = json.dumps(_message(plan, job))
+                outcome = plan.outcome if job.state is JobState.SUCCEEDED else None
+                body = message(plan, job.state.value, job.state, outcome)
                 self._webhooks.begin(delivery, body, partial(self._enqueue, delivery, 1, 0.0))
 
     async def attempt(self, delivery_id: str, number: int) -> str:
@@ -106,16 +107,18 @@ def signed_headers(message_id: str, at: datetime, body: str, secrets: Sequence[s
     }
 
 
-def _message(plan: PlanRecord, job: Job) -> dict[str, object]:
-    """Return a thin message: what has ended and how; the rest is to be fetched with a key."""
-    return {
-        "type": f"plan.{job.state.value}",
-        "timestamp": datetime.now(UTC).isoformat(),
-        "data": {
-            "id": plan.id,
-            "external_id": plan.external_id,
-            "state": job.state.value,
-            "outcome": plan.outcome if job.state is JobState.SUCCEEDED else None,
-            "links": {"self": f"/v1/plans/{plan.id}"},
-        },
-    }
+def message(plan: PlanRecord, happened: str, state: JobState, outcome: str | None) -> str:
+    """Return a thin message: what has happened to a plan, and how it stands; the rest is to be fetched with a key."""
+    return json.dumps(
+        {
+            "type": f"plan.{happened}",
+            "timestamp": datetime.now(UTC).isoformat(),
+            "data": {
+                "id": plan.id,
+                "external_id": plan.external_id,
+                "state": state.value,
+                "outcome": outcome,
+                "links": {"self": f"/v1/plans/{plan.id}"},
+            },
+        }
+    )

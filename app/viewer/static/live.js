@@ -49,6 +49,9 @@ let loaded = null;
 let posted = null;
 /** The plan at which the service met a fault: it is shown again when somebody chooses it, not by itself. */
 let faulty = null;
+/** Whether what is loaded has no simulation, and whether that is still made. */
+let bare = false;
+let simulating = false;
 let plans = [];
 let polling = 0;
 /** The query whose answer is listed, and how many pages of it. */
@@ -77,6 +80,7 @@ adoptFrame(frame, (event) => (perceived.description ? perceived : player).key(ev
 connection.onplan = (description) => {
   if (description.id !== wanted) return;
   loaded = description.id;
+  [bare, simulating] = [!description.simulation, false];
   say();
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
@@ -301,7 +305,8 @@ async function refreshList(more = false) {
     // The connection to the service tells the watcher when the service is away.
   }
   clearTimeout(polling);
-  polling = setTimeout(refreshList, wanted && loaded !== wanted && faulty !== wanted ? BUSY_MILLISECONDS : POLL_MILLISECONDS);
+  const awaited = wanted && faulty !== wanted && (loaded !== wanted || simulating);
+  polling = setTimeout(refreshList, awaited ? BUSY_MILLISECONDS : POLL_MILLISECONDS);
 }
 
 function showList(newest) {
@@ -320,11 +325,23 @@ function showList(newest) {
     return;
   }
   const mine = plans.find(({ id }) => id === wanted) ?? (posted?.id === wanted ? posted : null);
-  if (!mine || [loaded, faulty].includes(wanted) || connection.busy) return;
-  if (mine.state === "succeeded") choose(wanted);
+  if (!mine || faulty === wanted || connection.busy) return;
+  if (loaded === wanted) followSimulation(mine);
+  else if (mine.state === "succeeded" || mine.certified_at) choose(wanted);
   else {
     player.close(nameOf(mine));
     say(...whyNot(mine));
+  }
+}
+
+/** Open the plan that is shown once more when its simulation is there, at the moment that is shown. */
+function followSimulation(mine) {
+  if (bare && !mine.done) simulating = true;
+  else if (simulating) {
+    simulating = false;
+    if (mine.state !== "succeeded") return;
+    moment = { plan: wanted, time: player.time, source: player.sourceName, camera: null };
+    choose(wanted);
   }
 }
 
