@@ -31,6 +31,9 @@ def client(tmp_path_factory: pytest.TempPathFactory, place: dict[str, str]) -> I
             "data_dir": tmp_path_factory.mktemp("data"),
             "solver_command": FAKE_SOLVER,
             "worker_slots": 1,
+            # On a machine that is very busy, too, each job is done at the first attempt.
+            "patience_seconds": 30.0,
+            "frozen_seconds": 60.0,
             "webhook_networks": ["127.0.0.0/8"],
             **place,
         }
