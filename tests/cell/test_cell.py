@@ -287,7 +287,7 @@ WRONG = {
         [0.2, 0.05],
         "/linkage: the pads are never 0.0 m apart",
     ),
-    "a hand of no kind": ("hands/pushing_stick_ft300", ["kind"], "hook", "/kind: must be one of gripper, stick"),
+    "a hand of no kind": ("hands/pushing_stick_ft300", ["kind"], "hook", "/kind: must be one of gripper, jaws, stick"),
     "a stick inside its sensor": (
         "hands/pushing_stick_ft300",
         ["tip_distance"],
