@@ -49,7 +49,7 @@ def checked_pairs(cell: Cell) -> list[tuple[CollisionBody, CollisionBody]]:
 
 
 def test_both_cells_of_the_contract_are_shipped():
-    assert {"dual_ur3e_lift", "dual_ur3e_tool", "dual_ur3_lift", "dual_ur3_tool"} <= set(known_cells())
+    assert {"dual_ur3e_lift", "dual_ur3e_tool"} <= set(known_cells())
 
 
 def test_bases_and_table_are_where_the_lab_says(cell):
