@@ -63,8 +63,8 @@ class Pipeline:
     def compile(self, *kinds: str) -> None:
         """Compile every kernel for tasks of these kinds that is not compiled yet.
 
-        For suction-tool tasks, compute the handovers of paper A's tools too. Takes a minute the first time, seconds after
-        that.
+        For suction-tool tasks, compute the handovers of paper A's tools too. Takes a minute the first time, seconds
+        after that.
         """
         if "plate_lift" in kinds:
             self.solve({"id": "compile", "task": reference_task()}, silent)
