@@ -92,7 +92,7 @@ targets:
 EXPORT_EXAMPLES = """\
 examples:
   liftwright plan assets/tasks/ab1.json --out plan.json && liftwright export plan.json --target ur
-  liftwright export plan.json --target ur --handshake digital    the arms wait for each other by wires, without a computer
+  liftwright export plan.json --target ur --handshake digital    the arms wait for each other by wires, no computer
   liftwright export plan.json --target csv --cell mine           a plan for a cell of your own
 """
 SCENE_DESCRIPTION = """\

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pydantic import ValidationError
 
 from planners.cell.cell import Cell
-from planners.contract.strict_json import NotJson
+from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import LiftwrightError
-from planners.plan.plan import Plan
+from planners.plan.plan import Plan, digest_of
 from planners.planning import certificate_of
 
 
@@ -46,7 +46,7 @@ def exportable(document: bytes, cell: Cell) -> Plan:
         )
     if plan.digest is None:
         raise NotExportable("it has no digest, as software before this wrote it: plan it again")
-    if plan.digest != plan.fingerprint():
+    if plan.digest != digest_of(parse_json(document)):
         raise NotExportable("it was changed after it was certified: its digest is that of another document")
     again = certificate_of(document, cell)
     if again is None or not again.passed:

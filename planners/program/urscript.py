@@ -124,8 +124,8 @@ class _Writer:
         yield f"# certificate passed, {len(plan.certificate.checks)} checks"
         yield f"# {plan.duration:.1f} s in {len(self.schedule.steps)} steps"
         yield "#"
-        yield "# Load it on this arm's controller, and the other program of the same plan on the other's: over port 30002,"
-        yield "# or as a script node. Both arms must be where the plan begins; a program refuses to move from elsewhere."
+        yield "# Load it on this arm's controller, and the other program of this plan on the other's, over port 30002"
+        yield "# or as a script node. Both arms must be where the plan begins: a program moves from nowhere else."
         yield "# Fill in fingers and vacuum below for what is mounted. Nothing here is a safety function: limits and"
         yield "# stops of the safety configuration stay in force."
 

@@ -1,0 +1,282 @@
+"""Programs against the plan that they are made of, and what must never become one."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from support.documents import plan_of
+from support.lift_documents import lift_document, segment
+from support.plan_shelf import PlanShelf
+from support.service import finished, task
+from support.serving import served
+
+from app.cli.main import main
+from app.settings import ServiceSettings
+from planners.cell.cell import load_cell
+from planners.certify.motion.kinematics import ArmKinematics
+from planners.geometry.pose import Array, from_pose7
+from planners.plan.plan import Plan
+from planners.plan.scenery import ARMS
+from planners.program import NotExportable, Schedule, Target, exportable, write_program
+from planners.program.urscript import Handshake, write_urscript
+
+TASKS = ("ab1", "domino_pile")
+MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\]\)")
+STAY = re.compile(r"lw_stay\(([^)]+)\)")
+BEGIN = re.compile(r"lw_begin\((\d+)\)$")
+
+
+@pytest.fixture(scope="module")
+def documents(shelf: PlanShelf) -> dict[str, bytes]:
+    return {name: shelf.take({"id": name, "task": task(f"{name}.json")}, lambda _: None) for name in TASKS}
+
+
+@pytest.fixture(scope="module")
+def plans(documents: dict[str, bytes]) -> dict[str, Plan]:
+    return {name: Plan.read(document) for name, document in documents.items()}
+
+
+@pytest.fixture(scope="module")
+def small() -> Plan:
+    """A document that says of itself that it is certified, and is sealed."""
+    cell = load_cell("dual_ur3e_lift")
+    check = {"name": "structure", "passed": True, "margin": 0.0, "unit": "1", "where": "the whole document"}
+    members = {"outcome": "solved", "segments": [segment(0.0, 3)], "certificate": {"passed": True, "checks": [check]}}
+    return plan_of({**lift_document(cell), **members}).sealed()
+
+
+def streamed(script: str) -> list[tuple[int, float, Array | None, Array | None]]:
+    """Return what a script streams: number of the step, duration, and joints with their velocities, or None."""
+    found: list[tuple[int, float, Array | None, Array | None]] = []
+    number = 0
+    for line in map(str.strip, script.partition("# ---- the plan ----")[2].splitlines()):
+        if begin := BEGIN.match(line):
+            number = int(begin[1])
+        elif move := MOVE.match(line):
+            q, v = (np.array(each.split(","), dtype=float) for each in move.groups()[1:])
+            found.append((number, float(move[1]), q, v))
+        elif stay := STAY.match(line):
+            found.append((number, float(stay[1]), None, None))
+    return found
+
+
+def parsed(document: str) -> Any:
+    try:
+        return json.loads(document)
+    except ValueError:
+        return None
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_what_is_streamed_is_the_plan_between_its_samples_too(plans: dict[str, Plan], name: str) -> None:
+    plan = plans[name]
+    rng = np.random.default_rng(0)
+    for arm, columns in (("left", slice(0, 6)), ("right", slice(6, 12))):
+        q, v, time = plan.segments[0].positions[0, columns], np.zeros(6), 0.0
+        for number, duration, q_end, v_end in streamed(write_urscript(Schedule.of(plan), arm)):
+            for s in (rng.uniform(), 1.0):
+                if q_end is None or v_end is None:
+                    now = q
+                else:
+                    # Hermite's cubic in Bernstein's form, which the script does not use.
+                    points = np.array([q, q + duration * v / 3, q_end - duration * v_end / 3, q_end])
+                    now = np.array([(1 - s) ** 3, 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s), s**3]) @ points
+                planned = plan.at(min(time + s * duration, plan.segments[number - 1].end - 1e-9))
+                np.testing.assert_allclose(now, planned.positions[columns], atol=1e-6)
+            if q_end is not None and v_end is not None:
+                q, v = q_end, v_end
+            time += duration
+        assert time == pytest.approx(plan.duration, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("handshake", Handshake)
+def test_both_programs_have_the_same_steps_of_the_same_length_each_behind_its_barrier(
+    plans: dict[str, Plan], name: str, handshake: Handshake
+) -> None:
+    schedule = Schedule.of(plans[name])
+    left, right = (write_urscript(schedule, arm, handshake) for arm in ARMS)
+    begun = [[int(n) for n in re.findall(r"^  lw_begin\((\d+)\)$", script, re.M)] for script in (left, right)]
+    lifts = name == "ab1" and handshake is Handshake.REGISTERS
+    assert begun[0] == begun[1] == list(range(1, len(plans[name].segments) + 1 + lifts))
+    lengths = [np.zeros(len(plans[name].segments)) for _ in ARMS]
+    for total, script in zip(lengths, (left, right), strict=True):
+        for number, duration, *_ in streamed(script):
+            total[number - 1] += duration
+    np.testing.assert_allclose(lengths[0], lengths[1], atol=1e-6)
+
+
+def test_the_payload_is_hand_and_what_rides_on_it_where_pinocchio_has_it(plans: dict[str, Plan]) -> None:
+    plan = plans["domino_pile"]
+    carried = 0
+    for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+        at = plan.at(0.5 * (part.time[0] + part.end))
+        for arm, columns in (("left", slice(0, 6)), ("right", slice(6, 12))):
+            riding = [body for body, ride in part.rides if ride.to == arm]
+            riding += [body for body, ride in part.rides if ride.to in riding]
+            if any(sum(ride.to in ARMS for ride in part.attached[body]) > 1 for body in riding):
+                continue
+            robot, hand = plan.cell.arms[arm], plan.cell.hands[arm]
+            T_world_flange = ArmKinematics(robot.dh, robot.T_world_base).frames(at.positions[None, columns])[0, 6]
+            assert hand.mass is not None
+            assert hand.com is not None
+            masses, centres = [hand.mass], [T_world_flange[:3, :3] @ hand.com + T_world_flange[:3, 3]]
+            for body in riding:
+                T_world_body = from_pose7(at.body_poses[body])
+                masses.append(plan.bodies[body].mass or 0.0)
+                centres.append(T_world_body[:3, :3] @ plan.bodies[body].com + T_world_body[:3, 3])
+            centre = np.average(centres, axis=0, weights=masses) - T_world_flange[:3, 3]
+            load = step.arms[arm].load
+            assert load.mass == pytest.approx(float(np.sum(masses)))
+            np.testing.assert_allclose(load.com, T_world_flange[:3, :3].T @ centre, atol=1e-4)
+            carried += len(riding) > 1
+    assert carried, "an object is carried by the tool, which a hand carries"
+
+
+def test_fingers_close_with_the_planned_squeeze_and_the_vacuum_is_on_while_objects_ride(plans: dict[str, Plan]) -> None:
+    plan = plans["domino_pile"]
+    vacuum = False
+    for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+        for arm in ARMS:
+            mine = step.arms[arm]
+            width = part.gripper_width[arm]
+            assert (mine.width is None) == (np.ptp(width) == 0.0)
+            if mine.squeeze is not None:
+                assert part.kind == "grip"
+                assert mine.squeeze == next(grip.squeeze for grip in part.grips if grip.arm == arm)
+            vacuum = vacuum if mine.vacuum is None else mine.vacuum
+        objects = {body for body, _ in part.rides} - {"tool"}
+        if part.kind not in ("attach", "detach"):
+            assert vacuum == bool(objects)
+
+
+def test_tables_give_every_number_of_the_plan_again(documents: dict[str, bytes], plans: dict[str, Plan]) -> None:
+    plan = plans["ab1"]
+    packed = write_program(documents["ab1"], load_cell("dual_ur3e_lift"), Target.CSV)
+    assert packed == write_program(documents["ab1"], load_cell("dual_ur3e_lift"), Target.CSV)
+    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+        rows = list(csv.DictReader(io.StringIO(archive.read("motion.csv").decode())))
+        steps = list(csv.DictReader(io.StringIO(archive.read("steps.csv").decode())))
+        assert archive.read("plan.json") == documents["ab1"]
+    assert [int(step["step"]) for step in steps] == list(range(1, len(plan.segments) + 1))
+    for number, part in enumerate(plan.segments, start=1):
+        mine = [row for row in rows if row["step"] == str(number)]
+        np.testing.assert_array_equal([float(row["time"]) for row in mine], part.time)
+        for names, values in (
+            (plan.joint_names, part.positions),
+            ([f"{name}_velocity" for name in plan.joint_names], part.velocities),
+            ([f"{name}_acceleration" for name in plan.joint_names], part.accelerations),
+        ):
+            np.testing.assert_array_equal([[float(row[name]) for name in names] for row in mine], values)
+
+
+def test_one_digit_that_was_changed_anywhere_is_noticed(small: Plan) -> None:
+    document = small.write().decode()
+    cell = load_cell("dual_ur3e_lift")
+    # Of its id and statistics nothing reaches the robot.
+    begin = document.index('"task"')
+    digits = [match.start() for match in re.finditer(r"\d", document) if match.start() > begin]
+    end = document.index('"statistics"')
+    rng = np.random.default_rng(0)
+    for place in rng.choice([place for place in digits if place < end], 200, replace=False):
+        other = str((int(document[place]) + rng.integers(1, 9)) % 10)
+        changed = f"{document[:place]}{other}{document[place + 1 :]}"
+        if parsed(changed) == parsed(document):
+            # One more digit than a double has: the number is the same.
+            continue
+        with pytest.raises(NotExportable) as refused:
+            exportable(changed.encode(), cell)
+        assert re.search("changed|not a plan|nothing to run|cell", str(refused.value))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda plan: plan.model_copy(update={"outcome": "not_found"}), "nothing to run: the outcome is not_found"),
+        (lambda plan: plan.model_copy(update={"certificate": None}), "no certificate"),
+        (
+            lambda plan: plan.model_copy(
+                update={"certificate": plan.certificate.model_copy(update={"passed": False})},
+            ),
+            "no certificate that was passed",
+        ),
+        (lambda plan: plan.model_copy(update={"cell": plan.cell.model_copy(update={"name": "mine"})}), "the cell mine"),
+        (
+            lambda plan: plan.model_copy(update={"cell": plan.cell.model_copy(update={"hash": 64 * "0"})}),
+            "not what it was planned in any more",
+        ),
+        (lambda plan: plan.model_copy(update={"digest": None}), "no digest"),
+    ],
+)
+def test_what_is_not_certified_or_is_of_another_cell_becomes_no_program(small: Plan, change: Any, says: str) -> None:
+    changed = change(small)
+    document = (changed if changed.digest is None else changed.sealed()).write()
+    with pytest.raises(NotExportable, match=re.escape(says)):
+        exportable(document, load_cell("dual_ur3e_lift"))
+
+
+@pytest.mark.parametrize("garbage", [b"", b"[]", b"{}", b"\xff\xfe", b'{"schema_version": "1.0"}'])
+def test_what_is_no_plan_becomes_no_program(garbage: bytes) -> None:
+    with pytest.raises(NotExportable, match="this is not a plan"):
+        exportable(garbage, load_cell("dual_ur3e_lift"))
+
+
+def test_whoever_changes_a_plan_and_its_digest_does_not_get_past_the_certificate(plans: dict[str, Plan]) -> None:
+    plan = plans["ab1"]
+    moved = plan.segments[2].positions.copy()
+    moved[len(moved) // 2, 1] += 0.02
+    segments = [*plan.segments]
+    segments[2] = segments[2].model_copy(update={"positions": moved})
+    document = plan.model_copy(update={"segments": segments}).sealed().write()
+    with pytest.raises(NotExportable, match="does not pass when it is certified again"):
+        exportable(document, load_cell("dual_ur3e_lift"))
+
+
+def test_arms_of_another_maker_get_tables_and_no_urscript(
+    documents: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("planners.program.archive.UR_ROBOTS", ("ur10e",))
+    with pytest.raises(NotExportable, match="the left arm is ur3e, none of ur10e: choose csv"):
+        write_program(documents["ab1"], load_cell("dual_ur3e_lift"), Target.UR)
+
+
+def test_the_command_writes_a_zip_or_says_why_not(
+    documents: dict[str, bytes], small: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = tmp_path / "plan.json"
+    plan.write_bytes(documents["ab1"])
+    assert main(["export", str(plan), "--target", "ur"]) == 0
+    with zipfile.ZipFile(tmp_path / "plan.ur.zip") as archive:
+        assert sorted(archive.namelist()) == ["left.script", "plan.json", "right.script"]
+    plan.write_bytes(json.dumps({**json.loads(small.write()), "digest": 64 * "0"}).encode())
+    assert main(["export", str(plan), "--target", "csv"]) == 2
+    assert "changed after it was certified" in capsys.readouterr().err
+    plan.write_text("{}")
+    assert main(["export", str(plan), "--target", "csv"]) == 3
+    assert "names no cell" in capsys.readouterr().err
+    assert main(["export", str(tmp_path / "none.json"), "--target", "csv"]) == 3
+
+
+def test_programs_are_fetched_over_http(shelf: PlanShelf, documents: dict[str, bytes], tmp_path: Path) -> None:
+    settings = ServiceSettings(data_dir=tmp_path, solver_command=shelf.solver, worker_slots=1)
+    with served(settings) as address, httpx.Client(base_url=address, timeout=60.0) as client:
+        posted = client.post("/v1/plans", json=task("ab1.json")).raise_for_status().json()
+        place = f"{posted['links']['self']}/program.zip"
+        finished(client, posted)
+        answer = client.get(place, params={"target": "ur"})
+        assert (answer.status_code, answer.headers["Content-Type"]) == (200, "application/zip")
+        with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+            assert f"# plan {posted['id']}, digest " in archive.read("left.script").decode()
+        refused = client.get(place, params={"target": "kuka"})
+        assert refused.status_code == 422
+        assert "'ur' or 'csv'" in refused.text or set(refused.json()["errors"][0]["allowed"]) == {"ur", "csv"}
+        assert client.get("/v1/plans/none/program.zip", params={"target": "csv"}).status_code == 404
