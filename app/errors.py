@@ -163,6 +163,10 @@ class DocumentNotReady(ServiceError, status=HTTPStatus.NOT_FOUND, title="No docu
         self.headers = {} if done else {"Retry-After": "1"}
 
 
+class NoProgram(ServiceError, status=HTTPStatus.CONFLICT, title="No program"):
+    """A plan must not become a program."""
+
+
 class AlreadyFinished(ServiceError, status=HTTPStatus.CONFLICT, title="Already finished"):
     """A finished job cannot be cancelled."""
 

@@ -213,6 +213,7 @@ class TaskSolver:
         found = found.model_copy(update={"certificate": certificate, "statistics": statistics})
         if certificate is not None and not certificate.passed:
             raise CertificateFailed(found, certificate.failures)
+        found = found.sealed()
         if self.simulate is None or found.outcome != "solved" or not task.options.simulate:
             return found
         on_certified(found)
@@ -232,11 +233,10 @@ class TaskSolver:
         seconds, statistics = self.clock() - begun, certified.statistics
         times = [*statistics.times, ("simulate", seconds)]
         statistics = statistics.taking(times, (statistics.total_seconds or 0.0) + seconds)
-        return certified.model_copy(update={"simulation": simulation, "statistics": statistics})
+        return certified.model_copy(update={"simulation": simulation, "statistics": statistics}).sealed()
 
     def _certificate_of(self, plan: Plan) -> Certificate | None:
-        cell = self.cells[plan.cell.name]
-        return self.certify(plan.write(), _surfaces(cell), _reference(cell))
+        return certificate_of(plan.write(), self.cells[plan.cell.name], self.certify)
 
     def _with_best_cup_place(
         self, task: PlateLiftTask, scene: PlateLiftScene, uploads: Uploads, on_progress: Progress
@@ -362,6 +362,21 @@ _tool_descriptions = cache(tool_descriptions)
 
 
 @cache
+def certificate_of(
+    document: bytes,
+    cell: Cell,
+    certify: Callable[[bytes, RobotSurfaces, CellReference], Certificate | None] = certify,
+) -> Certificate | None:
+    """Return what the certificate says of a plan document, checked against what is known of its cell.
+
+    Args:
+        document: as it is sent.
+        cell: in which it was planned.
+        certify: checks it, as `planners.certify.certify` does.
+    """
+    return certify(document, _surfaces(cell), _reference(cell))
+
+
 def _surfaces(cell: Cell) -> RobotSurfaces:
     """Read the shapes of a cell's arms and hands, which the certificate checks against."""
     return load_surfaces({name: (arm.robot.name, arm.hand.name) for name, arm in cell.arms.items()}, cell.shelf.folders)

@@ -32,6 +32,7 @@ examples:
   liftwright study assets/tasks/ab1.json --axis /lifter_model=paper,cable,dexnet    the same task, varied
   liftwright scene assets/scans/tissue_boxes                what cameras saw: the tool, and boxes to be moved
   liftwright cell check mine --png mine.png                 a cell of your own: what is wrong with it, or what it can do
+  liftwright export plan.json --target ur                   a plan as programs of the two arms' controllers
   liftwright serve                                          the service on http://127.0.0.1:8040
   liftwright keys issue --owner mes --scope write           a key, once others are to reach it
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
@@ -79,6 +80,21 @@ examples:
   liftwright cell show dual_ur3e_lift --png lift.png
   liftwright plan task.json --cell mine        a task in that cell, without keeping it
 """
+EXPORT_DESCRIPTION = """\
+Write a certified plan as a program. Before that the plan is certified once more from the file, its digest is compared,
+and so is the hash of the cell: what was changed in any way since it was planned is not exported, and why is said.
+Exit code 0: written; 2: must not be exported, and why; 3: bad input. docs/robot.md leads from here to a moving robot.
+
+targets:
+  ur   URScript, left.script and right.script, one for each controller
+  csv  tables of the motion and of the steps, with a page that explains their columns
+"""
+EXPORT_EXAMPLES = """\
+examples:
+  liftwright plan assets/tasks/ab1.json --out plan.json && liftwright export plan.json --target ur
+  liftwright export plan.json --target ur --handshake digital    the arms wait for each other by wires, without a computer
+  liftwright export plan.json --target csv --cell mine           a plan for a cell of your own
+"""
 SCENE_DESCRIPTION = """\
 Find the suction tool by its markers, and boxes and cylinders by their top facets, in what cameras saw of the table.
 Exit code 0: perceived, be it an empty table; 3: a scan that cannot be read or shows no table, and why.
@@ -115,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT if isinstance(error, BadInput) else FAILED
     except OSError as error:
         print(f"liftwright: {said_of(error)}", file=sys.stderr)
-        return BAD_INPUT if parsed.command in ("plan", "study", "scene", "cell") else FAILED
+        return BAD_INPUT if parsed.command in ("plan", "study", "scene", "cell", "export") else FAILED
     except ValidationError as error:
         for fault in error.errors():
             print(
@@ -171,6 +187,16 @@ def _parser() -> argparse.ArgumentParser:
             help="a cell of your own: check it, see what it can do, keep it for tasks",
             description=CELL_DESCRIPTION,
             epilog=CELL_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
+
+    _add_export(
+        commands.add_parser(
+            "export",
+            help="a certified plan as a program for the robot's controllers",
+            description=EXPORT_DESCRIPTION,
+            epilog=EXPORT_EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
@@ -313,6 +339,23 @@ def _add_cell(command: argparse.ArgumentParser) -> None:
         action.set_defaults(run=run)
 
 
+def _add_export(command: argparse.ArgumentParser) -> None:
+    command.add_argument("plan", type=Path, metavar="PLAN", help="a plan document, as `liftwright plan --out` wrote it")
+    command.add_argument("--target", required=True, choices=("csv", "ur"), help="what it becomes, see above")
+    command.add_argument(
+        "--handshake",
+        choices=("registers", "digital"),
+        default="registers",
+        help="of ur: how the two controllers wait for each other before every step; registers are passed on by a "
+        "computer, which confirms steps and without which nothing moves; digital needs a crossed pair of wires",
+    )
+    command.add_argument(
+        "--cell", type=Path, metavar="PATH", help="the cell that is there, unless it is shipped: a folder, zip or file"
+    )
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the zip goes; default: beside the plan")
+    command.set_defaults(run=_export)
+
+
 def _add_service(command: argparse.ArgumentParser | argparse._MutuallyExclusiveGroup, what: str) -> None:
     command.add_argument(
         "--service",
@@ -399,6 +442,14 @@ def _plan(parsed: argparse.Namespace) -> int:
     check = parsed.scene is None and parsed.service is None and parsed.cell is None
     planner = here if parsed.service is None else by_service
     return plan_files(parsed.files, parsed.out, planner, check=check, apply=parsed.apply)
+
+
+def _export(parsed: argparse.Namespace) -> int:
+    from app.cli.export_command import export_file
+    from planners.program import Target
+    from planners.program.urscript import Handshake
+
+    return export_file(parsed.plan, Target(parsed.target), Handshake(parsed.handshake), parsed.cell, parsed.out)
 
 
 def _check_cell(parsed: argparse.Namespace) -> int:

@@ -8,11 +8,13 @@ import re
 from functools import cache, partial
 from typing import Annotated, Any
 
+from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
 from app.access.access_control import KEPT, address_of
+from app.errors import NoProgram
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
 from app.resources.schemas import (
@@ -23,10 +25,13 @@ from app.resources.schemas import (
     StudyResource,
     warnings_of,
 )
-from app.routes.dependencies import Feed, Plans, Settings, intake_of, webhooks_of
+from app.routes.cells import CellGate
+from app.routes.dependencies import Cells, Feed, Plans, Settings, intake_of, webhooks_of
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
+from planners.program import NotExportable, Target, write_program
+from planners.program.urscript import Handshake
 from workers.stores.jobs import JobOrder
 
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
@@ -145,6 +150,41 @@ def get_document(
     else:
         body = gzip.decompress(body)
     return unless_known(Response(body, 200, headers, "application/json"), if_none_match)
+
+
+@router.get(
+    "/{plan_id}/program.zip",
+    summary="Fetch a plan as a program",
+    response_class=Response,
+    responses={
+        **NOT_FOUND,
+        409: {**PROBLEM, "description": "It must not become a program, and why"},
+        200: {"content": {"application/zip": {}}, "description": "Its files"},
+    },
+)
+async def get_program(
+    plan_id: str,
+    plans: Plans,
+    cells: Cells,
+    limits: CellGate,
+    target: Annotated[Target, Query(description="URScript for two controllers, or tables")],
+    handshake: Annotated[Handshake, Query(description="Of `ur`: how the controllers wait for each other")] = (
+        Handshake.REGISTERS
+    ),
+) -> Response:
+    """Return a certified plan as a program, certified once more; docs/robot.md says how to run it."""
+
+    def program() -> bytes:
+        document = gzip.decompress(plans.document(plan_id).gzip)
+        named = plans.task(plan_id)["cell"]
+        try:
+            return write_program(document, cells.with_deleted()[named], target, handshake)
+        except NotExportable as why:
+            raise NoProgram(str(why)) from why
+
+    packed = await to_thread.run_sync(program, limiter=limits.worked)
+    name = f'attachment; filename="{plan_id}.{target.value}.zip"'
+    return Response(packed, media_type="application/zip", headers={"Content-Disposition": name})
 
 
 @router.get(

@@ -13,7 +13,16 @@ from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders, write_pieces
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
-from planners.cell.asset_files import CylinderLinkFile, GripperFile, LinkFile, MeshFile, PiecesLinkFile, RobotFile
+from planners.cell.asset_files import (
+    CylinderLinkFile,
+    GripperFile,
+    JawsFile,
+    LinkFile,
+    MeshFile,
+    PiecesLinkFile,
+    RobotFile,
+    StickFile,
+)
 from planners.cell.asset_shelf import AssetShelf, read_hand_file, read_robot_file
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
@@ -360,11 +369,14 @@ class _StickDrawing:
 class _GripperDrawing:
     """A sensor, the gripper's base, and the parts of both fingers."""
 
-    def __init__(self, scene: SceneApi, hand: Gripper, file: GripperFile, drawings: Drawings, flange: str) -> None:
+    def __init__(
+        self, scene: SceneApi, hand: Gripper, file: GripperFile | JawsFile, drawings: Drawings, flange: str
+    ) -> None:
         self._hand, self._width = hand, math.nan
         _draw_sensor(scene, hand, flange)
         self._T_flange_base = transform(None, [0.0, 0.0, hand.base_height])
-        scene.add_glb(f"{flange}/gripper", drawings.hand(file.meshes.base), position=(0.0, 0.0, hand.base_height))
+        add_frame(scene, f"{flange}/gripper", self._T_flange_base)
+        _draw_part(scene, f"{flange}/gripper/base", file, "base", drawings)
         self._parts: list[dict[str, FrameHandle]] = []
         for finger in range(2):
             frames = {}
@@ -374,7 +386,7 @@ class _GripperDrawing:
                 if part == "pad":
                     scene.add_box(f"{name}/box", color=RUBBER_COLOUR, dimensions=hand.pad_size)
                 else:
-                    scene.add_glb(f"{name}/mesh", drawings.hand(getattr(file.meshes, part)))
+                    _draw_part(scene, f"{name}/drawn", file, part, drawings)
             self._parts.append(frames)
 
     def set_width(self, width: float | None) -> Transform | None:
@@ -384,7 +396,7 @@ class _GripperDrawing:
         if wanted == self._width:
             return None
         self._width = wanted
-        poses = hand.linkage.frames(hand.linkage.angle(wanted))
+        poses = hand.fingers.frames(wanted)
         for turn, frames in zip(FINGER_TURNS, self._parts, strict=True):
             T_flange_side = self._T_flange_base @ transform(turn)
             for part, handle in frames.items():
@@ -396,8 +408,17 @@ def _draw_hand(scene: SceneApi, arm: Arm, drawings: Drawings, flange: str) -> _S
     if isinstance(arm.hand, Pusher):
         return _StickDrawing(scene, arm.hand, flange)
     file = read_hand_file(drawings.shelf.find("hands", arm.hand.name))
-    assert isinstance(file, GripperFile)
+    assert not isinstance(file, StickFile)
     return _GripperDrawing(scene, arm.hand, file, drawings, flange)
+
+
+def _draw_part(scene: SceneApi, name: str, file: GripperFile | JawsFile, part: str, drawings: Drawings) -> None:
+    """Draw the base or a finger's part of a gripper, in the frame that the name is in."""
+    if isinstance(file, GripperFile):
+        scene.add_glb(name, drawings.hand(getattr(file.meshes, part)))
+        return
+    described = file.base if part == "base" else file.finger[part]
+    scene.add_box(name, color=SENSOR_COLOUR, dimensions=described.size, position=described.center)
 
 
 def _draw_sensor(scene: SceneApi, hand: Gripper | Pusher, flange: str) -> float:

@@ -18,7 +18,7 @@ from app.viewer.description import (
     squeeze_words,
 )
 from app.viewer.playback import objects_of_segments
-from planners.contract.task_spec import SuctionToolTask
+from planners.contract.task_spec import SuctionToolTask, ToolName
 from planners.plan.plan import Plan
 from planners.plan.segment import Segment, riding_on
 from planners.plan.simulation import ToolSimulation
@@ -31,7 +31,12 @@ OUTCOMES = {
     "toppled": "toppled",
     "off_goal": "off its goal",
 }
-TOOL_WORDS = {"long_symmetric": "long tool", "short_asymmetric": "short tool"}
+TOOL_WORDS: dict[ToolName, str] = {
+    "carton_lifter": "tool for cartons",
+    "long_symmetric": "long tool",
+    "long_symmetric_large_pad": "long tool with the large pad",
+    "short_asymmetric": "short tool",
+}
 
 
 class ToolDescription(KindDescription):

@@ -13,6 +13,15 @@ from planners.contract.task_spec import CustomTool
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
 AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+
+
+def _other_than_pad(name: str) -> str:
+    if name in ("pad", "base"):
+        raise ValueError("pad and base are parts already: another name")
+    return name
+
+
+FingerPartName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$"), AfterValidator(_other_than_pad)]
 Number = Annotated[float, Field(ge=-1e4, le=1e4)]
 """A larger one is no length, angle, mass or force of a cell, and no sum of such is right any more."""
 PositiveNumber = Annotated[float, Field(gt=0.0, le=1e4)]
@@ -280,6 +289,46 @@ class GripperFile(_HandFile):
     meshes: GripperMeshes
 
 
+class BoxFile(_Part):
+    """A box along the axes of what it is a part of."""
+
+    center: Triple
+    size: Lengths
+    """Full lengths [m]."""
+
+
+class JawsFile(_HandFile):
+    """hands/*.yaml of kind jaws: a gripper whose two fingers slide along the flange's y axis, all of it boxes.
+
+    Positions are from where the hand is bolted to the sensor, z away from the flange. The finger at +y is described,
+    closed: the inner face of its pad is at y = 0, and nothing of it is beyond that.
+    """
+
+    kind: Literal["jaws"]
+    force_range: tuple[PositiveNumber, PositiveNumber]
+    """Least and greatest grip force [N]."""
+    squeeze: PositiveNumber
+    """Grip force that is commanded where no task says otherwise [N]."""
+    width_max: PositiveNumber
+    """Stroke [m]."""
+    pad_size: Lengths
+    """Width, thickness in the opening direction, length [m]."""
+    pad_height: PositiveNumber
+    """Of the pads' centres [m]."""
+    base: BoxFile
+    """What does not move."""
+    finger: Annotated[dict[FingerPartName, BoxFile], Field(min_length=1, max_length=8)]
+    """By names of one's own: what slides with the pad."""
+
+    @model_validator(mode="after")
+    def _fingers_do_not_meet(self) -> Self:
+        for name, part in self.finger.items():
+            beyond = 0.5 * part.size[1] - part.center[1]
+            if beyond > 0.0:
+                raise ValueError(f"finger.{name} is {1e3 * beyond:.1f} mm beyond the middle, where the pad's face is")
+        return self
+
+
 class StickFile(_HandFile):
     """hands/*.yaml of kind stick: a rod along the flange's z axis with a round tip."""
 
@@ -290,6 +339,9 @@ class StickFile(_HandFile):
     stick_radius: PositiveNumber
     tip_length: NotNegative
     """How far the part that may touch reaches back from the centre of the tip's hemisphere [m]."""
+
+
+HandFile = GripperFile | JawsFile | StickFile
 
 
 class ToolFile(Asset):
@@ -311,14 +363,6 @@ class ArmMountFile(PlacementFile):
     """Where an arm's base frame is in the world, and where its joints rest."""
 
     home_deg: tuple[Number, Number, Number, Number, Number, Number]
-
-
-class BoxFile(_Part):
-    """A box along the world's axes."""
-
-    center: Triple
-    size: Lengths
-    """Full lengths [m]."""
 
 
 class FrameFile(_Part):

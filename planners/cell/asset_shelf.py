@@ -19,6 +19,8 @@ from planners.cell.asset_files import (
     Asset,
     CellFile,
     GripperFile,
+    HandFile,
+    JawsFile,
     MeshFile,
     MountFile,
     RobotFile,
@@ -38,7 +40,7 @@ KINDS: tuple[AssetKind, ...] = ("cells", "mounts", "robots", "hands", "sensors",
 MESHES = "meshes"
 """The folder of shipped meshes that tasks name, all OBJ and in metres."""
 MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
-_HAND_KINDS: dict[str, type[GripperFile | StickFile]] = {"gripper": GripperFile, "stick": StickFile}
+_HAND_KINDS: dict[str, type[HandFile]] = {"gripper": GripperFile, "jaws": JawsFile, "stick": StickFile}
 _File = TypeVar("_File", bound=Asset)
 
 
@@ -136,7 +138,7 @@ def read_robot_file(path: Path) -> RobotFile:
     return _validated(RobotFile, path, _read_mapping(path))
 
 
-def read_hand_file(path: Path) -> GripperFile | StickFile:
+def read_hand_file(path: Path) -> HandFile:
     """Read hands/*.yaml."""
     data = _read_mapping(path)
     kind = data.get("kind")

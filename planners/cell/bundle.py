@@ -23,6 +23,7 @@ from planners.cell.asset_files import (
     RELATIVE_PATH,
     CellFile,
     GripperFile,
+    JawsFile,
     MountFile,
     RobotFile,
     SensorFile,
@@ -192,12 +193,12 @@ class CellBundle:
 
 def cell_schema() -> dict[str, Any]:
     """Return the JSON schema of a cell as one document: each part may stand where it is named."""
-    models = (MountFile, RobotFile, UrdfRobotFile, GripperFile, StickFile, SensorFile)
+    models = (MountFile, RobotFile, UrdfRobotFile, GripperFile, JawsFile, StickFile, SensorFile)
     _, parts = models_json_schema([(model, "validation") for model in models])
     schema = CellFile.model_json_schema()
     definitions: dict[str, Any] = {**schema.pop("$defs"), **parts["$defs"]}
     schema["$defs"] = definitions
-    hands = ("GripperFile", "StickFile")
+    hands = ("GripperFile", "JawsFile", "StickFile")
     places = [(schema, "mount", ("MountFile",)), (definitions["ArmFile"], "robot", ("RobotFile", "UrdfRobotFile"))]
     places += [
         (definitions["ArmFile"], "hand", hands),

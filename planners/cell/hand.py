@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from planners.cell.asset_files import GripperFile, MeshFile, SensorFile, StickFile
+from planners.cell.asset_files import BoxFile, GripperFile, HandFile, JawsFile, MeshFile, SensorFile, StickFile
 from planners.cell.asset_shelf import AssetShelf, fingerprint, read_hand_file, read_sensor_file
 from planners.errors import AssetError, AssetFault, AssetFaults, LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder, enclosing_hull
@@ -60,9 +60,9 @@ class Linkage:
         y, z = self._crank
         return math.acos(half_gap / math.hypot(y, z)) - math.atan2(z, y)
 
-    def frames(self, q: float) -> dict[str, Transform]:
-        """Return `T_base_part` of the parts of the finger at +y at the crank angle `q` [rad]."""
-        turn = rotation_x(q)
+    def frames(self, width: float) -> dict[str, Transform]:
+        """Return `T_base_part` of the parts of the finger at +y, its pad among them, at an opening [m]."""
+        turn = rotation_x(self.angle(width))
         outer_knuckle = transform(turn, [0.0, *self.outer_knuckle])
         outer_finger = outer_knuckle @ transform(None, [0.0, *self.outer_finger])
         inner_finger = outer_finger @ transform(turn.T, [0.0, *self.inner_finger])
@@ -76,11 +76,26 @@ class Linkage:
 
 
 @dataclass(frozen=True, eq=False)
+class Jaws:
+    """A finger that slides along y, as one piece."""
+
+    pad: Array
+    """(2,) centre (y, z) of the pad of the finger at +y when closed, in the gripper's base frame [m]."""
+    parts: tuple[str, ...]
+    """Names of what slides with the pad; their frames are the base frame when closed."""
+
+    def frames(self, width: float) -> dict[str, Transform]:
+        """Return `T_base_part` of the parts of the finger at +y, its pad among them, at an opening [m]."""
+        slid = transform(None, [0.0, 0.5 * width, 0.0])
+        return {**dict.fromkeys(self.parts, slid), "pad": slid @ transform(None, [0.0, *self.pad])}
+
+
+@dataclass(frozen=True, eq=False)
 class Gripper:
     """Two parallel fingers that open along the flange's y axis; finger 0 is at -y.
 
     The TCP is the midpoint between the pad centres at the current width, with the flange's axes: z approaches,
-    y opens. It moves along z as the gripper opens.
+    y opens. Where the fingers are a linkage it moves along z as the gripper opens.
     """
 
     name: str
@@ -101,11 +116,11 @@ class Gripper:
     """In the flange frame."""
     base_height: float
     """Where the gripper's base frame is on the flange's z axis; its axes are the flange's [m]."""
-    linkage: Linkage
+    fingers: Linkage | Jaws
     base: ConvexShape
     """Few vertices around the mesh, in the base frame."""
     finger_parts: dict[str, ConvexShape]
-    """By name: outer_knuckle, outer_finger, inner_finger, inner_knuckle; each in its own frame."""
+    """By name, as `fingers` moves them, without the pad; each in its own frame."""
     fingerprint: str
     """Hash of the files it was loaded from, meshes included."""
 
@@ -117,8 +132,7 @@ class Gripper:
         Raises:
             WidthError: The gripper does not open so far.
         """
-        pad = self.linkage.frames(self._angle(width))["pad"]
-        return transform(None, [0.0, 0.0, self.base_height + pad[2, 3]])
+        return transform(None, [0.0, 0.0, self.base_height + self._frames(width)["pad"][2, 3]])
 
     @cached_property
     def tcp_table(self) -> Array:
@@ -157,14 +171,14 @@ class Gripper:
     def _T_flange_base(self) -> Transform:
         return transform(None, [0.0, 0.0, self.base_height])
 
-    def _angle(self, width: float) -> float:
+    def _frames(self, width: float) -> dict[str, Transform]:
         if not 0.0 <= width <= self.width_max:
             raise WidthError(self.name, width, self.width_max)
-        return self.linkage.angle(width)
+        return self.fingers.frames(width)
 
     def _finger_frames(self, width: float) -> list[dict[str, Transform]]:
         """Return `T_flange_part` of each part of both fingers."""
-        frames = self.linkage.frames(self._angle(width))
+        frames = self._frames(width)
         sides = [self._T_flange_base @ transform(side) for side in _SIDES]
         return [{name: T_flange_side @ T for name, T in frames.items()} for T_flange_side in sides]
 
@@ -222,17 +236,38 @@ def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
         sensor = read_sensor_file(shelf.find("sensors", file.sensor))
     except AssetError as error:
         raise error.at(str(path), "/sensor") from error
-    return (
-        _gripper(file, sensor, shelf, str(path)) if isinstance(file, GripperFile) else _pusher(file, sensor, str(path))
-    )
+    match file:
+        case GripperFile():
+            return _linked_gripper(file, sensor, shelf, str(path))
+        case JawsFile():
+            return _jaws(file, sensor)
+        case StickFile():
+            return _pusher(file, sensor, str(path))
 
 
-def _gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, path: str) -> Gripper:
+def _linked_gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, path: str) -> Gripper:
     origins = {name: np.array(origin) for name, origin in file.linkage.model_dump().items()}
     meshes = {name: getattr(file.meshes, name) for name in type(file.meshes).model_fields}
     parts = _finger_parts(meshes, shelf, path)
     linkage = Linkage(**origins, pad_thickness=file.pad_size[1])
     _check_stroke(linkage, file.width_max, path)
+    contents = [*_contents(file, sensor), *(shelf.mesh_path(mesh).read_bytes() for mesh in meshes.values())]
+    return _gripper(file, sensor, linkage, parts, contents)
+
+
+def _jaws(file: JawsFile, sensor: SensorFile) -> Gripper:
+    parts = {name: _box(each) for name, each in {"base": file.base, **file.finger}.items()}
+    pad = np.array([0.5 * file.pad_size[1], file.pad_height])
+    return _gripper(file, sensor, Jaws(pad, tuple(file.finger)), parts, _contents(file, sensor))
+
+
+def _gripper(
+    file: GripperFile | JawsFile,
+    sensor: SensorFile,
+    fingers: Linkage | Jaws,
+    parts: dict[str, ConvexShape],
+    contents: list[bytes],
+) -> Gripper:
     return Gripper(
         name=file.name,
         width_max=file.width_max,
@@ -244,13 +279,15 @@ def _gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, path: str
         com=np.array([0.0, 0.0, file.com]),
         sensor=_sensor_shape(sensor),
         base_height=sensor.length,
-        linkage=linkage,
+        fingers=fingers,
         base=parts.pop("base"),
         finger_parts=parts,
-        fingerprint=fingerprint(
-            [*_contents(file, sensor), *(shelf.mesh_path(mesh).read_bytes() for mesh in meshes.values())]
-        ),
+        fingerprint=fingerprint(contents),
     )
+
+
+def _box(file: BoxFile) -> ConvexShape:
+    return box(file.size).placed(transform(None, file.center))
 
 
 def _check_stroke(linkage: Linkage, width_max: float, path: str) -> None:
@@ -281,7 +318,7 @@ def _pusher(file: StickFile, sensor: SensorFile, path: str) -> Pusher:
     )
 
 
-def _contents(*files: GripperFile | StickFile | SensorFile) -> list[bytes]:
+def _contents(*files: HandFile | SensorFile) -> list[bytes]:
     return [file.model_dump_json().encode() for file in files]
 
 

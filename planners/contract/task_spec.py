@@ -277,7 +277,7 @@ class SuctionToolOptions(PlanningOptions):
     """Whether the plan is executed in physics."""
 
 
-ToolName = Literal["long_symmetric", "short_asymmetric"]
+ToolName = Literal["carton_lifter", "long_symmetric", "long_symmetric_large_pad", "short_asymmetric"]
 
 
 def _tool_form(tool: Any) -> str:

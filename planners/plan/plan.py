@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -42,6 +43,8 @@ class Plan(StrictModel):
     certificate: Certificate | None
     simulation: Simulation | None
     statistics: Statistics
+    digest: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    """SHA-256 of what the plan says, see `fingerprint`; None in documents of older software."""
 
     @model_validator(mode="after")
     def _names_what_there_is(self) -> Self:
@@ -128,9 +131,24 @@ class Plan(StrictModel):
         """Return it as JSON data: what was set, no defaults."""
         return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
 
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of all that it says, as hexadecimal digits, but for its id, digest and statistics.
+
+        The same task gives the same one; a plan of which one digit was changed gives another.
+        """
+        said = self.model_dump(mode="json", by_alias=True, exclude_unset=True, exclude=_NOT_OF_THE_MOTION)
+        return sha256(json.dumps(said, allow_nan=False, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def sealed(self) -> Self:
+        """Return it with its digest, by which a change is noticed afterwards."""
+        return self.model_copy(update={"digest": self.fingerprint()})
+
     def write(self) -> bytes:
         """Return it as JSON; every number is written so that reading it gives the same number."""
         return json.dumps(self.document(), allow_nan=False, separators=(",", ":")).encode()
+
+
+_NOT_OF_THE_MOTION = {"id", "digest", "statistics"}
 
 
 def _unknown(member: str, fault: str) -> PydanticCustomError:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, JsonValue
 
-from planners.contract.arrays import Real, Rows, Samples, Vector
+from planners.contract.arrays import Positive, Real, Rows, Samples, Vector
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
 
@@ -52,6 +52,19 @@ class SimulatedManipulation(StrictModel):
     """Of the plate from its planned orientation [rad]."""
 
 
+class FollowerLaw(StrictModel):
+    """Law (11) of paper B as the hands followed it; see `planners.lifting.leader_follower.FollowerGains`."""
+
+    goal_force: Real
+    """F_goal: vertical force of both hands together [N]."""
+    inertia: Positive
+    damping: Positive
+    carried: Real
+    memory: Positive
+    readings: Annotated[int, Field(strict=True, ge=1)]
+    period: Positive
+
+
 class SimulatedLift(StrictModel):
     """The cooperative lift, as prepared and as it went."""
 
@@ -71,6 +84,8 @@ class SimulatedLift(StrictModel):
     lifter_seconds: Real
     controlled: bool
     """Whether the hands followed by force."""
+    law: FollowerLaw | None = None
+    """By which they did; documents before this one do not say it."""
 
 
 class ForceDips(StrictModel):

@@ -70,10 +70,13 @@ def solved(sharing: httpx.Client) -> Solved:
     "name",
     [
         "ab1",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2", "ab1_ur3")),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("ab2", "ab3", "pb1", "pb2", "ab1_ur3", "sheet_ur10e")
+        ),
     ],
 )
-def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) -> None:
+def test_a_shipped_lift_is_solved_and_certified(solved: Solved, name: str) -> None:
     body = task(f"{name}.json")
     plan, document = solved(name)
     assert plan["outcome"] == document["outcome"] == "solved"
@@ -87,9 +90,9 @@ def test_a_task_of_the_paper_is_solved_and_certified(solved: Solved, name: str) 
 
 @pytest.mark.parametrize(
     "name",
-    ["ab1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2"))],
+    ["ab1", *(pytest.param(name, marks=pytest.mark.slow) for name in ("ab2", "ab3", "pb1", "pb2", "sheet_ur10e"))],
 )
-def test_a_task_of_the_paper_is_lifted_in_physics(solved: Solved, name: str) -> None:
+def test_a_shipped_lift_is_lifted_in_physics(solved: Solved, name: str) -> None:
     _, document = solved(name)
     assert document["simulation"]["outcome"] == "lifted", document["simulation"]["cause"]
 
@@ -153,6 +156,8 @@ def test_the_same_task_gives_the_same_plan(client: httpx.Client, solved: Solved)
         pytest.param("tissue_pile", marks=pytest.mark.slow),
         pytest.param("tissue_pile_short_tool", marks=pytest.mark.slow),
         pytest.param("tissue_pile_ur3", marks=pytest.mark.slow),
+        pytest.param("domino_pile_large_pad", marks=pytest.mark.slow),
+        pytest.param("carton_pile", marks=pytest.mark.slow),
     ],
 )
 def test_a_pile_is_built_and_certified_and_its_document_stays_small(sharing: httpx.Client, name: str) -> None:

@@ -24,6 +24,11 @@ def gripper():
 
 
 @pytest.fixture(scope="module")
+def jaws():
+    return load_hand("jaws_140_ft300", shipped_shelf())
+
+
+@pytest.fixture(scope="module")
 def pusher():
     return load_hand("pushing_stick_ft300", shipped_shelf())
 
@@ -44,12 +49,26 @@ def test_inner_faces_of_the_pads_are_as_far_apart_as_the_gripper_is_open_with_th
         np.testing.assert_allclose(np.ptp(pad, axis=0), [0.022, 0.00635, 0.0375], atol=1e-12)
 
 
+@pytest.mark.parametrize("width", [0.0, 0.05, 0.14])
+def test_jaws_slide_as_far_as_they_open_and_nothing_else_of_them_moves(jaws, width):
+    closed, open_ = (vertices_by_name(jaws.bodies("right", at)) for at in (0.0, width))
+    for finger, side in ((0, -1.0), (1, 1.0)):
+        for part in ("pad", "carriage", "blade"):
+            name = f"right_pad_{finger}" if part == "pad" else f"right_finger_{finger}_{part}"
+            np.testing.assert_allclose(open_[name] - closed[name], [[0.0, side * width / 2, 0.0]] * 8, atol=1e-12)
+            assert (side * closed[name][:, 1]).min() >= -1e-12, "closed fingers do not overlap"
+    for name in ("right_gripper_base", "right_ft300"):
+        np.testing.assert_array_equal(open_[name], closed[name])
+    pads = np.concatenate([open_[f"right_pad_{finger}"] for finger in (0, 1)])
+    np.testing.assert_allclose(jaws.T_flange_tcp(width)[:3, 3], pads.mean(axis=0), atol=1e-12)
+
+
 @pytest.mark.parametrize("q", [0.02, 0.2, 0.5, 0.8])
 def test_opening_and_height_of_the_pads_are_the_published_formulas(gripper, q):
     """Rounded as printed: 0.0054057 + 0.0376 cos q - 0.043 sin q, 0.087324 + 0.0376 sin q + 0.043 cos q."""
     width = 2 * (0.0054057 + 0.0376 * math.cos(q) - 0.043 * math.sin(q))
     height = 0.087324 + 0.0376 * math.sin(q) + 0.043 * math.cos(q)
-    assert gripper.linkage.angle(width) == pytest.approx(q, abs=1e-5)
+    assert gripper.fingers.angle(width) == pytest.approx(q, abs=1e-5)
     assert gripper.T_flange_tcp(width)[2, 3] == pytest.approx(0.0484 + height, abs=1e-6)
 
 
@@ -63,7 +82,7 @@ def test_every_part_is_where_the_published_urdf_puts_its_mesh(gripper, width):
     """The URDF's base is turned by 1.57 instead of a right angle, so its frame after that turn is the reference."""
     model = pin.buildModelFromXML(published_urdf(GRIPPER_URDF), mimic=True)
     data, origins = model.createData(), mesh_origins(GRIPPER_URDF)
-    pin.framesForwardKinematics(model, data, np.array([gripper.linkage.angle(width)]))
+    pin.framesForwardKinematics(model, data, np.array([gripper.fingers.angle(width)]))
     T_inertia_urdf = data.oMf[model.getFrameId("base_link_inertia")].inverse()
     T_flange_inertia = np.eye(4)
     T_flange_inertia[2, 3] = 0.0484

@@ -178,7 +178,7 @@ def test_a_plan_tells_where_the_cup_was_put_where_the_task_left_that_open() -> N
 @pytest.mark.parametrize(
     ("executed", "line"),
     [
-        (None, "simulation:     none, options.simulate is false"),
+        (None, "simulation:     not yet"),
         (simulation(9.0, lift=lift(4.0, height=0.188)), "simulation:     lifted, 188 mm, in 17.7 s"),
         (tool_simulation(9.0), "simulation:     done, in 17.7 s"),
         (

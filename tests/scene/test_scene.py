@@ -48,11 +48,14 @@ def obstacle(name, size, position):
 
 @pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
 def test_every_plate_lift_file_has_a_scene_with_its_plate_at_rest(path, build):
-    scene = build(json.loads(path.read_text()))
+    task = json.loads(path.read_text())
+    scene = build(task)
     bottom = scene.T_world_plate @ np.array([0, 0, scene.plate.bottom, 1])
     assert bottom[2] == pytest.approx(scene.support_top, abs=1e-12)
-    assert scene.support_name == ("support" if path.stem == "ab3" else "table")
-    assert scene.support_top == pytest.approx(TABLE_TOP + (0.044 if path.stem == "ab3" else 0))
+    assert scene.support_name == ("support" if "support" in task else "table")
+    table = scene.cell.table_top
+    board = task["support"]["shape"]["size"][2] if "support" in task else 0.0
+    assert scene.support_top == pytest.approx(table + board)
 
 
 def test_a_plate_on_the_table_beside_a_board_rests_on_the_table(build):

@@ -103,10 +103,10 @@ class CooperativeLift:
         self.velocity, self.height = 0.0, 0.0
         """Of the hands, commanded [m/s, m]."""
         self._goal_velocity, self._left = 0.0, 0.0
-        gains = settings.follower or forces.gains
+        self.gains = settings.follower or forces.gains
         limits = np.concatenate([arm.velocity_max for arm in scene.cell.arms.values()])
         self._usual_speed = settings.winch.usual_speed
-        self._law = LeaderFollower(gains)
+        self._law = LeaderFollower(self.gains)
         self._fastest = _LIMIT_SHARE * path.speed_limits(limits)
         self._motion = FollowerMotion()
         self._controlled = settings.controlled

@@ -11,6 +11,7 @@ from planners.contract.arrays import rounded
 from planners.geometry.pose import to_pose7s
 from planners.plan.plan import Plan
 from planners.plan.simulation import (
+    FollowerLaw,
     ForceDips,
     GoalError,
     LargestLoads,
@@ -165,6 +166,7 @@ def _lift(execution: LiftExecution) -> SimulatedLift | None:
         lifter_travel=round(float(lift.winch.heights[-1]), _DIGITS),
         lifter_seconds=round(lift.winch.duration, _DIGITS),
         controlled=execution.settings.controlled,
+        law=FollowerLaw(goal_force=lift.forces.both, **asdict(lift.gains)),
     )
 
 

@@ -31,6 +31,8 @@ REFERENCE_TASK = "ab1.json"
 """Planning it once compiles every kernel that a plate lift needs."""
 REFERENCE_TOOL_TASKS = ("domino_pile.json", "can_stack.json")
 """Planning the first object of each compiles what suction-tool tasks need beyond that: flat facets and curved ones."""
+PREPARED_TOOLS = ("long_symmetric", "short_asymmetric")
+"""Those of paper A that stand in its cell's rest."""
 FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
 """With so few holds the reference task is answered soon, and nearly all kernels are loaded."""
 
@@ -61,7 +63,7 @@ class Pipeline:
     def compile(self, *kinds: str) -> None:
         """Compile every kernel for tasks of these kinds that is not compiled yet.
 
-        For suction-tool tasks, compute the handovers of every shipped tool too. Takes a minute the first time, seconds
+        For suction-tool tasks, compute the handovers of paper A's tools too. Takes a minute the first time, seconds
         after that.
         """
         if "plate_lift" in kinds:
@@ -75,9 +77,13 @@ class Pipeline:
             map_reach(self.solver.cells[reference_tool_tasks()[0]["cell"]])
 
     def shipped_handovers(self) -> Iterator[tuple[Cell, SuctionTool, HandoverSettings]]:
-        """Yield what handovers are asked for in tasks with shipped tools: of each tool standing, and lying."""
+        """Yield what handovers are asked for in tasks of paper A: of each tool standing, and lying.
+
+        Those of other tools and cells are computed for the first task that asks for them, and kept.
+        """
         cell, standing = self.solver.cells[reference_tool_tasks()[0]["cell"]], ToolPlannerSettings()
-        for tool in self.solver.tools.values():
+        for name in PREPARED_TOOLS:
+            tool = self.solver.tools[name]
             for settings in (standing, standing.with_fingertips()):
                 yield cell, tool, settings.handovers
 

@@ -161,7 +161,7 @@ def _grippers(evidence: Evidence) -> Check:
         finding.note_all(tolerance - off, lambda i, a=arm: f"cell: row {i} of the {a} hand's tcp table")
         for segment in evidence.plan.segments:
             opening = segment.gripper_width[arm]
-            outside = np.maximum(-opening, opening - min(known.largest_width, float(widths[-1])))
+            outside = np.maximum(-opening, opening - min(known.fingers.largest_width, float(widths[-1])))
             finding.note_samples(segment, tolerance - outside, f"opening of {arm}")
     return finding.check()
 

@@ -37,66 +37,68 @@ _LABORATORY = {arm: ("ur3e", "robotiq_2f85_ft300") for arm in ARMS}
 
 
 @dataclass(frozen=True, eq=False)
-class GripperSurfaces:
-    """A gripper of two parallel fingers, each a four-bar linkage; in the flange frame, fingers open along y."""
+class FourBar:
+    """Finger 1, at +y, as a linkage whose pad never tilts; in the gripper's base frame."""
 
-    base: ConvexPart
-    finger_parts: Mapping[str, ConvexPart]
-    """Parts of finger 1 in their own frames, see `finger_poses`; finger 0 is finger 1 turned half about z."""
-    pad_size: Array
-    """(3,) width of its inner face, thickness, length of the face [m]."""
-    height: float
-    """Of the gripper's base frame above the flange [m]."""
+    pad_face: float
+    """How far the pad's inner face is from the middle, less what the finger's crank adds [m]."""
     knuckle_pivot: Array
-    """(3,) of finger 1, at +y, in the base frame [m]; `inner_pivot` likewise."""
+    """(3,) [m]; `inner_pivot` likewise."""
     inner_pivot: Array
     outer_finger: Array
     """(3,) from the knuckle's pivot, fully open; `inner_finger` likewise [m]."""
     inner_finger: Array
     pad: Array
     """(3,) centre of the pad, from the inner finger's joint [m]."""
+    far: Mapping[str, float]
+    """Of each part: how far its farthest point is from its own origin [m]."""
 
-    @cached_property
+    @property
     def largest_width(self) -> float:
         """Inner distance of the pads at the open stop [m]."""
-        return 2 * float(self._pad_face + self.inner_finger[1])
+        return 2 * float(self.pad_face + self.inner_finger[1])
 
     @cached_property
     def reach(self) -> float:
         """No point of a finger is farther from the axis it turns about [m]."""
-        far = {part: float(np.linalg.norm(hull.vertices, axis=1).max()) for part, hull in self.finger_parts.items()}
         arm = float(np.linalg.norm(self.inner_finger))
         return max(
-            far["outer_knuckle"],
-            far["inner_knuckle"],
-            float(np.linalg.norm(self.outer_finger)) + far["outer_finger"],
-            arm + far["inner_finger"],
-            arm + float(np.linalg.norm(self.pad)) + far["pad"],
+            self.far["outer_knuckle"],
+            self.far["inner_knuckle"],
+            float(np.linalg.norm(self.outer_finger)) + self.far["outer_finger"],
+            arm + self.far["inner_finger"],
+            arm + float(np.linalg.norm(self.pad)) + self.far["pad"],
         )
 
-    @cached_property
-    def pivot_distance(self) -> float:
-        """Distance of the axes that fingers turn about from the flange's origin [m]."""
-        lift = np.array([0.0, 0.0, self.height])
-        return max(float(np.linalg.norm(lift + pivot)) for pivot in (self.knuckle_pivot, self.inner_pivot))
+    def extent(self, height: float) -> float:
+        """Return what no point of a finger is farther from the flange's origin than, so far below the base [m]."""
+        lift = np.array([0.0, 0.0, height])
+        return self.reach + max(float(np.linalg.norm(lift + pivot)) for pivot in (self.knuckle_pivot, self.inner_pivot))
 
-    def finger_angles(self, widths: Array) -> Array:
+    def travel(self, widths: Array) -> Array:
+        """Return how far any point of a finger moves from opening to opening: (n,) [m] → (n - 1,) [m]."""
+        return self.reach * self.turns(widths)
+
+    def turns(self, widths: Array) -> Array:
+        """Return by how much any part of a finger turns from opening to opening: (n,) [m] → (n - 1,) [rad]."""
+        return np.abs(np.diff(self.angles(widths)))
+
+    def angles(self, widths: Array) -> Array:
         """Return the finger joint's angle for each inner distance of the pads: [m] → [rad].
 
         gap = 2 (c + a cos q - b sin q), with a, b from the linkage and c from the pad; solved for q in closed form.
         """
         _, a, b = self.inner_finger
-        cosine = np.clip((widths / 2 - self._pad_face) / math.hypot(a, b), -1.0, 1.0)
+        cosine = np.clip((widths / 2 - self.pad_face) / math.hypot(a, b), -1.0, 1.0)
         return np.maximum(np.arccos(cosine) - math.atan2(b, a), 0.0)
 
-    def finger_poses(self, part: str, finger: int, widths: Array) -> Array:
-        """Return the poses of a finger's part in the flange frame at each opening: (n,) [m] → (n, 4, 4).
+    def poses(self, part: str, widths: Array) -> Array:
+        """Return the poses of a part in the base frame at each opening: (n,) [m] → (n, 4, 4).
 
         The knuckles turn with the finger joint; finger and pad keep their orientation and travel on a circle.
         """
         poses = np.empty((len(widths), 4, 4))
-        turned = np.diag([-1.0, -1.0, 1.0]) if finger == 0 else np.eye(3)
-        for index, angle in enumerate(self.finger_angles(widths)):
+        for index, angle in enumerate(self.angles(widths)):
             turn = rotation_x(float(angle))
             if part == "inner_knuckle":
                 rotation, position = turn, self.inner_pivot
@@ -108,17 +110,69 @@ class GripperSurfaces:
                 rotation, position = np.eye(3), self.knuckle_pivot + turn @ self.inner_finger
                 if part == "pad":
                     position = position + self.pad
-            poses[index] = transform(turned @ rotation, turned @ position + [0.0, 0.0, self.height])
+            poses[index] = transform(rotation, position)
         return poses
+
+
+@dataclass(frozen=True, eq=False)
+class Slide:
+    """Finger 1, at +y, as a jaw that slides along y; in the gripper's base frame."""
+
+    largest_width: float
+    """Stroke: inner distance of the pads at the open stop [m]."""
+    pad: Array
+    """(3,) centre of the pad when closed [m]."""
+    far: Mapping[str, float]
+    """Of each part: how far its farthest point is from its own origin, which is the base frame's when closed [m]."""
+
+    def extent(self, height: float) -> float:
+        """Return what no point of a finger is farther from the flange's origin than, so far below the base [m]."""
+        return height + self.largest_width / 2 + float(np.linalg.norm(self.pad)) + max(self.far.values())
+
+    def travel(self, widths: Array) -> Array:
+        """Return how far any point of a finger moves from opening to opening: (n,) [m] → (n - 1,) [m]."""
+        return np.abs(np.diff(widths)) / 2
+
+    def turns(self, widths: Array) -> Array:
+        """Return by how much any part of a finger turns from opening to opening: not at all, (n,) → (n - 1,) [rad]."""
+        return np.zeros(len(widths) - 1)
+
+    def poses(self, part: str, widths: Array) -> Array:
+        """Return the poses of a part in the base frame at each opening: (n,) [m] → (n, 4, 4)."""
+        poses = np.tile(np.eye(4), (len(widths), 1, 1))
+        poses[:, 1, 3] = widths / 2
+        if part == "pad":
+            poses[:, :3, 3] += self.pad
+        return poses
+
+
+@dataclass(frozen=True, eq=False)
+class GripperSurfaces:
+    """A gripper of two parallel fingers; in the flange frame, they open along y."""
+
+    base: ConvexPart
+    finger_parts: Mapping[str, ConvexPart]
+    """Parts of finger 1 in their own frames, see `finger_poses`; finger 0 is finger 1 turned half about z."""
+    pad_size: Array
+    """(3,) width of its inner face, thickness, length of the face [m]."""
+    height: float
+    """Of the gripper's base frame above the flange [m]."""
+    fingers: FourBar | Slide
+
+    @cached_property
+    def extent(self) -> float:
+        """No point of a finger is farther from the flange's origin [m]."""
+        return self.fingers.extent(self.height)
+
+    def finger_poses(self, part: str, finger: int, widths: Array) -> Array:
+        """Return the poses of a finger's part in the flange frame at each opening: (n,) [m] → (n, 4, 4)."""
+        T_flange_side = np.diag([-1.0, -1.0, 1.0, 1.0]) if finger == 0 else np.eye(4)
+        T_flange_side[2, 3] = self.height
+        return T_flange_side @ self.fingers.poses(part, widths)
 
     def pad_height(self, widths: Array) -> Array:
         """Return the height of the pads' centres above the flange at each opening [m]."""
         return self.finger_poses("pad", 1, widths)[:, 2, 3]
-
-    @property
-    def _pad_face(self) -> float:
-        """How far the pad's inner face is from the middle, less what the finger's crank adds [m]."""
-        return float(self.knuckle_pivot[1] + self.pad[1] - self.pad_size[1] / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +224,7 @@ class _AssetReader:
             links=self._links(robot),
             sensor=convex_part(np.add(round_sensor.vertices, [0.0, 0.0, length / 2])),
             sensor_length=length,
-            gripper=_gripper(held, length) if held["kind"] == "gripper" else None,
+            gripper=None if held["kind"] == "stick" else _gripper(held, length),
         )
 
     def _links(self, robot: str) -> tuple[tuple[ConvexPart, ...], ...]:
@@ -194,21 +248,38 @@ class _AssetReader:
 
 
 def _gripper(held: Mapping[str, Any], height: float) -> GripperSurfaces:
-    pivots = {name: np.array([0.0, *offset]) for name, offset in held["linkage"].items()}
-    meshes = held["meshes"]
-    parts = {name: _hull(_mesh_vertices(meshes[name]), name) for name in _FINGER_PARTS}
     pad_size = np.array(held["pad_size"])
+    if held["kind"] == "jaws":
+        base = _box(held["base"])
+        parts = {name: convex_part(_box(described)) for name, described in held["finger"].items()}
+    else:
+        base = _mesh_vertices(held["meshes"]["base"])
+        parts = {name: _hull(_mesh_vertices(held["meshes"][name]), name) for name in _FINGER_PARTS}
     parts["pad"] = box(pad_size).parts[0]
-    return GripperSurfaces(
-        base=_hull(np.add(_mesh_vertices(meshes["base"]), [0.0, 0.0, height]), "base"),
-        finger_parts=parts,
-        pad_size=pad_size,
-        height=height,
+    far = {part: float(np.linalg.norm(hull.vertices, axis=1).max()) for part, hull in parts.items()}
+    if held["kind"] == "jaws":
+        pad = np.array([0.0, pad_size[1] / 2, held["pad_height"]])
+        fingers = Slide(float(held["width_max"]), pad, far)
+    else:
+        fingers = _four_bar(held["linkage"], pad_size, far)
+    return GripperSurfaces(_hull(np.add(base, [0.0, 0.0, height]), "base"), parts, pad_size, height, fingers)
+
+
+def _box(described: Mapping[str, Any]) -> Array:
+    """Return the corners of a box along the axes of its frame: (8, 3) [m]."""
+    return np.add(box(np.array(described["size"])).parts[0].vertices, described["center"])
+
+
+def _four_bar(linkage: Mapping[str, Any], pad_size: Array, far: Mapping[str, float]) -> FourBar:
+    pivots = {name: np.array([0.0, *offset]) for name, offset in linkage.items()}
+    return FourBar(
+        pad_face=float(pivots["outer_knuckle"][1] + pivots["pad"][1] - pad_size[1] / 2),
         knuckle_pivot=pivots["outer_knuckle"],
         inner_pivot=pivots["inner_knuckle"],
         outer_finger=pivots["outer_finger"],
         inner_finger=pivots["outer_finger"] + pivots["inner_finger"],
         pad=pivots["pad"],
+        far=far,
     )
 
 

@@ -189,7 +189,7 @@ class SegmentMotion:
         arm, link = self._link_of(frame)
         if frame.kind == "finger":
             gripper = self.grippers[arm]
-            far += gripper.reach + gripper.pivot_distance
+            far += gripper.extent
         if frame.kind == "body":
             far += float(np.linalg.norm(self.riders[frame.owner].T_flange_body[:3, 3]))
         reach = self.reaches[arm][link, first_joint:link] + far
@@ -208,23 +208,23 @@ class SegmentMotion:
         turns = self.curves[arm].rise_peak[:, :link].sum(axis=1)
         if frame.kind != "finger":
             return turns
-        return turns + self.finger_travel(frame) / self.grippers[arm].reach
+        if not self.fingers_move(frame.owner):
+            return turns
+        return turns + self.grippers[arm].fingers.turns(self.segment.gripper_width[arm])
 
     def finger_travel(self, frame: Frame) -> Array | float:
         """Return how far a finger moves in the flange's frame from sample to sample: (n - 1,); else 0 [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
-        gripper = self.grippers[frame.owner]
-        return gripper.reach * np.abs(np.diff(gripper.finger_angles(self.segment.gripper_width[frame.owner])))
+        return self.grippers[frame.owner].fingers.travel(self.segment.gripper_width[frame.owner])
 
     def finger_travel_between(self, frame: Frame, interval: int, start: float, end: float) -> float:
         """Return the same for a part of an interval [m]."""
         if frame.kind != "finger" or not self.fingers_move(frame.owner):
             return 0.0
         first, last = self.segment.gripper_width[frame.owner][interval : interval + 2]
-        gripper = self.grippers[frame.owner]
-        angles = gripper.finger_angles(np.array([first + (last - first) * u for u in (start, end)]))
-        return gripper.reach * float(abs(angles[1] - angles[0]))
+        widths = np.array([first + (last - first) * u for u in (start, end)])
+        return float(self.grippers[frame.owner].fingers.travel(widths)[0])
 
     def _link_of(self, frame: Frame) -> tuple[str, int]:
         if frame.kind == "body":

@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from planners.cell.arm import load_robot
 from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import Cell
-from planners.cell.hand import Gripper
+from planners.cell.hand import Gripper, load_hand
 from planners.certify import RobotSurfaces
 from planners.certify.geometry.body_shape import box, convex_part
 from planners.certify.motion.kinematics import ArmKinematics
@@ -108,11 +109,46 @@ def test_pads_have_the_height_and_gap_that_were_measured(surfaces: RobotSurfaces
     gaps = 2 * (0.0054057 + 0.0376 * np.cos(q) - 0.043 * np.sin(q))
     heights = 0.0484 + 0.087324 + 0.0376 * np.sin(q) + 0.043 * np.cos(q)
     known = gripper_of("right", surfaces)
-    assert known.largest_width == pytest.approx(gaps[0], abs=1e-6)
+    assert known.fingers.largest_width == pytest.approx(gaps[0], abs=1e-6)
     np.testing.assert_allclose(known.pad_height(gaps), heights, atol=1e-6)
     for finger, side in ((0, -1.0), (1, 1.0)):
         inner = side * known.finger_poses("pad", finger, gaps)[:, 1, 3] - 0.00635 / 2
         np.testing.assert_allclose(2 * inner, gaps, atol=1e-6)
+
+
+def test_jaws_are_where_the_cell_has_them() -> None:
+    hand = load_hand("jaws_140_ft300", shipped_shelf())
+    assert isinstance(hand, Gripper)
+    known = gripper_of("right", load_surfaces({"right": ("ur3e", "jaws_140_ft300")}))
+    assert known.fingers.largest_width == hand.width_max
+    for width in (0.0, 0.03, 0.14):
+        drawn = {body.name: body.shapes[0].vertices for body in hand.bodies("right", width)}
+        assert_same_hull(drawn["right_gripper_base"], known.base.vertices)
+        assert known.pad_height(np.array([width]))[0] == pytest.approx(hand.T_flange_tcp(width)[2, 3])
+        for finger in (0, 1):
+            for part, hull in known.finger_parts.items():
+                T = known.finger_poses(part, finger, np.array([width]))[0]
+                name = f"right_pad_{finger}" if part == "pad" else f"right_finger_{finger}_{part}"
+                assert_same_hull(drawn[name], hull.vertices @ T[:3, :3].T + T[:3, 3])
+
+
+@pytest.mark.parametrize("name", ["robotiq_2f85_ft300", "jaws_140_ft300"])
+def test_no_point_of_a_finger_moves_or_is_farther_than_is_said(name: str) -> None:
+    known = gripper_of("right", load_surfaces({"right": ("ur3e", name)}))
+    widths = np.random.default_rng(0).uniform(0.0, known.fingers.largest_width, 60)
+    for part, hull in known.finger_parts.items():
+        poses = known.finger_poses(part, 1, widths)
+        points = np.einsum("nij,pj->npi", poses[:, :3, :3], hull.vertices) + poses[:, None, :3, 3]
+        moved = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1)
+        turned = Rotation.from_matrix(poses[1:, :3, :3] @ poses[:-1, :3, :3].transpose(0, 2, 1)).magnitude()
+        assert (moved <= known.fingers.travel(widths) + 1e-12).all()
+        assert (turned <= known.fingers.turns(widths) + 1e-9).all()
+        assert np.linalg.norm(points, axis=2).max() <= known.extent
+
+
+def assert_same_hull(ours: Array, theirs: Array) -> None:
+    assert_encloses(ours, 0.0, theirs)
+    assert_encloses(theirs, 0.0, ours)
 
 
 def assert_encloses(outer: Array, radius: float, points: Array) -> None:

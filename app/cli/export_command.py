@@ -1,0 +1,63 @@
+"""`liftwright export PLAN --target …`: a certified plan as a program for the robot's controllers."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from app.cli.output import BadInput
+from planners.cell.bundle import CellBundle
+from planners.cell.cell import known_cells, load_cell
+from planners.contract.strict_json import NotJson, parse_json
+from planners.errors import AssetError
+from planners.program import NotExportable, Target, write_program
+from planners.program.urscript import Handshake
+
+EXPORTED, REFUSED = 0, 2
+
+
+def export_file(path: Path, target: Target, handshake: Handshake, site: Path | None, out: Path | None) -> int:
+    """Write the program of a plan as a zip and return the exit code.
+
+    Args:
+        path: of the plan document.
+        target: what it becomes.
+        handshake: how two controllers wait for each other.
+        site: folder, zip or file of the cell that is there; None: the plan's cell is a shipped one.
+        out: where it goes; None: beside the plan.
+
+    Raises:
+        BadInput: A file cannot be made sense of.
+        OSError: A file cannot be read or written.
+    """
+    document = path.read_bytes()
+    with TemporaryDirectory(prefix="liftwright-cell-") as folder:
+        try:
+            cell = load_cell(_cell_of(document, path)) if site is None else CellBundle.read(site).load(Path(folder))
+        except AssetError as error:
+            raise BadInput(f"{site or path}: {error}") from error
+        try:
+            program = write_program(document, cell, target, handshake)
+        except NotExportable as why:
+            sys.stderr.write(f"liftwright: {path}: {why}\n")
+            return REFUSED
+    place = out or path.with_name(f"{path.stem}.{target.value}.zip")
+    place.write_bytes(program)
+    sys.stdout.write(f"{place}: {len(program) / 1e3:.0f} kB, for {cell.name}; docs/robot.md says how to run it\n")
+    return EXPORTED
+
+
+def _cell_of(document: bytes, path: Path) -> str:
+    """Return the name of the cell in a plan, which must be a shipped one."""
+    try:
+        data = parse_json(document, "the file")
+    except NotJson as error:
+        raise BadInput(f"{path}: {error}") from error
+    cell = data.get("cell") if isinstance(data, dict) else None
+    name = cell.get("name") if isinstance(cell, dict) else None
+    if not isinstance(name, str):
+        raise BadInput(f"{path} is not a plan document: it names no cell")
+    if name not in known_cells():
+        raise BadInput(f"{path} is a plan for the cell {name}, which is not shipped: give yours as --cell PATH")
+    return name

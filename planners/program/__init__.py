@@ -1,0 +1,11 @@
+"""Plans as programs: what a controller, ROS or a spreadsheet takes, made of a certified plan and of nothing else.
+
+`guard` decides whether a document may become a program at all, `schedule` reads it as steps that both arms do at the
+same time, and a writer each for Universal Robots' controllers (`urscript`) and for tables (`table`) writes them down.
+"""
+
+from planners.program.archive import TARGETS, Target, write_program
+from planners.program.guard import NotExportable, exportable
+from planners.program.schedule import Schedule
+
+__all__ = ["TARGETS", "NotExportable", "Schedule", "Target", "exportable", "write_program"]

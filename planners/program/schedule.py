@@ -1,0 +1,199 @@
+"""A plan as steps: in each, both arms move for the same time, and before it hands and payloads are set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planners.contract.arrays import ArmName
+from planners.geometry.pose import Array, Transform, transform
+from planners.plan.plan import Plan
+from planners.plan.scenery import ARMS, GripperDocument
+from planners.plan.segment import Segment, SegmentKind, riding_on
+
+FORCE_ALLOWANCE = 20.0
+"""What a wrist may feel beyond what its hand may exert before the program stops: inertia of the hand, noise [N]."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What hangs on a flange: the hand and whatever is attached to it."""
+
+    mass: float
+    """[kg]"""
+    com: tuple[float, float, float]
+    """In the flange frame [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmStep:
+    """What one arm does in a step."""
+
+    time: Array
+    """(n,) from the step's begin; n = 1 where the arm stands still [s]."""
+    positions: Array
+    """(n, 6) [rad]"""
+    velocities: Array
+    """(n, 6) [rad/s]"""
+    load: Load
+    T_flange_tcp: Transform
+    width: float | None
+    """To which the fingers go during the step; None: they stay, or there are none [m]."""
+    squeeze: float | None
+    """With which they close [N]; None: they open, or stay."""
+    vacuum: bool | None
+    """Whether the vacuum of the tool in this hand goes on or off as the step begins; None: it stays."""
+    force_limit: float
+    """Of the force at the wrist, beyond which the program stops [N]."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the arm moves."""
+        return len(self.time) > 1
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A segment of the plan, for both arms."""
+
+    number: int
+    """From 1."""
+    kind: SegmentKind
+    duration: float
+    """[s]"""
+    words: str
+    """What is done, for a person."""
+    arms: dict[ArmName, ArmStep]
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """All steps of a plan in their order."""
+
+    plan: Plan
+    steps: tuple[Step, ...]
+
+    @classmethod
+    def of(cls, plan: Plan) -> Schedule:
+        """Return the steps of a plan: one for each segment."""
+        return cls(plan, tuple(_Reader(plan).steps()))
+
+    @cached_property
+    def start(self) -> dict[ArmName, Array]:
+        """The (6,) joint positions from which each arm begins [rad]."""
+        return {arm: _columns(self.plan.segments[0].positions[0], arm) for arm in ARMS}
+
+    def names_of(self, arm: ArmName) -> Sequence[str]:
+        """Return the names of an arm's joints in the plan."""
+        return self.plan.joint_names[_of(arm)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Reader:
+    plan: Plan
+
+    def steps(self) -> Iterator[Step]:
+        for index, segment in enumerate(self.plan.segments):
+            yield Step(
+                number=index + 1,
+                kind=segment.kind,
+                duration=segment.end - float(segment.time[0]),
+                words=_words(segment),
+                arms={arm: self._arm_step(arm, index, segment) for arm in ARMS},
+            )
+
+    def _arm_step(self, arm: ArmName, index: int, segment: Segment) -> ArmStep:
+        hand, count = self.plan.cell.hands[arm], len(segment.time) if arm in segment.movers else 1
+        widths = segment.gripper_width.get(arm)
+        gripper = isinstance(hand, GripperDocument)
+        changes = widths is not None and float(np.ptp(widths)) > 0.0
+        grip = next((grip for grip in segment.grips if grip.arm == arm), None)
+        closing = changes and segment.kind is SegmentKind.GRIP and grip is not None
+        if gripper:
+            assert widths is not None, "a plan gives the opening of every gripper in every segment"
+            T_flange_tcp = transform(None, [0.0, 0.0, float(np.interp(widths[-1], *hand.tcp.T))])
+        else:
+            T_flange_tcp = hand.T_flange_tip
+        return ArmStep(
+            time=segment.time[:count] - segment.time[0],
+            positions=_columns(segment.positions[:count], arm),
+            velocities=_columns(segment.velocities[:count], arm),
+            load=self._load(arm, segment),
+            T_flange_tcp=T_flange_tcp,
+            width=float(widths[-1]) if widths is not None and changes else None,
+            squeeze=self._squeeze(arm, segment) if closing else None,
+            vacuum=self._vacuum(arm, index),
+            force_limit=self._force_limit(arm),
+        )
+
+    def _squeeze(self, arm: ArmName, segment: Segment) -> float:
+        """Return with what the fingers close: what the plan says, else the hand's least force."""
+        grip, hand = next(grip for grip in segment.grips if grip.arm == arm), self.plan.cell.hands[arm]
+        assert isinstance(hand, GripperDocument)
+        if grip.squeeze is not None:
+            return grip.squeeze
+        return 0.0 if hand.force_range is None else float(hand.force_range[0])
+
+    def _vacuum(self, arm: ArmName, index: int) -> bool | None:
+        kind = self.plan.segments[index].kind
+        if kind not in (SegmentKind.ATTACH, SegmentKind.DETACH):
+            return None
+        tool = riding_on(arm, self.plan.segments, index)
+        return None if tool is None else kind is SegmentKind.ATTACH
+
+    def _load(self, arm: ArmName, segment: Segment) -> Load:
+        """Return hand and attachments as one mass; what two hands have is half on each."""
+        hand = self.plan.cell.hands[arm]
+        mass = hand.mass or 0.0
+        moment = mass * np.asarray(hand.com if hand.com is not None else np.zeros(3))
+        for body, T_flange_body in _carried(arm, segment):
+            described = self.plan.bodies[body]
+            share = 1.0 / max(1, sum(each.to in ARMS for each in segment.attached[body]))
+            carried = share * (described.mass or 0.0)
+            mass += carried
+            moment += carried * (T_flange_body[:3, :3] @ described.com + T_flange_body[:3, 3])
+        com = moment / mass if mass > 0.0 else np.zeros(3)
+        return Load(mass, (float(com[0]), float(com[1]), float(com[2])))
+
+    def _force_limit(self, arm: ArmName) -> float:
+        """Return what the wrist may feel: all that the arm's payload leaves beside the hand, and an allowance.
+
+        The controller takes off what it is told to be the payload, so that what is carried is not felt.
+        """
+        robot, hand = self.plan.cell.arms[arm], self.plan.cell.hands[arm]
+        if robot.payload is None or hand.mass is None:
+            return FORCE_ALLOWANCE
+        return (robot.payload - hand.mass) * float(np.linalg.norm(self.plan.cell.gravity)) + FORCE_ALLOWANCE
+
+
+def _carried(arm: ArmName, segment: Segment) -> Iterator[tuple[str, Transform]]:
+    """Yield what rides on a flange, and on that, with where it is in the flange's frame."""
+    waiting: list[tuple[str, Transform]] = [(arm, np.eye(4))]
+    while waiting:
+        carrier, T_flange_carrier = waiting.pop()
+        for body, ride in segment.rides:
+            if ride.to == carrier:
+                T_flange_body = T_flange_carrier @ ride.T_to_body
+                yield body, T_flange_body
+                waiting.append((body, T_flange_body))
+
+
+def _words(segment: Segment) -> str:
+    movers = " and ".join(segment.movers) or "nobody"
+    state = segment.contact_state
+    touching = (
+        "" if state is None else ", plate in the air" if state.element == "none" else f", plate on {state.element}"
+    )
+    return f"{segment.kind.value}, {movers} moves{touching}"
+
+
+def _of(arm: ArmName) -> slice:
+    first = 6 * ARMS.index(arm)
+    return slice(first, first + 6)
+
+
+def _columns(rows: Array, arm: ArmName) -> Array:
+    return rows[..., _of(arm)]

@@ -1,0 +1,401 @@
+"""A program in URScript for each of two Universal Robots controllers that share one plan.
+
+Motion is streamed with `servoj`: between two samples of the plan the program evaluates the same cubic as `Plan.at`,
+once each control cycle, so that an arm never leaves the path that was checked. Both programs wait for each other before
+every step. Integrators fill in the functions at the head of a program: fingers, vacuum, and who confirms steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from planners.contract.arrays import ArmName
+from planners.geometry.pose import Array, Transform
+from planners.lifting.leader_follower import FollowerGains, LeaderFollower
+from planners.plan.scenery import ARMS, GripperDocument
+from planners.plan.simulation import LiftSimulation
+from planners.program.schedule import ArmStep, Load, Schedule, Step
+
+JOINT_TOLERANCE = 0.01
+"""How far each joint may be from where the plan begins [rad]."""
+STOP_ACCELERATION = 4.0
+"""Of the joints when a program stops by itself [rad/s²]."""
+FASTEST_LIFT = 0.25
+"""The hands never rise faster behind a lifter [m/s]."""
+LIFT_ACCELERATION = 1.0
+"""With which hands take on the law's speed [m/s²]."""
+LOOKAHEAD, GAIN = 0.03, 1000
+"""Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
+SHARE_STEP = 0.01
+"""By which the speed changes each control cycle when another share is asked for [1]."""
+
+
+class Handshake(StrEnum):
+    """How the two controllers wait for each other."""
+
+    REGISTERS = "registers"
+    """Through registers that `liftwright execute`, or a program of one's own, passes on by RTDE; it confirms steps."""
+    DIGITAL = "digital"
+    """Through one crossed pair of digital wires, without anybody else."""
+
+
+@dataclass(frozen=True)
+class Registers:
+    """General purpose registers of RTDE that a program uses."""
+
+    confirmed: int = 18
+    """Input, integer: the last step that may be begun."""
+    other_barrier: int = 19
+    """Input, integer: the last barrier that the other arm has reached."""
+    stop: int = 20
+    """Input, integer: 1 stops the arm on its path."""
+    share: int = 18
+    """Input, double: share of the planned speed, 0 to 1."""
+    other_force: int = 19
+    """Input, double: vertical force that the other hand exerts on the plate [N]."""
+    step: int = 12
+    """Output, integer: the step that is being run."""
+    barrier: int = 13
+    """Output, integer: the last barrier that was reached."""
+    state: int = 14
+    """Output, integer: see `ProgramState`."""
+    path_time: int = 12
+    """Output, double: time in the step, on the plan's clock [s]."""
+    force: int = 13
+    """Output, double: vertical force that this hand exerts on the plate [N]."""
+
+
+class ProgramState(IntEnum):
+    """What a program tells of itself in its register `state`."""
+
+    WAITING = 0
+    RUNNING = 1
+    DONE = 2
+    WRONG_START = 3
+    OVERLOAD = 4
+    STOPPED = 5
+
+
+def write_urscript(
+    schedule: Schedule, arm: ArmName, handshake: Handshake = Handshake.REGISTERS, registers: Registers | None = None
+) -> str:
+    """Return the program of one arm.
+
+    Args:
+        schedule: of a plan that may be exported, see `guard`.
+        arm: whose program.
+        handshake: how it waits for the other one.
+        registers: which it uses.
+    """
+    return "\n".join(_Writer(schedule, arm, handshake, registers or Registers()).lines()) + "\n"
+
+
+@dataclass(frozen=True, eq=False)
+class _Writer:
+    schedule: Schedule
+    arm: ArmName
+    handshake: Handshake
+    registers: Registers
+
+    @property
+    def other(self) -> ArmName:
+        return ARMS[1 - ARMS.index(self.arm)]
+
+    def lines(self) -> Iterator[str]:
+        yield from self._header()
+        yield f"def liftwright_{self.arm}():"
+        yield from _indented(self._site())
+        yield from _indented(self._library())
+        yield from _indented(self._main())
+        yield "end"
+
+    def _header(self) -> Iterator[str]:
+        plan = self.schedule.plan
+        assert plan.certificate is not None, "only plans with a certificate are exported"
+        yield f"# Liftwright {plan.software.version}: program of the {self.arm} arm"
+        yield f"# plan {_comment(plan.id)}, digest {plan.digest}"
+        yield f"# cell {_comment(plan.cell.name)}, hash {plan.cell.hash}"
+        yield f"# certificate passed, {len(plan.certificate.checks)} checks"
+        yield f"# {plan.duration:.1f} s in {len(self.schedule.steps)} steps"
+        yield "#"
+        yield "# Load it on this arm's controller, and the other program of the same plan on the other's: over port 30002,"
+        yield "# or as a script node. Both arms must be where the plan begins; a program refuses to move from elsewhere."
+        yield "# Fill in fingers and vacuum below for what is mounted. Nothing here is a safety function: limits and"
+        yield "# stops of the safety configuration stay in force."
+
+    def _site(self) -> Iterator[str]:
+        """Yield what an integrator may have to change."""
+        yield "# ---- of this site ----"
+        hand = self.schedule.plan.cell.hands[self.arm]
+        if isinstance(hand, GripperDocument):
+            stroke = float(hand.tcp[-1, 0])
+            least, most = hand.force_range or (0.0, 1.0)
+            yield "# Fingers: a Robotiq gripper whose software answers on port 63352. Width [m], force of a pad [N]."
+            yield "def site_fingers(width, force):"
+            yield '  socket_open("127.0.0.1", 63352, "fingers")'
+            yield f"  local closed = floor(255 * (1 - width / {_number(stroke)}) + 0.5)"
+            yield f"  local strength = floor(255 * (force - {_number(least)}) / {_number(most - least)} + 0.5)"
+            yield '  socket_set_var("FOR", strength, "fingers")'
+            yield '  socket_set_var("POS", closed, "fingers")'
+            yield '  socket_set_var("GTO", 1, "fingers")'
+            yield '  socket_close("fingers")'
+            yield "end"
+            yield "# Vacuum of the tool in this hand: standard digital output 0."
+            yield "def site_vacuum(on):"
+            yield "  set_standard_digital_out(0, on)"
+            yield "end"
+        if self.handshake is Handshake.DIGITAL:
+            yield "# Barriers: standard digital output 1 of each controller is wired to digital input 1 of the other."
+            yield "SITE_OUT = 1"
+            yield "SITE_IN = 1"
+        yield ""
+
+    def _library(self) -> Iterator[str]:
+        r, by_registers = self.registers, self.handshake is Handshake.REGISTERS
+        yield "# ---- how the arm is moved ----"
+        yield "global lw_rest = 0"
+        yield "global lw_path = 0"
+        yield "global lw_share = 0"
+        yield f"global lw_q = {_list(self.schedule.start[self.arm])}"
+        yield f"global lw_v = {_list(np.zeros(6))}"
+        yield f"global lw_force_limit = {_number(self.schedule.steps[0].arms[self.arm].force_limit)}"
+        yield "def lw_tell(state):"
+        yield f"  write_output_integer_register({r.state}, state)"
+        yield "end"
+        yield "def lw_end(state, words):"
+        yield f"  stopj({_number(STOP_ACCELERATION)})"
+        yield "  lw_tell(state)"
+        yield '  popup(words, title="Liftwright", error=True, blocking=False)'
+        yield "  halt"
+        yield "end"
+        yield "# Ends the program where more is felt than any step of the plan may ask of the arm."
+        yield "def lw_guard():"
+        yield "  local felt = get_tcp_force()"
+        yield "  if norm([felt[0], felt[1], felt[2]]) > lw_force_limit:"
+        yield f'    lw_end({ProgramState.OVERLOAD}, "more force at the wrist than the plan allows")'
+        yield "  end"
+        if by_registers:
+            yield f"  if read_input_integer_register({r.stop}) == 1:"
+            yield f'    lw_end({ProgramState.STOPPED}, "stopped on request")'
+            yield "  end"
+        yield "end"
+        yield "# The share of the speed follows what is asked for, a little each cycle."
+        yield "def lw_pace():"
+        wanted = f"read_input_float_register({r.share})" if by_registers else "1"
+        yield f"  local wanted = {wanted}"
+        yield f"  if wanted > lw_share + {_number(SHARE_STEP)}:"
+        yield f"    global lw_share = lw_share + {_number(SHARE_STEP)}"
+        yield f"  elif wanted < lw_share - {_number(SHARE_STEP)}:"
+        yield f"    global lw_share = lw_share - {_number(SHARE_STEP)}"
+        yield "  else:"
+        yield "    global lw_share = wanted"
+        yield "  end"
+        yield "end"
+        yield from _HERMITE
+        yield f"    write_output_float_register({r.path_time}, lw_path + lw_rest)"
+        yield f"    servoj(p, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
+        yield "  end"
+        yield "  global lw_rest = lw_rest - duration"
+        yield "  global lw_path = lw_path + duration"
+        yield "  global lw_q = q"
+        yield "  global lw_v = v"
+        yield "end"
+        yield "# Ends a step where the plan has it end."
+        yield "def lw_settle():"
+        yield f"  servoj(lw_q, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
+        yield f"  stopj({_number(STOP_ACCELERATION)})"
+        yield "end"
+        yield "# Waits on the spot for as long as the other arm moves."
+        yield "def lw_stay(duration):"
+        yield "  while lw_rest < duration:"
+        yield "    lw_guard()"
+        yield "    lw_pace()"
+        yield "    global lw_rest = lw_rest + get_steptime() * lw_share"
+        yield f"    write_output_float_register({r.path_time}, lw_path + lw_rest)"
+        yield "    sync()"
+        yield "  end"
+        yield "  global lw_rest = lw_rest - duration"
+        yield "end"
+        yield from self._barrier()
+        yield ""
+
+    def _barrier(self) -> Iterator[str]:
+        r = self.registers
+        yield "# Neither arm begins a step before the other has ended the one before."
+        yield "def lw_begin(number):"
+        if self.handshake is Handshake.REGISTERS:
+            yield f"  write_output_integer_register({r.barrier}, number)"
+            yield f"  lw_tell({ProgramState.WAITING})"
+            yield (
+                f"  while read_input_integer_register({r.other_barrier}) < number or "
+                f"read_input_integer_register({r.confirmed}) < number:"
+            )
+            yield "    lw_guard()"
+            yield "    sync()"
+            yield "  end"
+        else:
+            yield "  local odd = number % 2 == 1"
+            yield "  set_standard_digital_out(SITE_OUT, odd)"
+            yield f"  lw_tell({ProgramState.WAITING})"
+            yield "  while get_standard_digital_in(SITE_IN) != odd:"
+            yield "    lw_guard()"
+            yield "    sync()"
+            yield "  end"
+            yield "  # Long enough for the other controller to have seen it before it changes again."
+            yield "  sleep(0.05)"
+        yield f"  write_output_integer_register({r.step}, number)"
+        yield f"  lw_tell({ProgramState.RUNNING})"
+        yield "  global lw_rest = 0"
+        yield "  global lw_path = 0"
+        yield "end"
+
+    def _main(self) -> Iterator[str]:
+        yield "# ---- the plan ----"
+        yield f"lw_begin_at = {_list(self.schedule.start[self.arm])}"
+        yield "lw_now = get_actual_joint_positions()"
+        yield "lw_joint = 0"
+        yield "while lw_joint < 6:"
+        yield "  lw_off = lw_now[lw_joint] - lw_begin_at[lw_joint]"
+        yield f"  if lw_off > {_number(JOINT_TOLERANCE)} or lw_off < -{_number(JOINT_TOLERANCE)}:"
+        yield f'    lw_end({ProgramState.WRONG_START}, "the arm is not where the plan begins")'
+        yield "  end"
+        yield "  lw_joint = lw_joint + 1"
+        yield "end"
+        load: Load | None = None
+        for step in self.schedule.steps:
+            mine = step.arms[self.arm]
+            yield from self._step(step, mine, load)
+            load = mine.load
+        yield from self._lift()
+        yield f"stopj({_number(STOP_ACCELERATION)})"
+        yield f"lw_tell({ProgramState.DONE})"
+
+    def _step(self, step: Step, mine: ArmStep, load: Load | None) -> Iterator[str]:
+        yield f"# step {step.number} of {len(self.schedule.steps)}: {step.words}"
+        yield f"lw_begin({step.number})"
+        if mine.load != load:
+            com = ", ".join(map(_number, mine.load.com))
+            yield f"set_payload({_number(mine.load.mass)}, [{com}])"
+        yield f"set_tcp({_pose(mine.T_flange_tcp)})"
+        yield f"global lw_force_limit = {_number(mine.force_limit)}"
+        if mine.vacuum is not None:
+            yield f"site_vacuum({mine.vacuum})"
+        if mine.width is not None:
+            yield f"site_fingers({_number(mine.width)}, {_number(mine.squeeze or 0.0)})"
+        if not mine.moves:
+            yield f"lw_stay({_number(step.duration)})"
+            return
+        for duration, q, v in zip(np.diff(mine.time), mine.positions[1:], mine.velocities[1:], strict=True):
+            yield f"lw_to({_number(duration)}, {_list(q)}, {_list(v)})"
+        yield "lw_settle()"
+
+    def _lift(self) -> Iterator[str]:
+        """Yield law (11) of paper B, by which both hands follow the lifter; nothing for a pile."""
+        simulation = self.schedule.plan.simulation
+        if not isinstance(simulation, LiftSimulation) or simulation.lift is None or simulation.lift.law is None:
+            return
+        if self.handshake is not Handshake.REGISTERS:
+            yield "# The lift needs the other hand's force, which digital wires do not carry: registers do."
+            return
+        r, told, number = self.registers, simulation.lift.law, len(self.schedule.steps) + 1
+        gains = FollowerGains(**told.model_dump(exclude={"goal_force"}))
+        T_world_base = self.schedule.plan.cell.arms[self.arm].T_world_base
+        height = simulation.lift.reachable_height
+        yield f"# step {number}: follow the lifter by force (paper B, eq. 11), {height:.3f} m up at most;"
+        yield f"# confirming step {number + 1} ends it."
+        yield f"lw_begin({number})"
+        yield f"lw_up = {_list(T_world_base[2, :3])}"
+        yield "lw_speed = 0"
+        yield "lw_lifter = 0"
+        yield "lw_risen = 0"
+        yield f"lw_errors = {_list(np.zeros(gains.readings))}"
+        yield "lw_count = 0"
+        yield "lw_gained = 0"
+        yield "lw_gained_before = 0"
+        yield (f"while lw_risen < {_number(height)} and read_input_integer_register({r.confirmed}) < {number + 1}:")
+        yield from _indented(self._law(gains, told.goal_force))
+        yield "end"
+        yield f"stopl({_number(LIFT_ACCELERATION)})"
+
+    def _law(self, gains: FollowerGains, goal_force: float) -> Iterator[str]:
+        """Yield one period of `LeaderFollower.follow`."""
+        r, period, kept = self.registers, _number(gains.period), _number(math.exp(-gains.period / gains.memory))
+        (a, b, c), (d, e, f) = (map(_number, row) for row in LeaderFollower(gains).discrete)
+        yield "lw_guard()"
+        yield "lw_felt = get_tcp_force()"
+        yield "lw_mine = -(lw_felt[0] * lw_up[0] + lw_felt[1] * lw_up[1] + lw_felt[2] * lw_up[2])"
+        yield f"write_output_float_register({r.force}, lw_mine)"
+        yield f"lw_both = lw_mine + read_input_float_register({r.other_force})"
+        yield f"lw_force = lw_both - {_number(gains.carried)} * lw_gained_before"
+        yield f"lw_errors[lw_count % {gains.readings}] = {_number(goal_force)} - lw_force"
+        yield "lw_count = lw_count + 1"
+        yield f"lw_error = ({' + '.join(f'lw_errors[{i}]' for i in range(gains.readings))}) / {gains.readings}"
+        yield f"if lw_count < {gains.readings}:"
+        yield f"  lw_error = lw_error * {gains.readings} / lw_count"
+        yield "end"
+        yield f"lw_next = {a} * lw_speed + {b} * lw_lifter + {c} * lw_error"
+        yield f"lw_estimate = {d} * lw_speed + {e} * lw_lifter + {f} * lw_error"
+        yield f"if lw_next < 0 or lw_next > {_number(FASTEST_LIFT)}:"
+        yield "  if lw_next < 0:"
+        yield "    lw_next = 0"
+        yield "  else:"
+        yield f"    lw_next = {_number(FASTEST_LIFT)}"
+        yield "  end"
+        yield f"  lw_estimate = lw_next + {kept} * (lw_lifter - lw_next)"
+        yield "end"
+        yield "lw_gained_before = lw_gained"
+        yield f"lw_gained = (lw_next - lw_speed) / {period}"
+        yield "lw_lifter = lw_estimate"
+        yield "lw_speed = lw_next"
+        yield "lw_xd = [lw_up[0] * lw_speed, lw_up[1] * lw_speed, lw_up[2] * lw_speed, 0, 0, 0]"
+        yield f"speedl(lw_xd, {_number(LIFT_ACCELERATION)}, {period})"
+        yield f"lw_risen = lw_risen + lw_speed * {period}"
+
+
+_HERMITE = (
+    "# Moves to (q, v) in a time on the plan's clock, along the cubic that the plan means.",
+    "def lw_to(duration, q, v):",
+    "  while lw_rest < duration:",
+    "    lw_guard()",
+    "    lw_pace()",
+    "    local s = lw_rest / duration",
+    "    local a = (1 + 2 * s) * (1 - s) * (1 - s)",
+    "    local b = s * (1 - s) * (1 - s) * duration",
+    "    local c = s * s * (3 - 2 * s)",
+    "    local d = s * s * (s - 1) * duration",
+    "    local p = [0, 0, 0, 0, 0, 0]",
+    "    local i = 0",
+    "    while i < 6:",
+    "      p[i] = a * lw_q[i] + b * lw_v[i] + c * q[i] + d * v[i]",
+    "      i = i + 1",
+    "    end",
+    "    global lw_rest = lw_rest + get_steptime() * lw_share",
+)
+
+
+def _indented(lines: Iterator[str]) -> Iterator[str]:
+    return (f"  {line}" if line else "" for line in lines)
+
+
+def _number(value: float) -> str:
+    return f"{value:.9g}"
+
+
+def _list(values: Array | Sequence[float]) -> str:
+    return f"[{', '.join(map(_number, values))}]"
+
+
+def _pose(T: Transform) -> str:
+    """Return a pose as controllers write it: position, then rotation vector."""
+    return f"p{_list([*T[:3, 3], *Rotation.from_matrix(T[:3, :3]).as_rotvec()])}"
+
+
+def _comment(text: str) -> str:
+    """Return text as it may stand in a comment, which ends with its line."""
+    return " ".join(text.split())
