@@ -84,7 +84,7 @@ class Schedule:
     @cached_property
     def start(self) -> dict[ArmName, Array]:
         """The (6,) joint positions from which each arm begins [rad]."""
-        return {arm: _columns(self.plan.segments[0].positions[0], arm) for arm in ARMS}
+        return {arm: self.steps[0].arms[arm].positions[0] for arm in ARMS}
 
     def names_of(self, arm: ArmName) -> Sequence[str]:
         """Return the names of an arm's joints in the plan."""

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.controller.arm import Arm, ArmLimits, SafetyMode
-from tests.support.controller.intrinsics import REGISTERS, Halted, Intrinsics, Registers, pose_of
-from tests.support.controller.lexer import ScriptRefused
-from tests.support.controller.rtde_server import LineSession, RtdeSession, Value, Variable
-from tests.support.controller.translator import Program, ProgramFault, translate
+from .arm import Arm, ArmLimits, SafetyMode
+from .intrinsics import REGISTERS, Halted, Intrinsics, Registers, pose_of
+from .lexer import ScriptRefused
+from .rtde_server import LineSession, RtdeSession, Value, Variable
+from .translator import Program, ProgramFault, translate
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORT = 30004, 29999, 30002
 STOPPED, PLAYING, PAUSED = 1, 2, 4
@@ -102,13 +102,12 @@ class Controller:
         self._time = time.monotonic()
         print("ready", flush=True)
         while True:
-            now = time.monotonic()
-            if now >= self._time + cycle:
+            for key, _ in self._selector.select(max(0.0, self._time + cycle - time.monotonic())):
+                key.data()
+            if time.monotonic() >= self._time + cycle:
                 # A process that waited for the processor catches up, so that its clock is that of the world.
                 self._time += cycle
                 self._tick()
-            for key, _ in self._selector.select(max(0.0, self._time + cycle - time.monotonic())):
-                key.data()
 
     def _tick(self) -> None:
         self._ticks += 1
@@ -150,7 +149,8 @@ class Controller:
     def _watch(self) -> None:
         """Stop or pause the program whose watched input was not written for too long."""
         for name, (longest, action) in self.intrinsics._watchdogs.items():
-            if self._time - self._written.setdefault(name, self._time) > longest and self.runtime_state == PLAYING:
+            now = time.monotonic()
+            if now - self._written.setdefault(name, now) > longest and self.runtime_state == PLAYING:
                 self.messages.append(f"watchdog: {name}")
                 if action == "stop":
                     self._end(f"stopped: {name} was not written")
@@ -243,6 +243,8 @@ class Controller:
         self._end("")
         if self.arm.safety_mode is SafetyMode.NORMAL:
             self._written.clear()
+            # Real controllers read a script beside their control loop.
+            self._time = time.monotonic()
             self.program, self.runtime_state = start(), PLAYING
 
     def _dashboard(self, line: str) -> str:
@@ -278,7 +280,7 @@ class Controller:
         return answers.get(line, f"could not understand: '{line}'")
 
     def _write(self, name: str, value: Value) -> None:
-        self._written[name] = self._time
+        self._written[name] = time.monotonic()
         kind, _, number = name.rpartition("_")
         if kind == "input_int_register":
             self.registers.input_int[int(number)] = int(value)  # type: ignore[arg-type]

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.controller.arm import Arm, SafetyMode, Vector
-from tests.support.controller.translator import Pose, ProgramFault
+from .arm import Arm, SafetyMode, Vector
+from .translator import Pose, ProgramFault
 
 Turns = Generator[None, None, None]
 REGISTERS = 48

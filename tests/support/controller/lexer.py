@@ -55,6 +55,7 @@ def words_of(script: str) -> list[Word]:
             line, line_begin = line + 1, at
         elif kind != "blank":
             words.append(Word("keyword" if text in KEYWORDS else kind, text, line, column))
-    words.append(Word("newline", "\n", line, at - line_begin + 1))
+    if words and words[-1].kind != "newline":
+        words.append(Word("newline", "\n", line, at - line_begin + 1))
     words.append(Word("end", "", line, at - line_begin + 1))
     return words

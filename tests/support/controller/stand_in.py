@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -14,9 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.controller.controller import Configuration
+from .controller import Configuration
 
-HOSTS = {"left": "127.0.0.2", "right": "127.0.0.3"}
+ROOT = Path(__file__).parents[3]
+
+
+def hosts() -> dict[str, str]:
+    """Return an address on this machine for each arm, that no other process of tests uses."""
+    pid = os.getpid()
+    return {arm: f"127.{64 + (pid >> 8) % 64}.{pid % 256}.{last}" for arm, last in (("left", 2), ("right", 3))}
 
 
 class Recording:
@@ -43,6 +50,7 @@ class StandIn:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            cwd=ROOT,
         )
 
     def wait_ready(self) -> None:

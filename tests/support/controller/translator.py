@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 
-from tests.support.controller.lexer import Word, words_of
+from .lexer import Word, words_of
 
 Program = Generator[None, None, None]
 """Runs until the control cycle ends each time it is resumed."""
