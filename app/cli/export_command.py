@@ -11,13 +11,13 @@ from planners.cell.bundle import CellBundle
 from planners.cell.cell import known_cells, load_cell
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import AssetError
-from planners.program import NotExportable, Target, write_program
+from planners.program import NotExportable, ProgramTarget, write_program
 from planners.program.urscript import Handshake
 
 EXPORTED, REFUSED = 0, 2
 
 
-def export_file(path: Path, target: Target, handshake: Handshake, site: Path | None, out: Path | None) -> int:
+def export_file(path: Path, target: ProgramTarget, handshake: Handshake, site: Path | None, out: Path | None) -> int:
     """Write the program of a plan as a zip and return the exit code.
 
     Args:

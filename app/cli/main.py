@@ -446,10 +446,10 @@ def _plan(parsed: argparse.Namespace) -> int:
 
 def _export(parsed: argparse.Namespace) -> int:
     from app.cli.export_command import export_file
-    from planners.program import Target
+    from planners.program import ProgramTarget
     from planners.program.urscript import Handshake
 
-    return export_file(parsed.plan, Target(parsed.target), Handshake(parsed.handshake), parsed.cell, parsed.out)
+    return export_file(parsed.plan, ProgramTarget(parsed.target), Handshake(parsed.handshake), parsed.cell, parsed.out)
 
 
 def _check_cell(parsed: argparse.Namespace) -> int:

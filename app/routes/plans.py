@@ -30,7 +30,7 @@ from app.routes.dependencies import Cells, Feed, Plans, Settings, intake_of, web
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
-from planners.program import NotExportable, Target, write_program
+from planners.program import NotExportable, ProgramTarget, write_program
 from planners.program.urscript import Handshake
 from workers.stores.jobs import JobOrder
 
@@ -167,7 +167,7 @@ async def get_program(
     plans: Plans,
     cells: Cells,
     limits: CellGate,
-    target: Annotated[Target, Query(description="URScript for two controllers, or tables")],
+    target: Annotated[ProgramTarget, Query(description="URScript for two controllers, or tables")],
     handshake: Annotated[Handshake, Query(description="Of `ur`: how the controllers wait for each other")] = (
         Handshake.REGISTERS
     ),

@@ -4,8 +4,8 @@
 same time, and a writer each for Universal Robots' controllers (`urscript`) and for tables (`table`) writes them down.
 """
 
-from planners.program.archive import TARGETS, Target, write_program
+from planners.program.archive import ProgramTarget, write_program
 from planners.program.guard import NotExportable, exportable
 from planners.program.schedule import Schedule
 
-__all__ = ["TARGETS", "NotExportable", "Schedule", "Target", "exportable", "write_program"]
+__all__ = ["NotExportable", "ProgramTarget", "Schedule", "exportable", "write_program"]

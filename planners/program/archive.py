@@ -20,7 +20,7 @@ UR_ROBOTS = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur
 _MOMENT = (1980, 1, 1, 0, 0, 0)
 
 
-class Target(StrEnum):
+class ProgramTarget(StrEnum):
     """What a plan becomes."""
 
     UR = "ur"
@@ -29,17 +29,16 @@ class Target(StrEnum):
     """Tables, for whatever else there is."""
 
 
-TARGETS = tuple(each.value for each in Target)
-
-
-def write_program(document: bytes, cell: Cell, target: Target, handshake: Handshake = Handshake.REGISTERS) -> bytes:
+def write_program(
+    document: bytes, cell: Cell, target: ProgramTarget, handshake: Handshake = Handshake.REGISTERS
+) -> bytes:
     """Return the zip of a program.
 
     Args:
         document: of the plan, as it was sent; see `exportable`.
         cell: where it is going to run.
         target: what it becomes.
-        handshake: of `Target.UR`: how the two controllers wait for each other.
+        handshake: of `ProgramTarget.UR`: how the two controllers wait for each other.
 
     Raises:
         NotExportable: the document must not become a program, or this cell has no such controllers.
@@ -70,4 +69,7 @@ def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
     }
 
 
-_WRITERS: Mapping[Target, Callable[[Plan, Cell, Handshake], dict[str, str]]] = {Target.UR: _ur, Target.CSV: _csv}
+_WRITERS: Mapping[ProgramTarget, Callable[[Plan, Cell, Handshake], dict[str, str]]] = {
+    ProgramTarget.UR: _ur,
+    ProgramTarget.CSV: _csv,
+}

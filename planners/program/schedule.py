@@ -56,7 +56,7 @@ class ArmStep:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class ProgramStep:
     """A segment of the plan, for both arms."""
 
     number: int
@@ -74,17 +74,17 @@ class Schedule:
     """All steps of a plan in their order."""
 
     plan: Plan
-    steps: tuple[Step, ...]
+    steps: tuple[ProgramStep, ...]
 
     @classmethod
     def of(cls, plan: Plan) -> Schedule:
         """Return the steps of a plan: one for each segment."""
-        return cls(plan, tuple(_Reader(plan).steps()))
+        return cls(plan, tuple(_StepReader(plan).steps()))
 
     @cached_property
     def start(self) -> dict[ArmName, Array]:
         """The (6,) joint positions from which each arm begins [rad]."""
-        return {arm: _columns(self.plan.segments[0].positions[0], arm) for arm in ARMS}
+        return {arm: self.steps[0].arms[arm].positions[0] for arm in ARMS}
 
     def names_of(self, arm: ArmName) -> Sequence[str]:
         """Return the names of an arm's joints in the plan."""
@@ -92,12 +92,12 @@ class Schedule:
 
 
 @dataclass(frozen=True, eq=False)
-class _Reader:
+class _StepReader:
     plan: Plan
 
-    def steps(self) -> Iterator[Step]:
+    def steps(self) -> Iterator[ProgramStep]:
         for index, segment in enumerate(self.plan.segments):
-            yield Step(
+            yield ProgramStep(
                 number=index + 1,
                 kind=segment.kind,
                 duration=segment.end - float(segment.time[0]),

@@ -20,20 +20,22 @@ from planners.geometry.pose import Array, Transform
 from planners.lifting.leader_follower import FollowerGains, LeaderFollower
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.plan.simulation import LiftSimulation
-from planners.program.schedule import ArmStep, Load, Schedule, Step
+from planners.program.schedule import ArmStep, Load, ProgramStep, Schedule
 
 JOINT_TOLERANCE = 0.01
 """How far each joint may be from where the plan begins [rad]."""
-STOP_ACCELERATION = 4.0
-"""Of the joints when a program stops by itself [rad/s²]."""
+STOP_ACCELERATION = 40.0
+"""Of the joints when a program stops by itself: from 3 rad/s they stand still in less than 0.1 s [rad/s²]."""
 FASTEST_LIFT = 0.25
 """The hands never rise faster behind a lifter [m/s]."""
 LIFT_ACCELERATION = 1.0
 """With which hands take on the law's speed [m/s²]."""
 LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
-SHARE_STEP = 0.01
-"""By which the speed changes each control cycle when another share is asked for [1]."""
+SHARE_RATE = 12.5
+"""At which the speed changes when another share is asked for: a stop on the path takes 0.08 s [1/s]."""
+HEARTBEAT_RATE = 20.0
+"""A program stops when its register `heartbeat` is written less often than that [1/s]."""
 
 
 class Handshake(StrEnum):
@@ -55,6 +57,8 @@ class Registers:
     """Input, integer: the last barrier that the other arm has reached."""
     stop: int = 20
     """Input, integer: 1 stops the arm on its path."""
+    heartbeat: int = 21
+    """Input, integer: written again and again by whoever supervises; see `HEARTBEAT_RATE`."""
     share: int = 18
     """Input, double: share of the planned speed, 0 to 1."""
     other_force: int = 19
@@ -152,8 +156,8 @@ class _Writer:
             yield "end"
         if self.handshake is Handshake.DIGITAL:
             yield "# Barriers: standard digital output 1 of each controller is wired to digital input 1 of the other."
-            yield "SITE_OUT = 1"
-            yield "SITE_IN = 1"
+            yield "global SITE_OUT = 1"
+            yield "global SITE_IN = 1"
         yield ""
 
     def _library(self) -> Iterator[str]:
@@ -181,7 +185,7 @@ class _Writer:
         yield f'    lw_end({ProgramState.OVERLOAD}, "more force at the wrist than the plan allows")'
         yield "  end"
         if by_registers:
-            yield f"  if read_input_integer_register({r.stop}) == 1:"
+            yield f"  if read_input_integer_register({r.stop}) == 1 and lw_share == 0:"
             yield f'    lw_end({ProgramState.STOPPED}, "stopped on request")'
             yield "  end"
         yield "end"
@@ -189,17 +193,22 @@ class _Writer:
         yield "def lw_pace():"
         wanted = f"read_input_float_register({r.share})" if by_registers else "1"
         yield f"  local wanted = {wanted}"
-        yield f"  if wanted > lw_share + {_number(SHARE_STEP)}:"
-        yield f"    global lw_share = lw_share + {_number(SHARE_STEP)}"
-        yield f"  elif wanted < lw_share - {_number(SHARE_STEP)}:"
-        yield f"    global lw_share = lw_share - {_number(SHARE_STEP)}"
+        if by_registers:
+            yield f"  if read_input_integer_register({r.stop}) == 1:"
+            yield "    wanted = 0"
+            yield "  end"
+        yield f"  local most = {_number(SHARE_RATE)} * get_steptime()"
+        yield "  if wanted > lw_share + most:"
+        yield "    global lw_share = lw_share + most"
+        yield "  elif wanted < lw_share - most:"
+        yield "    global lw_share = lw_share - most"
         yield "  else:"
         yield "    global lw_share = wanted"
         yield "  end"
         yield "end"
         yield from _HERMITE
         yield f"    write_output_float_register({r.path_time}, lw_path + lw_rest)"
-        yield f"    servoj(p, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
+        yield f"    servoj(goal, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
         yield "  end"
         yield "  global lw_rest = lw_rest - duration"
         yield "  global lw_path = lw_path + duration"
@@ -237,6 +246,7 @@ class _Writer:
                 f"read_input_integer_register({r.confirmed}) < number:"
             )
             yield "    lw_guard()"
+            yield "    lw_pace()"
             yield "    sync()"
             yield "  end"
         else:
@@ -257,6 +267,10 @@ class _Writer:
 
     def _main(self) -> Iterator[str]:
         yield "# ---- the plan ----"
+        if self.handshake is Handshake.REGISTERS:
+            yield "# Nobody supervises any more: stop."
+            watched = f"input_int_register_{self.registers.heartbeat}"
+            yield f'rtde_set_watchdog("{watched}", {_number(HEARTBEAT_RATE)}, "stop")'
         yield f"lw_begin_at = {_list(self.schedule.start[self.arm])}"
         yield "lw_now = get_actual_joint_positions()"
         yield "lw_joint = 0"
@@ -276,7 +290,7 @@ class _Writer:
         yield f"stopj({_number(STOP_ACCELERATION)})"
         yield f"lw_tell({ProgramState.DONE})"
 
-    def _step(self, step: Step, mine: ArmStep, load: Load | None) -> Iterator[str]:
+    def _step(self, step: ProgramStep, mine: ArmStep, load: Load | None) -> Iterator[str]:
         yield f"# step {step.number} of {len(self.schedule.steps)}: {step.words}"
         yield f"lw_begin({step.number})"
         if mine.load != load:
@@ -327,6 +341,9 @@ class _Writer:
         """Yield one period of `LeaderFollower.follow`."""
         r, period, kept = self.registers, _number(gains.period), _number(math.exp(-gains.period / gains.memory))
         (a, b, c), (d, e, f) = (map(_number, row) for row in LeaderFollower(gains).discrete)
+        yield f"if read_input_integer_register({r.stop}) == 1:"
+        yield f'  lw_end({ProgramState.STOPPED}, "stopped on request")'
+        yield "end"
         yield "lw_guard()"
         yield "lw_felt = get_tcp_force()"
         yield "lw_mine = -(lw_felt[0] * lw_up[0] + lw_felt[1] * lw_up[1] + lw_felt[2] * lw_up[2])"
@@ -369,10 +386,10 @@ _HERMITE = (
     "    local b = s * (1 - s) * (1 - s) * duration",
     "    local c = s * s * (3 - 2 * s)",
     "    local d = s * s * (s - 1) * duration",
-    "    local p = [0, 0, 0, 0, 0, 0]",
+    "    local goal = [0, 0, 0, 0, 0, 0]",
     "    local i = 0",
     "    while i < 6:",
-    "      p[i] = a * lw_q[i] + b * lw_v[i] + c * q[i] + d * v[i]",
+    "      goal[i] = a * lw_q[i] + b * lw_v[i] + c * q[i] + d * v[i]",
     "      i = i + 1",
     "    end",
     "    global lw_rest = lw_rest + get_steptime() * lw_share",

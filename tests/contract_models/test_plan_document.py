@@ -184,7 +184,7 @@ def test_the_schema_shows_arrays_that_are_not_checked_one_by_one():
 def test_the_contracts_members_are_those_of_the_model():
     assert list(Plan.model_fields) == [
         *("schema_version", "id", "task", "seed", "software", "outcome", "explanation", "cell", "joint_names"),
-        *("bodies", "segments", "certificate", "simulation", "statistics"),
+        *("bodies", "segments", "certificate", "simulation", "statistics", "digest"),
     ]
 
 

@@ -58,7 +58,7 @@ def verdict(*, passed: bool) -> Any:
 
 def a_slip(_plan: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
     progress(Report("simulate", 1, 1))
-    return LiftSimulation.model_construct(outcome="slipped", seed=seed)
+    return LiftSimulation.model_validate(simulation(1.0, outcome="slipped", seed=seed))
 
 
 def pipeline(*, passed: bool, **given: Any) -> Pipeline:

@@ -26,7 +26,7 @@ from planners.certify.motion.kinematics import ArmKinematics
 from planners.geometry.pose import Array, from_pose7
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
-from planners.program import NotExportable, Schedule, Target, exportable, write_program
+from planners.program import NotExportable, ProgramTarget, Schedule, exportable, write_program
 from planners.program.urscript import Handshake, write_urscript
 
 TASKS = ("ab1", "domino_pile")
@@ -161,8 +161,8 @@ def test_fingers_close_with_the_planned_squeeze_and_the_vacuum_is_on_while_objec
 
 def test_tables_give_every_number_of_the_plan_again(documents: dict[str, bytes], plans: dict[str, Plan]) -> None:
     plan = plans["ab1"]
-    packed = write_program(documents["ab1"], load_cell("dual_ur3e_lift"), Target.CSV)
-    assert packed == write_program(documents["ab1"], load_cell("dual_ur3e_lift"), Target.CSV)
+    packed = write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.CSV)
+    assert packed == write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.CSV)
     with zipfile.ZipFile(io.BytesIO(packed)) as archive:
         rows = list(csv.DictReader(io.StringIO(archive.read("motion.csv").decode())))
         steps = list(csv.DictReader(io.StringIO(archive.read("steps.csv").decode())))
@@ -246,7 +246,7 @@ def test_arms_of_another_maker_get_tables_and_no_urscript(
 ) -> None:
     monkeypatch.setattr("planners.program.archive.UR_ROBOTS", ("ur10e",))
     with pytest.raises(NotExportable, match="the left arm is ur3e, none of ur10e: choose csv"):
-        write_program(documents["ab1"], load_cell("dual_ur3e_lift"), Target.UR)
+        write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.UR)
 
 
 def test_the_command_writes_a_zip_or_says_why_not(

@@ -74,9 +74,9 @@ LAYERS = {
         ("manipulation", "regrasp", "perception", "certify", "survey"),
         ("lifting", "remedies"),
         ("planning",),
-        ("study",),
+        ("study", "program"),
     ),
-    "workers": (("settings", "software"), ("simulation", "stores"), ("solver", "webhooks"), ("engine",)),
+    "workers": (("settings", "software"), ("simulation", "stores", "robot"), ("solver", "webhooks"), ("engine",)),
 }
 """From the lowest up; parts of one layer do not know each other."""
 

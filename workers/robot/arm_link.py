@@ -1,0 +1,154 @@
+"""A link to one arm's controller by the unmodified `ur-rtde`: its state, its registers, its programs."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from planners.errors import LiftwrightError
+from planners.geometry.pose import Array
+from planners.program.urscript import ProgramState, Registers
+
+PROTECTIVE_STOP = 3
+"""Of RTDE's `safety_mode`; 1 is normal, 2 is reduced."""
+NORMAL_MODES = (1, 2)
+PLAYING = 2
+"""Of RTDE's `runtime_state`."""
+SCRIPT_PORT = 30002
+VARIABLES = (
+    "timestamp actual_q actual_qd actual_TCP_force safety_mode runtime_state "
+    "output_int_register_12 output_int_register_13 output_int_register_14 "
+    "output_double_register_12 output_double_register_13"
+).split()
+
+
+class NoLink(LiftwrightError):
+    """A controller cannot be reached, or the package that reaches it is missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """What a controller last told of itself."""
+
+    timestamp: float
+    """The controller's clock [s]."""
+    positions: Array
+    """(6,) measured [rad]."""
+    velocities: Array
+    """(6,) measured [rad/s]."""
+    force: Array
+    """(3,) at the TCP, without the payload, in the base frame [N]."""
+    safety_mode: int
+    is_playing: bool
+    state: ProgramState
+    step: int
+    barrier: int
+    path_time: float
+    """In the step, on the plan's clock [s]."""
+    lift_force: float
+    """That this hand exerts on the plate, along the vertical [N]."""
+
+    @property
+    def is_still(self) -> bool:
+        """Whether no joint moves."""
+        return float(np.abs(self.velocities).max()) < 1e-3
+
+
+class ArmLink:
+    """One controller: read `state`, write registers, load and end programs."""
+
+    def __init__(self, host: str, registers: Registers | None = None) -> None:
+        """Connect to a controller.
+
+        Raises:
+            NoLink: it does not answer, or `ur-rtde` is not installed.
+        """
+        self.host, self._registers = host, registers or Registers()
+        try:
+            receive, write, dashboard, script = map(
+                import_module, ("rtde_receive", "rtde_io", "dashboard_client", "script_client")
+            )
+        except ImportError as error:
+            raise NoLink("to execute plans the package ur-rtde is needed: pip install 'liftwright[robot]'") from error
+        try:
+            self._receive: Any = receive.RTDEReceiveInterface(host, -1.0, VARIABLES)
+            self._write: Any = write.RTDEIOInterface(host)
+            self._dashboard: Any = dashboard.DashboardClient(host)
+            self._dashboard.connect()
+            major, minor = self._dashboard.polyscopeVersion().split(".")[:2]
+            self._script: Any = script.ScriptClient(host, int(major), int(minor), SCRIPT_PORT)
+            self._script.connect()
+        except (RuntimeError, ValueError) as error:
+            raise NoLink(f"the controller at {host} does not answer as one of Universal Robots: {error}") from error
+        self._seen, self._seen_at = -1.0, time.monotonic()
+        self._heartbeat = 0
+
+    def state(self) -> ArmState:
+        """Return what the controller told last."""
+        told, registers = self._receive, self._registers
+        return ArmState(
+            timestamp=told.getTimestamp(),
+            positions=np.array(told.getActualQ()),
+            velocities=np.array(told.getActualQd()),
+            force=np.array(told.getActualTCPForce()[:3]),
+            safety_mode=told.getSafetyMode(),
+            is_playing=told.getRuntimeState() == PLAYING,
+            state=ProgramState(told.getOutputIntRegister(registers.state)),
+            step=told.getOutputIntRegister(registers.step),
+            barrier=told.getOutputIntRegister(registers.barrier),
+            path_time=told.getOutputDoubleRegister(registers.path_time),
+            lift_force=told.getOutputDoubleRegister(registers.force),
+        )
+
+    def silence(self, timestamp: float) -> float:
+        """Return for how long the controller has told nothing new [s]; endless if the connection is lost."""
+        now = time.monotonic()
+        if timestamp != self._seen:
+            self._seen, self._seen_at = timestamp, now
+        return now - self._seen_at if self._receive.isConnected() else float("inf")
+
+    def beat(self) -> None:
+        """Tell the program that somebody supervises it."""
+        self._heartbeat = (self._heartbeat + 1) % (1 << 30)
+        self._write.setInputIntRegister(self._registers.heartbeat, self._heartbeat)
+
+    def confirm(self, step: int) -> None:
+        """Let the program begin every step up to this one."""
+        self._write.setInputIntRegister(self._registers.confirmed, step)
+
+    def relay(self, other: ArmState) -> None:
+        """Pass on which barrier the other arm has reached, and what its hand bears."""
+        self._write.setInputIntRegister(self._registers.other_barrier, other.barrier)
+        self._write.setInputDoubleRegister(self._registers.other_force, other.lift_force)
+
+    def pace(self, share: float) -> None:
+        """Have the program run at this share of the plan's speed."""
+        self._write.setInputDoubleRegister(self._registers.share, share)
+
+    def stop(self) -> None:
+        """Have the program stop on its path and end."""
+        self._write.setInputIntRegister(self._registers.stop, 1)
+        self._write.setInputDoubleRegister(self._registers.share, 0.0)
+
+    def load(self, script: str) -> None:
+        """Reset what programs read, and start this one in place of whatever runs."""
+        for register in (self._registers.confirmed, self._registers.other_barrier, self._registers.stop):
+            self._write.setInputIntRegister(register, 0)
+        self.beat()
+        self._script.sendScriptCommand(script)
+
+    def end_program(self) -> None:
+        """End whatever runs there; a controller that is gone has nothing that could be ended."""
+        with suppress(RuntimeError):
+            self._dashboard.stop()
+
+    def close(self) -> None:
+        """Let go of the controller."""
+        for part in (self._receive, self._write, self._dashboard, self._script):
+            with suppress(RuntimeError):
+                part.disconnect()
