@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ NORMAL_MODES = (1, 2)
 PLAYING = 2
 """Of RTDE's `runtime_state`."""
 SCRIPT_PORT = 30002
+LEAVE_SECONDS = 1.0
+"""How long it may take to disconnect from a controller [s]."""
 VARIABLES = (
     "timestamp actual_q actual_qd actual_TCP_force safety_mode runtime_state "
     "output_int_register_12 output_int_register_13 output_int_register_14 "
@@ -148,7 +151,12 @@ class ArmLink:
             self._dashboard.stop()
 
     def close(self) -> None:
-        """Let go of the controller."""
+        """Let go of the controller; one that is silent keeps `ur-rtde` waiting, which nobody here waits for."""
+        leaving = threading.Thread(target=self._disconnect, name=f"leave {self.host}", daemon=True)
+        leaving.start()
+        leaving.join(LEAVE_SECONDS)
+
+    def _disconnect(self) -> None:
         for part in (self._receive, self._write, self._dashboard, self._script):
             with suppress(RuntimeError):
                 part.disconnect()

@@ -72,6 +72,11 @@ class StandIn:
             self.tell(record=str(path))
             return Recording(np.load(path))
 
+    def hear(self) -> None:
+        """Have it answer again, unless it was killed: clients wait for that before they go."""
+        if self._process.poll() is None:
+            self.tell(silent=False)
+
     def kill(self) -> None:
         self._process.kill()
         self._process.wait()

@@ -1,0 +1,296 @@
+"""Plans executed through the unmodified `ur-rtde` on two stand-in controllers, and what is done to them meanwhile."""
+
+from __future__ import annotations
+
+import io
+import json
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+from support.controller.controller import Configuration
+from support.controller.stand_in import Recording, StandIn, hosts, stand_ins
+from support.documents import plan_of
+from support.lift_documents import lift_document, segment
+
+from planners.cell.cell import load_cell
+from planners.contract.arrays import ArmName
+from planners.plan.plan import Plan
+from planners.plan.scenery import ARMS
+from planners.program.schedule import Schedule, Step
+from planners.program.urscript import ProgramState
+from workers.robot.arm_link import ArmLink, NoLink
+from workers.robot.execution_log import ExecutionLog
+from workers.robot.executor import Execution, ExecutionSettings, Executor
+from workers.robot.supervision import StopReason
+
+START = np.array([0.2, -1.2, -1.6, -2.0, 1.5, 0.3, -0.2, -1.9, 1.6, -1.1, -1.5, 0.1])
+WAYS = np.array([0.5, -0.3, 0.4, 0.6, -0.5, 0.8, -0.4, 0.3, -0.5, 0.2, 0.6, -0.7])
+MOVERS: tuple[list[ArmName], ...] = (["left", "right"], ["left"], ["right"], ["left", "right"])
+DURATION = 0.8
+"""Of each step [s]."""
+CYCLE = 0.002
+STANDSTILL = 0.1
+"""In which both arms must stand still, whatever happens [s]."""
+CHECK = {"name": "structure", "passed": True, "margin": 0.0, "unit": "1", "where": "the whole document"}
+
+
+def moving_plan(movers: tuple[list[ArmName], ...] = MOVERS) -> Plan:
+    """Return a plan whose arms go to and fro, a segment each way, from rest to rest as half a period of a cosine."""
+    time_ = np.linspace(0.0, DURATION, 41)
+    rate = np.pi / DURATION
+    shape, speed = (1 - np.cos(rate * time_)) / 2, np.sin(rate * time_) * rate / 2
+    acceleration = np.cos(rate * time_) * rate**2 / 2
+    q, segments = START.copy(), []
+    for index, names in enumerate(movers):
+        way = np.where(np.repeat([arm in names for arm in ARMS], 6), WAYS * (-1) ** index, 0.0)
+        rows = {
+            "positions": q + np.outer(shape, way),
+            "velocities": np.outer(speed, way),
+            "accelerations": np.outer(acceleration, way),
+        }
+        rows = {name: values.tolist() for name, values in rows.items()}
+        segments.append(
+            segment(0.0, 41, **{"movers": list(names), "time": (time_ + index * DURATION).tolist(), **rows})
+        )
+        q = q + way
+    certificate = {"passed": True, "checks": [CHECK]}
+    cell = load_cell("dual_ur3e_lift")
+    members = {"outcome": "solved", "segments": segments, "certificate": certificate}
+    return plan_of({**lift_document(cell), **members})
+
+
+SCHEDULE = Schedule.of(moving_plan())
+
+
+@dataclass
+class Cell:
+    """Two controllers, and what is executed on them."""
+
+    stand_ins: Mapping[ArmName, StandIn]
+    links: Mapping[ArmName, ArmLink]
+    log: io.StringIO
+
+    def execute(
+        self, confirm: Callable[[Step], bool] = lambda _: True, schedule: Schedule = SCHEDULE, **settings: Any
+    ) -> Execution:
+        return Executor(schedule, self.links, ExecutionLog(self.log), confirm, ExecutionSettings(**settings)).run()
+
+    def events(self) -> list[dict[str, Any]]:
+        return [line for line in map(json.loads, self.log.getvalue().splitlines()) if "event" in line]
+
+
+def configuration(arm: ArmName) -> Configuration:
+    document = SCHEDULE.plan.cell.arms[arm]
+    return Configuration(
+        host=hosts()[arm],
+        start=SCHEDULE.start[arm].tolist(),
+        position_min=document.position_min.tolist(),
+        position_max=document.position_max.tolist(),
+        velocity_max=document.velocity_max.tolist(),
+        acceleration_max=[100.0] * 6,
+        dh=np.asarray(document.dh).tolist(),
+        cycle=CYCLE,
+    )
+
+
+@contextmanager
+def cell() -> Iterator[Cell]:
+    with stand_ins(*(configuration(arm) for arm in ARMS)) as controllers:
+        links = {arm: ArmLink(hosts()[arm]) for arm in ARMS}
+        try:
+            yield Cell(dict(zip(ARMS, controllers, strict=True)), links, io.StringIO())
+        finally:
+            for controller in controllers:
+                controller.hear()
+            for link in links.values():
+                link.close()
+
+
+def curve(arm: ArmName, step: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what the plan has an arm do in a step, by SciPy."""
+    mine = SCHEDULE.steps[step - 1].arms[arm]
+    if not mine.moves:
+        return lambda times: np.repeat(mine.positions, len(times), axis=0)
+    return CubicHermiteSpline(mine.time, mine.positions, mine.velocities)
+
+
+def running(recording: Recording, step: int) -> np.ndarray:
+    return (recording.step == step) & (recording.state == ProgramState.RUNNING)
+
+
+def test_both_arms_move_as_planned_and_stay_together() -> None:
+    """Within 1e-3 rad and one cycle of the plan, the arms within 8 ms of each other, at a share of the speed too."""
+    with cell() as site:
+        execution = site.execute()
+        assert execution.is_done, execution.stop
+        site.stand_ins["left"].tell(joints=SCHEDULE.start["left"].tolist())
+        site.stand_ins["right"].tell(joints=SCHEDULE.start["right"].tolist())
+        begun = {arm: len(site.stand_ins[arm].recording().time) for arm in ARMS}
+        time.sleep(0.05)
+        again = site.execute(speed=0.6, schedule=Schedule(SCHEDULE.plan, SCHEDULE.steps[:1]))
+        assert again.is_done, again.stop
+        recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
+    whole = {arm: slice(0, begun[arm]) for arm in ARMS}
+    for arm, recording in recordings.items():
+        for step in range(1, len(SCHEDULE.steps) + 1):
+            rows = running(recording, step)
+            times = recording.path_time[rows]
+            # The joints are sent a cycle before the path's time goes on.
+            off = np.abs(curve(arm, step)(np.clip(times - CYCLE, 0.0, DURATION)) - recording.q[rows]).max(axis=1)
+            on = np.abs(curve(arm, step)(np.clip(times, 0.0, DURATION)) - recording.q[rows]).max(axis=1)
+            assert np.minimum(off, on).max() < 1e-3
+            first = rows & (np.arange(len(rows)) < whole[arm].stop)
+            lasted = recording.time[first][-1] - recording.time[first][0]
+            assert lasted == pytest.approx(DURATION, abs=0.05)
+    left, right = recordings["left"], recordings["right"]
+    for step in range(1, len(SCHEDULE.steps) + 1):
+        mine, other = running(left, step), running(right, step)
+        times = np.interp(left.time[mine], right.time[other], right.path_time[other])
+        assert np.percentile(np.abs(times - left.path_time[mine]), 99) < 0.008
+    slow = running(left, 1) & (np.arange(len(left.time)) >= begun["left"])
+    assert left.time[slow][-1] - left.time[slow][0] == pytest.approx(DURATION / 0.6, abs=0.1)
+    steps = [event["number"] for event in site.events() if event["event"] == "step"]
+    assert steps == [1, 2, 3, 4, 1]
+
+
+def meanwhile(execution: Callable[[], Execution], moment: float, act: Callable[[], float]) -> tuple[Execution, float]:
+    """Do something a while after an execution was begun; returns how it ended, and when that was done."""
+    done: list[float] = []
+
+    def wait_and_act() -> None:
+        time.sleep(moment)
+        done.append(act())
+
+    thread = threading.Thread(target=wait_and_act)
+    thread.start()
+    ended = execution()
+    thread.join()
+    return ended, done[0]
+
+
+def assert_still(site: Cell, since: float, arms: tuple[ArmName, ...] = ARMS) -> None:
+    time.sleep(STANDSTILL)
+    for arm in arms:
+        recording = site.stand_ins[arm].recording()
+        assert recording.still_since() > since - 0.05, "it did not move when it was stopped"
+        assert recording.still_since() - since < STANDSTILL
+
+
+STOPS: dict[str, tuple[dict[str, Any], StopReason]] = {
+    "protective stop": ({"protective_stop": "by a test"}, StopReason.PROTECTIVE_STOP),
+    "force": ({"wrench": [0.0, 0.0, 90.0, 0.0, 0.0, 0.0]}, StopReason.OVERLOAD),
+    "silence": ({"silent": True}, StopReason.LOST),
+}
+
+
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("what", STOPS)
+def test_whatever_stops_one_arm_stops_both(what: str, arm: ArmName) -> None:
+    order, reason = STOPS[what]
+    with cell() as site:
+        execution, since = meanwhile(
+            lambda: site.execute(), 0.8, lambda: float(site.stand_ins[arm].tell(**order)["time"])
+        )
+        assert execution.stop is not None
+        assert execution.stop.reason is reason
+        assert execution.stop.arm == arm
+        assert_still(site, since)
+        assert site.events()[-1] == {**site.events()[-1], "event": "end", "done": False}
+
+
+def test_a_protective_stop_in_any_step_stops_both_arms() -> None:
+    with cell() as site:
+        for step in range(1, len(SCHEDULE.steps) + 1):
+            for arm in ARMS:
+                site.links[arm]._dashboard.unlockProtectiveStop()
+                site.stand_ins[arm].tell(joints=SCHEDULE.start[arm].tolist())
+            time.sleep(0.05)
+            begun = threading.Event()
+
+            def told(next_step: Step, step: int = step, begun: threading.Event = begun) -> bool:
+                if next_step.number == step:
+                    begun.set()
+                return True
+
+            def stop(begun: threading.Event = begun) -> float:
+                assert begun.wait(10.0)
+                time.sleep(0.3)
+                return float(site.stand_ins["right"].tell(protective_stop="by a test")["time"])
+
+            execution, since = meanwhile(lambda told=told: site.execute(told), 0.0, stop)
+            assert execution.stop is not None
+            assert execution.stop.reason is StopReason.PROTECTIVE_STOP
+            time.sleep(STANDSTILL)
+            for arm in ARMS:
+                assert site.stand_ins[arm].recording().still_since() - since < STANDSTILL
+
+
+def test_a_controller_that_dies_leaves_the_other_arm_at_rest() -> None:
+    with cell() as site:
+
+        def kill() -> float:
+            site.stand_ins["right"].kill()
+            return time.monotonic()
+
+        execution, since = meanwhile(lambda: site.execute(), 0.8, kill)
+        assert execution.stop is not None
+        assert execution.stop.reason is StopReason.LOST
+        assert_still(site, since, ("left",))
+
+
+def test_arms_that_are_told_late_stay_together() -> None:
+    with cell() as site:
+        site.stand_ins["right"].tell(delay=0.006)
+        execution = site.execute(schedule=Schedule(SCHEDULE.plan, SCHEDULE.steps[:2]))
+        assert execution.is_done, execution.stop
+        left, right = (site.stand_ins[arm].recording() for arm in ARMS)
+    mine, other = running(left, 1), running(right, 1)
+    apart = np.abs(np.interp(left.time[mine], right.time[other], right.path_time[other]) - left.path_time[mine])
+    assert np.percentile(apart, 99) < 0.008 + 0.006
+
+
+def _execute_alone() -> None:
+    links = {arm: ArmLink(address) for arm, address in json.loads(multiprocessing.current_process().name).items()}
+    Executor(SCHEDULE, links, ExecutionLog(io.StringIO()), lambda _: True).run()
+
+
+def test_an_executor_that_is_killed_leaves_both_arms_at_rest() -> None:
+    with cell() as site:
+        process = multiprocessing.get_context("spawn").Process(target=_execute_alone, name=json.dumps(hosts()))
+        process.start()
+        until = time.monotonic() + 30.0
+        while site.links["left"].state().path_time < 0.3:
+            assert time.monotonic() < until
+            time.sleep(0.002)
+        process.kill()
+        since = time.monotonic()
+        process.join()
+        assert_still(site, since)
+
+
+def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
+    with cell() as site:
+        refused = site.execute(lambda _: False)
+        assert refused.stop is not None
+        assert refused.stop.reason is StopReason.ASKED
+        site.stand_ins["left"].tell(joints=[*(SCHEDULE.start["left"] + 0.02).tolist()])
+        time.sleep(0.05)
+        elsewhere = site.execute()
+        assert elsewhere.stop is not None
+        assert elsewhere.stop.reason is StopReason.WRONG_START
+        assert elsewhere.stop.arm == "left"
+        for arm in ARMS:
+            assert np.ptp(site.stand_ins[arm].recording().q, axis=0).max() <= 0.02 + 1e-12
+
+
+def test_where_no_controller_is_that_is_said() -> None:
+    with pytest.raises(NoLink, match="does not answer"):
+        ArmLink("127.0.0.9")
