@@ -178,7 +178,7 @@ def test_a_plan_tells_where_the_cup_was_put_where_the_task_left_that_open() -> N
 @pytest.mark.parametrize(
     ("executed", "line"),
     [
-        (None, "simulation:     none, options.simulate is false"),
+        (None, "simulation:     not yet"),
         (simulation(9.0, lift=lift(4.0, height=0.188)), "simulation:     lifted, 188 mm, in 17.7 s"),
         (tool_simulation(9.0), "simulation:     done, in 17.7 s"),
         (
@@ -194,6 +194,12 @@ def test_a_plan_tells_where_the_cup_was_put_where_the_task_left_that_open() -> N
 def test_a_solved_plan_tells_how_it_fared_in_physics(executed: dict[str, Any] | None, line: str) -> None:
     plan = _plan(simulation=executed, statistics=_statistics(20.0, {"simulate": 17.7}))
     assert line in summarise(plan).splitlines()
+
+
+def test_a_plan_that_nobody_wants_simulated_says_so() -> None:
+    document = lift_document(load_cell("dual_ur3e_lift"))
+    plan = _plan(task={**document["task"], "options": {**document["task"]["options"], "simulate": False}})
+    assert "simulation:     none, options.simulate is false" in summarise(plan).splitlines()
 
 
 @pytest.mark.parametrize("certificate", [None, {"passed": False, "checks": []}, {"passed": True, "checks": []}])
