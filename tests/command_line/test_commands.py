@@ -196,6 +196,12 @@ def test_a_solved_plan_tells_how_it_fared_in_physics(executed: dict[str, Any] | 
     assert line in summarise(plan).splitlines()
 
 
+def test_a_plan_that_nobody_wants_simulated_says_so() -> None:
+    document = lift_document(load_cell("dual_ur3e_lift"))
+    plan = _plan(task={**document["task"], "options": {**document["task"]["options"], "simulate": False}})
+    assert "simulation:     none, options.simulate is false" in summarise(plan).splitlines()
+
+
 @pytest.mark.parametrize("certificate", [None, {"passed": False, "checks": []}, {"passed": True, "checks": []}])
 def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
     certificate: dict[str, Any] | None,

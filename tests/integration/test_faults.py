@@ -148,8 +148,11 @@ def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next
 
 def test_an_idle_solver_that_is_killed_costs_no_job(service: ServiceProcess) -> None:
     with service.client() as client:
-        for process in solvers(service):
+        killed = solvers(service)
+        for process in killed:
             process.send_signal(signal.SIGKILL)
+        # Before the worker has been told of their end, one of them may still be given the job.
+        psutil.wait_procs(killed, timeout=20)
         plan = finished(client, post(client, "now"))
         assert (plan["state"], plan["attempts"]) == ("succeeded", 1)
 
