@@ -24,7 +24,7 @@ from planners.cell.cell import load_cell
 from planners.contract.arrays import ArmName
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
-from planners.program.schedule import Schedule, Step
+from planners.program.schedule import ProgramStep, Schedule
 from planners.program.urscript import ProgramState
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
@@ -79,7 +79,7 @@ class Cell:
     log: io.StringIO
 
     def execute(
-        self, confirm: Callable[[Step], bool] = lambda _: True, schedule: Schedule = SCHEDULE, **settings: Any
+        self, confirm: Callable[[ProgramStep], bool] = lambda _: True, schedule: Schedule = SCHEDULE, **settings: Any
     ) -> Execution:
         return Executor(schedule, self.links, ExecutionLog(self.log), confirm, ExecutionSettings(**settings)).run()
 
@@ -215,7 +215,7 @@ def test_a_protective_stop_in_any_step_stops_both_arms() -> None:
             time.sleep(0.05)
             begun = threading.Event()
 
-            def told(next_step: Step, step: int = step, begun: threading.Event = begun) -> bool:
+            def told(next_step: ProgramStep, step: int = step, begun: threading.Event = begun) -> bool:
                 if next_step.number == step:
                     begun.set()
                 return True

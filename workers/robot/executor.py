@@ -14,7 +14,7 @@ from planners.program.schedule import ProgramStep, Schedule
 from planners.program.urscript import JOINT_TOLERANCE, SHARE_RATE, ProgramState, write_urscript
 from workers.robot.arm_link import ArmLink, ArmState
 from workers.robot.execution_log import ExecutionLog
-from workers.robot.supervision import Stop, StopReason, SupervisionSettings, Supervisor
+from workers.robot.supervision import ArmSupervisor, Stop, StopReason, SupervisionSettings
 
 Confirm = Callable[[ProgramStep], bool]
 """Asks a person whether a step may begin; it may take as long as it likes."""
@@ -65,7 +65,7 @@ class Executor:
     ) -> None:
         self._schedule, self._links, self._log, self._confirm = schedule, links, log, confirm
         self._settings = settings or ExecutionSettings()
-        self._supervisor = Supervisor(schedule, self._settings.supervision)
+        self._supervisor = ArmSupervisor(schedule, self._settings.supervision)
         self._asked_to_stop = threading.Event()
         self._shares: dict[ArmName, float] = {}
         self._confirmed = 0

@@ -54,7 +54,7 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Supervisor:
+class ArmSupervisor:
     """Compares what arms tell with a schedule."""
 
     schedule: Schedule
