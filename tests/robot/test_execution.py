@@ -37,9 +37,20 @@ MOVERS: tuple[list[ArmName], ...] = (["left", "right"], ["left"], ["right"], ["l
 DURATION = 0.8
 """Of each step [s]."""
 CYCLE = 0.002
+SLOWNESS = 5.0
+"""Controllers and executor run in slow motion: a machine that tests other things besides is late by milliseconds."""
 STANDSTILL = 0.1
 """In which both arms must stand still, whatever happens [s]."""
 CHECK = {"name": "structure", "passed": True, "margin": 0.0, "unit": "1", "where": "the whole document"}
+
+
+def clock() -> float:
+    """Return the time of the slow world [s]."""
+    return time.monotonic() / SLOWNESS
+
+
+def wait(seconds: float) -> None:
+    time.sleep(SLOWNESS * seconds)
 
 
 def moving_plan(movers: tuple[list[ArmName], ...] = MOVERS) -> Plan:
@@ -81,7 +92,9 @@ class Cell:
     def execute(
         self, confirm: Callable[[ProgramStep], bool] = lambda _: True, schedule: Schedule = SCHEDULE, **settings: Any
     ) -> Execution:
-        return Executor(schedule, self.links, ExecutionLog(self.log), confirm, ExecutionSettings(**settings)).run()
+        return Executor(
+            schedule, self.links, ExecutionLog(self.log), confirm, ExecutionSettings(**settings), clock
+        ).run()
 
     def events(self) -> list[dict[str, Any]]:
         return [line for line in map(json.loads, self.log.getvalue().splitlines()) if "event" in line]
@@ -98,13 +111,14 @@ def configuration(arm: ArmName) -> Configuration:
         acceleration_max=[100.0] * 6,
         dh=np.asarray(document.dh).tolist(),
         cycle=CYCLE,
+        slowness=SLOWNESS,
     )
 
 
 @contextmanager
 def cell() -> Iterator[Cell]:
     with stand_ins(*(configuration(arm) for arm in ARMS)) as controllers:
-        links = {arm: ArmLink(hosts()[arm]) for arm in ARMS}
+        links = {arm: ArmLink(hosts()[arm], clock=clock) for arm in ARMS}
         try:
             yield Cell(dict(zip(ARMS, controllers, strict=True)), links, io.StringIO())
         finally:
@@ -134,7 +148,7 @@ def test_both_arms_move_as_planned_and_stay_together() -> None:
         site.stand_ins["left"].tell(joints=SCHEDULE.start["left"].tolist())
         site.stand_ins["right"].tell(joints=SCHEDULE.start["right"].tolist())
         begun = {arm: len(site.stand_ins[arm].recording().time) for arm in ARMS}
-        time.sleep(0.05)
+        wait(0.05)
         again = site.execute(speed=0.6, schedule=Schedule(SCHEDULE.plan, SCHEDULE.steps[:1]))
         assert again.is_done, again.stop
         recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
@@ -166,7 +180,7 @@ def meanwhile(execution: Callable[[], Execution], moment: float, act: Callable[[
     done: list[float] = []
 
     def wait_and_act() -> None:
-        time.sleep(moment)
+        wait(moment)
         done.append(act())
 
     thread = threading.Thread(target=wait_and_act)
@@ -177,7 +191,7 @@ def meanwhile(execution: Callable[[], Execution], moment: float, act: Callable[[
 
 
 def assert_still(site: Cell, since: float, arms: tuple[ArmName, ...] = ARMS) -> None:
-    time.sleep(STANDSTILL)
+    wait(STANDSTILL)
     for arm in arms:
         recording = site.stand_ins[arm].recording()
         assert recording.still_since() > since - 0.05, "it did not move when it was stopped"
@@ -212,7 +226,7 @@ def test_a_protective_stop_in_any_step_stops_both_arms() -> None:
             for arm in ARMS:
                 site.links[arm]._dashboard.unlockProtectiveStop()
                 site.stand_ins[arm].tell(joints=SCHEDULE.start[arm].tolist())
-            time.sleep(0.05)
+            wait(0.05)
             begun = threading.Event()
 
             def told(next_step: ProgramStep, step: int = step, begun: threading.Event = begun) -> bool:
@@ -222,13 +236,13 @@ def test_a_protective_stop_in_any_step_stops_both_arms() -> None:
 
             def stop(begun: threading.Event = begun) -> float:
                 assert begun.wait(10.0)
-                time.sleep(0.3)
+                wait(0.3)
                 return float(site.stand_ins["right"].tell(protective_stop="by a test")["time"])
 
             execution, since = meanwhile(lambda told=told: site.execute(told), 0.0, stop)
             assert execution.stop is not None
             assert execution.stop.reason is StopReason.PROTECTIVE_STOP
-            time.sleep(STANDSTILL)
+            wait(STANDSTILL)
             for arm in ARMS:
                 assert site.stand_ins[arm].recording().still_since() - since < STANDSTILL
 
@@ -238,7 +252,7 @@ def test_a_controller_that_dies_leaves_the_other_arm_at_rest() -> None:
 
         def kill() -> float:
             site.stand_ins["right"].kill()
-            return time.monotonic()
+            return clock()
 
         execution, since = meanwhile(lambda: site.execute(), 0.8, kill)
         assert execution.stop is not None
@@ -258,8 +272,11 @@ def test_arms_that_are_told_late_stay_together() -> None:
 
 
 def _execute_alone() -> None:
-    links = {arm: ArmLink(address) for arm, address in json.loads(multiprocessing.current_process().name).items()}
-    Executor(SCHEDULE, links, ExecutionLog(io.StringIO()), lambda _: True).run()
+    links = {
+        arm: ArmLink(address, clock=clock)
+        for arm, address in json.loads(multiprocessing.current_process().name).items()
+    }
+    Executor(SCHEDULE, links, ExecutionLog(io.StringIO()), lambda _: True, clock=clock).run()
 
 
 def test_an_executor_that_is_killed_leaves_both_arms_at_rest() -> None:
@@ -271,7 +288,7 @@ def test_an_executor_that_is_killed_leaves_both_arms_at_rest() -> None:
             assert time.monotonic() < until
             time.sleep(0.002)
         process.kill()
-        since = time.monotonic()
+        since = clock()
         process.join()
         assert_still(site, since)
 
@@ -282,7 +299,7 @@ def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
         assert refused.stop is not None
         assert refused.stop.reason is StopReason.ASKED
         site.stand_ins["left"].tell(joints=[*(SCHEDULE.start["left"] + 0.02).tolist()])
-        time.sleep(0.05)
+        wait(0.05)
         elsewhere = site.execute()
         assert elsewhere.stop is not None
         assert elsewhere.stop.reason is StopReason.WRONG_START

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -65,13 +66,20 @@ class ArmState:
 class ArmLink:
     """One controller: read `state`, write registers, load and end programs."""
 
-    def __init__(self, host: str, registers: Registers | None = None) -> None:
+    def __init__(
+        self, host: str, registers: Registers | None = None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         """Connect to a controller.
+
+        Args:
+            host: its address or name.
+            registers: through which a program and this link talk.
+            clock: by which silence is told, in seconds.
 
         Raises:
             NoLink: it does not answer, or `ur-rtde` is not installed.
         """
-        self.host, self._registers = host, registers or Registers()
+        self.host, self._registers, self._clock = host, registers or Registers(), clock
         try:
             receive, write, dashboard, script = map(
                 import_module, ("rtde_receive", "rtde_io", "dashboard_client", "script_client")
@@ -88,7 +96,7 @@ class ArmLink:
             self._script.connect()
         except (RuntimeError, ValueError) as error:
             raise NoLink(f"the controller at {host} does not answer as one of Universal Robots: {error}") from error
-        self._seen, self._seen_at = -1.0, time.monotonic()
+        self._seen, self._seen_at = -1.0, self._clock()
         self._heartbeat = 0
 
     def state(self) -> ArmState:
@@ -110,7 +118,7 @@ class ArmLink:
 
     def silence(self, timestamp: float) -> float:
         """Return for how long the controller has told nothing new [s]; endless if the connection is lost."""
-        now = time.monotonic()
+        now = self._clock()
         if timestamp != self._seen:
             self._seen, self._seen_at = timestamp, now
         return now - self._seen_at if self._receive.isConnected() else float("inf")

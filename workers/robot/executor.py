@@ -16,6 +16,7 @@ from workers.robot.arm_link import ArmLink, ArmState
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.supervision import ArmSupervisor, Stop, StopReason, SupervisionSettings
 
+Clock = Callable[[], float]
 Confirm = Callable[[ProgramStep], bool]
 """Asks a person whether a step may begin; it may take as long as it likes."""
 
@@ -62,7 +63,19 @@ class Executor:
         log: ExecutionLog,
         confirm: Confirm,
         settings: ExecutionSettings | None = None,
+        clock: Clock = time.monotonic,
     ) -> None:
+        """Be ready to run a schedule.
+
+        Args:
+            schedule: of a plan that may be executed, see `planners.program.guard`.
+            links: to each arm's controller; their clocks must be this one.
+            log: of all that happens.
+            confirm: asked before each step.
+            settings: how it is run.
+            clock: in seconds; another than the wall's for controllers in slow motion.
+        """
+        self._clock = clock
         self._schedule, self._links, self._log, self._confirm = schedule, links, log, confirm
         self._settings = settings or ExecutionSettings()
         self._supervisor = ArmSupervisor(schedule, self._settings.supervision)
@@ -104,8 +117,8 @@ class Executor:
         for arm, link in self._links.items():
             link.load(write_urscript(self._schedule, arm))
             self._pace(arm, self._settings.speed)
-        until, ready = time.monotonic() + self._settings.patience, float("inf")
-        while (now := time.monotonic()) < until:
+        until, ready = self._clock() + self._settings.patience, float("inf")
+        while (now := self._clock()) < until:
             states = self._beat()
             if all(state.barrier == 1 and state.state is ProgramState.WAITING for state in states.values()):
                 ready = min(ready, now)
@@ -185,8 +198,8 @@ class Executor:
         reached = [arm for arm in ARMS if arm != lost]
         for arm in reached:
             self._links[arm].stop()
-        until = time.monotonic() + self._settings.patience
-        while time.monotonic() < until:
+        until = self._clock() + self._settings.patience
+        while self._clock() < until:
             for arm in reached:
                 self._links[arm].beat()
             if all(self._links[arm].state().is_still for arm in reached):

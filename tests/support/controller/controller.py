@@ -42,6 +42,8 @@ class Configuration:
     acceleration_max: list[float]
     dh: list[list[float]]
     cycle: float = 0.002
+    slowness: float = 1.0
+    """Seconds of the wall clock for each second of the controller's, so that a busy machine keeps up with it."""
     wires: str = ""
     """File that both controllers map: what one has on its digital outputs the other has on its inputs."""
     wire_side: int = 0
@@ -64,10 +66,10 @@ class Controller:
     def __init__(self, configuration: Configuration) -> None:
         given = configuration
         limits = ArmLimits(
-            *(
-                np.array(values, dtype=float)
-                for values in (given.position_min, given.position_max, given.velocity_max, given.acceleration_max)
-            )
+            position_min=np.array(given.position_min, dtype=float),
+            position_max=np.array(given.position_max, dtype=float),
+            velocity_max=np.array(given.velocity_max, dtype=float),
+            acceleration_max=np.array(given.acceleration_max, dtype=float),
         )
         self.arm = Arm(np.array(given.start, dtype=float), limits, np.array(given.dh, dtype=float), given.cycle)
         self.registers = Registers()
@@ -77,7 +79,7 @@ class Controller:
         self.messages: list[str] = []
         self.faults = Faults()
         self.speed_slider = 1.0
-        self._time, self._ticks = 0.0, 0
+        self._time, self._ticks, self._slowness = 0.0, 0, given.slowness
         self._written: dict[str, float] = {}
         self._selector = selectors.DefaultSelector()
         self._rtde: list[RtdeSession] = []
@@ -99,15 +101,18 @@ class Controller:
 
     def run(self) -> None:
         cycle = self.arm.cycle
-        self._time = time.monotonic()
+        self._time = self._clock()
         print("ready", flush=True)
         while True:
-            for key, _ in self._selector.select(max(0.0, self._time + cycle - time.monotonic())):
+            for key, _ in self._selector.select(max(0.0, self._slowness * (self._time + cycle - self._clock()))):
                 key.data()
-            if time.monotonic() >= self._time + cycle:
+            if self._clock() >= self._time + cycle:
                 # A process that waited for the processor catches up, so that its clock is that of the world.
                 self._time += cycle
                 self._tick()
+
+    def _clock(self) -> float:
+        return time.monotonic() / self._slowness
 
     def _tick(self) -> None:
         self._ticks += 1
@@ -149,7 +154,7 @@ class Controller:
     def _watch(self) -> None:
         """Stop or pause the program whose watched input was not written for too long."""
         for name, (longest, action) in self.intrinsics._watchdogs.items():
-            now = time.monotonic()
+            now = self._clock()
             if now - self._written.setdefault(name, now) > longest and self.runtime_state == PLAYING:
                 self.messages.append(f"watchdog: {name}")
                 if action == "stop":
@@ -244,7 +249,7 @@ class Controller:
         if self.arm.safety_mode is SafetyMode.NORMAL:
             self._written.clear()
             # Real controllers read a script beside their control loop.
-            self._time = time.monotonic()
+            self._time = self._clock()
             self.program, self.runtime_state = start(), PLAYING
 
     def _dashboard(self, line: str) -> str:
@@ -280,7 +285,7 @@ class Controller:
         return answers.get(line, f"could not understand: '{line}'")
 
     def _write(self, name: str, value: Value) -> None:
-        self._written[name] = time.monotonic()
+        self._written[name] = self._clock()
         kind, _, number = name.rpartition("_")
         if kind == "input_int_register":
             self.registers.input_int[int(number)] = int(value)  # type: ignore[arg-type]
