@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -85,10 +85,6 @@ class Schedule:
     def start(self) -> dict[ArmName, Array]:
         """The (6,) joint positions from which each arm begins [rad]."""
         return {arm: self.steps[0].arms[arm].positions[0] for arm in ARMS}
-
-    def names_of(self, arm: ArmName) -> Sequence[str]:
-        """Return the names of an arm's joints in the plan."""
-        return self.plan.joint_names[_of(arm)]
 
 
 @dataclass(frozen=True, eq=False)

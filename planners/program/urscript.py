@@ -42,7 +42,7 @@ class Handshake(StrEnum):
     """How the two controllers wait for each other."""
 
     REGISTERS = "registers"
-    """Through registers that `liftwright execute`, or a program of one's own, passes on by RTDE; it confirms steps."""
+    """Through registers that a computer passes on by RTDE; it confirms steps."""
     DIGITAL = "digital"
     """Through one crossed pair of digital wires, without anybody else."""
 
