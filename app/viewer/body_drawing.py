@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
 from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import FULL, Detail, LinkMeshes, write_cylinders, write_pieces
+from app.viewer.link_meshes import FULL, NEAR_REACH, Detail, LinkMeshes, write_cylinders, write_pieces
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
 from planners.cell.asset_files import (
@@ -273,13 +273,19 @@ class Drawings:
     """Where the files of the cell are."""
     detail: Detail
 
-    def link(self, link: LinkFile) -> bytes:
-        """Return a link's drawing as binary glTF: of the maker's mesh, or of what stands in for it."""
+    def link(self, link: LinkFile, reach: float) -> bytes:
+        """Return a link's drawing as binary glTF: of the maker's mesh, or of what stands in for it.
+
+        Args:
+            link: what the robot's file says of it.
+            reach: of its arm [m].
+        """
         if isinstance(link, CylinderLinkFile):
             return write_cylinders([(each.start, each.end, each.radius) for each in link.cylinders])
         if isinstance(link, PiecesLinkFile):
             return write_pieces(link.pieces)
-        return self.meshes.glb(link.mesh, self.shelf, link.transform(), self.detail.links)
+        settings = replace(self.detail.links, cell=self.detail.links.cell * max(1.0, reach / NEAR_REACH))
+        return self.meshes.glb(link.mesh, self.shelf, link.transform(), settings)
 
     def hand(self, mesh: MeshFile) -> bytes:
         """Return the drawing of a part of a hand."""
@@ -313,14 +319,14 @@ class ArmDrawing:
         self._joints: list[FrameHandle] = []
         add_frame(scene, root, arm.T_world_base)
         links = link_files(arm, drawings.shelf)
-        scene.add_glb(f"{root}/link_0", drawings.link(links[0]))
+        scene.add_glb(f"{root}/link_0", drawings.link(links[0], arm.robot.reach))
         parent = root
         for index, (a, alpha, d, _) in enumerate(arm.dh, start=1):
             joint = f"{parent}/joint_{index}"
             self._joints.append(add_frame(scene, joint, np.eye(4)))
             parent = f"{joint}/after"
             add_frame(scene, parent, transform(rotation_x(alpha), [a, 0.0, d]))
-            scene.add_glb(f"{parent}/link_{index}", drawings.link(links[index]))
+            scene.add_glb(f"{parent}/link_{index}", drawings.link(links[index], arm.robot.reach))
         self._hand = _draw_hand(scene, arm, drawings, parent)
         self.tcp = add_frame(scene, f"{parent}/tcp", np.eye(4), axes_length=0.07)
         self.tcp.visible = False

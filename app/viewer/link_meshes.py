@@ -24,6 +24,8 @@ from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
 from planners.geometry.surface import Faces, hull_with_faces
 
+NEAR_REACH = 0.5
+"""[m]"""
 Colour = tuple[float, float, float]
 _CREASE = np.radians(45.0)
 GREY: Colour = (0.32, 0.34, 0.37)
@@ -35,7 +37,8 @@ class ThinningSettings:
     """How coarse the drawing is."""
 
     cell: float = 4.2e-3
-    """Edge of a grid cell [m]: smaller details are lost."""
+    """Edge of a grid cell [m]: smaller details are lost. Of a link: of an arm that reaches `NEAR_REACH`, and in
+    proportion of a longer one, which is looked at from farther away."""
     crease: float = 35.0
     """Faces that meet at a larger angle have a sharp edge between them [deg]."""
 

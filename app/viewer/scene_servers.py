@@ -26,6 +26,7 @@ from app.errors import CellNotDrawn, TooManyWatchers
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer.body_drawing import EmptyCell, Stage
+from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, PERCEIVED_VIEW, VIEWS, View
 from app.viewer.description import PlanDescription
 from app.viewer.editor.draft_scene import DraftListener, DraftScene
 from app.viewer.link_meshes import FULL, Detail, LinkMeshes
@@ -50,36 +51,6 @@ LOOPBACK = "127.0.0.1"
 KEY = re.compile(r"[A-Za-z0-9_-]{24}")
 
 
-@dataclass(frozen=True)
-class View:
-    """Where the camera is, and what it looks at, along the world's axes [m]."""
-
-    position: tuple[float, float, float]
-    target: tuple[float, float, float]
-    from_body: bool = False
-    """Whether they count from the body that is moved, wherever it is, instead of the world's origin."""
-
-    def in_world(self, body_position: Array) -> tuple[Array, Array]:
-        """Return position and target in the world (3,) [m], while the body that is moved is at `body_position` (3,)."""
-        origin = body_position if self.from_body else np.zeros(3)
-        return origin + self.position, origin + self.target
-
-
-VIEWS = {
-    "overview": View((1.89, -0.99, 1.75), (0.2, -0.02, 1.12)),
-    "front": View((2.05, 0.0, 1.62), (0.15, 0.0, 1.36)),
-    "side": View((0.32, -1.95, 1.5), (0.26, 0.0, 1.36)),
-    "top": View((0.4, 0.0, 2.9), (0.3, 0.0, 1.1)),
-    "close": View((0.68, -0.64, 0.4), (0.0, 0.0, 0.06), from_body=True),
-}
-PERCEIVED_VIEW = View((0.96, -0.66, 0.80), (0.0, 0.0, 0.04), from_body=True)
-"""From which a perceived scene is seen first."""
-DRAFT_VIEW = View((1.5, -0.36, 1.86), (0.25, -0.01, 1.16))
-"""From which a draft is seen first: from the front and above, so that the table can be dragged on."""
-FIELD_OF_VIEW = 0.66
-"""Vertical [rad]."""
-
-
 class SceneServer:
     """A viser server with at most one plan, perceived scene or draft in it.
 
@@ -95,9 +66,7 @@ class SceneServer:
         rich.reconfigure(quiet=True)
         self._server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
-        camera = self._server.initial_camera
-        camera.position, camera.look_at = VIEWS["overview"].position, VIEWS["overview"].target
-        camera.fov = FIELD_OF_VIEW
+        self._server.initial_camera.fov = FIELD_OF_VIEW
         self.detail = FULL
         """How much is drawn of what is opened from now on."""
         self._shown: PlanScene | SceneDrawing | DraftScene | EmptyCell | None = None
@@ -115,13 +84,16 @@ class SceneServer:
         if self._shown is None:
             with self._server.atomic():
                 self._shown = EmptyCell(self._cleared(cell, meshes), self._root)
+            self._look_first(VIEWS["overview"])
 
     def open(self, playback: Playback, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
         with self._server.atomic():
-            was_other = isinstance(self._shown, SceneDrawing | DraftScene)
+            same = (
+                isinstance(self._shown, PlanScene | EmptyCell) and self._stage is not None and self._stage.cell is cell
+            )
             self._shown = PlanScene(self._cleared(cell, meshes), self._root, playback)
-        if was_other:
+        if not same:
             self._look_first(VIEWS["overview"])
 
     def open_perceived(
@@ -155,8 +127,9 @@ class SceneServer:
     def _look_first(self, view: View) -> None:
         """Have whoever comes see a view first, and whoever is there see it now."""
         assert self._shown is not None
+        assert self._stage is not None
         camera = self._server.initial_camera
-        camera.position, camera.look_at = view.in_world(self._shown.body_position)
+        camera.position, camera.look_at = view.place(self._stage.cell, self._shown.body_position)
         self.look(view)
 
     def _cleared(self, cell: Cell, meshes: LinkMeshes) -> Stage:
@@ -189,9 +162,9 @@ class SceneServer:
 
     def look(self, view: View) -> None:
         """Move the camera of whoever looks at the scene; an empty one has nothing to look at."""
-        if self._shown is None:
+        if self._shown is None or self._stage is None:
             return
-        position, target = view.in_world(self._shown.body_position)
+        position, target = view.place(self._stage.cell, self._shown.body_position)
         for client in self._server.get_clients().values():
             with client.atomic():
                 client.camera.position, client.camera.look_at = position, target

@@ -17,6 +17,8 @@ from app.cli.keys_command import issue_key
 from app.create_app import create_app
 from app.settings import ServiceSettings
 
+ASKED = {"/v1/plans/{plan_id}/program.zip": {"target": "ur"}}
+"""What must be asked beside the id."""
 IDS = ("%00", "a%00b", "x" * 200, "%F0%9F%A4%96", "%0A", "%FF", "unknown")
 PROBLEM = "application/problem+json"
 pytestmark = on_both_databases
@@ -45,7 +47,7 @@ def client(place: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> I
 def test_it_is_not_found(client: httpx.Client, method: str, path: str) -> None:
     name = path[path.index("{") : path.index("}") + 1]
     for given in IDS:
-        answer = client.request(method, path.replace(name, given).replace("{index}", "0"))
+        answer = client.request(method, path.replace(name, given).replace("{index}", "0"), params=ASKED.get(path, {}))
         assert (answer.status_code, answer.headers["Content-Type"]) == (404, PROBLEM), given
         assert answer.json()["status"] == 404
 

@@ -13,10 +13,10 @@ from pydantic import ValidationError
 from support.service import TASKS, task
 
 from app.task_intake import accept_task
-from app.viewer.editor.draft import PLATE, Draft, read_draft
+from app.viewer.editor.draft import PLATE, Draft, cell_of, read_draft
 from app.viewer.editor.placing import put, written, yaw_of
 from app.viewer.editor.starts import example_task
-from planners.cell.cell import Cell, load_cell
+from planners.cell.cell import Cell, load_cells
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z, transform
 from planners.scene.shape_source import ShapeSource
@@ -27,7 +27,7 @@ NONSENSE: tuple[Any, ...] = (None, "x", -1, [], {}, [None] * 7, [1e9] * 7, True)
 
 @pytest.fixture(scope="module")
 def cells() -> dict[str, Cell]:
-    return {name: load_cell(name) for name in ("dual_ur3e_lift", "dual_ur3e_tool")}
+    return load_cells()
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,9 @@ def tools() -> Mapping[str, SuctionTool]:
 
 
 def draft_of(body: Any, cells: Mapping[str, Cell], tools: Mapping[str, SuctionTool]) -> tuple[Draft, Cell]:
-    cell = cells["dual_ur3e_tool" if isinstance(body, dict) and "objects" in body else "dual_ur3e_lift"]
+    named = cell_of(body)
+    kept = "dual_ur3e_tool" if isinstance(body, dict) and "objects" in body else "dual_ur3e_lift"
+    cell = cells[named if named in cells else kept]
     return read_draft(body, cell, ShapeSource(), tools), cell
 
 

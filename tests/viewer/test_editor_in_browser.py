@@ -14,7 +14,9 @@ from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
 from support.plan_shelf import PlanShelf
 from support.service import ServiceProcess, finished, running_service, task
 
-from app.viewer.scene_servers import DRAFT_VIEW, FIELD_OF_VIEW
+from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW
+from app.viewer.editor.draft import cell_of
+from planners.cell.cell import load_cell
 from planners.geometry.pose import Array
 
 WINDOW: ViewportSize = {"width": 960, "height": 600}
@@ -109,7 +111,7 @@ def on_screen(page: Page, point: Array) -> tuple[float, float]:
     """Return where a point of the world (3,) is in the window, as the camera is at first."""
     box = page.locator("#scene-frame").bounding_box()
     assert box is not None
-    eye, target = np.array(DRAFT_VIEW.position), np.array(DRAFT_VIEW.target)
+    eye, target = DRAFT_VIEW.place(load_cell(str(cell_of(draft(page)))), np.zeros(3))
     ahead = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

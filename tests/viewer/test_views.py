@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 from support.documents import bodies_of
 
-from app.viewer.scene_servers import FIELD_OF_VIEW, VIEWS
+from app.viewer.camera import FIELD_OF_VIEW, VIEWS
 from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
+from planners.kinematics.forward import flange_pose
 
 LAPTOP = 900.0 / 442.0
 """Width over height of the scene on a screen of 1366 x 768."""
 LARGE_PLATE = np.array([0.5, 0.5, 0.05])
 """[m]"""
+MIDDLE = np.zeros(3)
 CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 """Of a box whose edges are 1."""
 
 
-def projected(view: str, points: Array, body_position: Array) -> Array:
+def projected(view: str, points: Array, cell: str, body_position: Array = MIDDLE) -> Array:
     """Return where points (n, 3) are in a picture that reaches from -1 to 1 to the right and upward."""
-    position, target = VIEWS[view].in_world(body_position)
+    position, target = VIEWS[view].place(load_cell(cell), body_position)
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -28,25 +30,33 @@ def projected(view: str, points: Array, body_position: Array) -> Array:
     return (points - position) @ axes / ((points - position) @ forward)[:, None]
 
 
+@pytest.mark.parametrize("view", sorted(set(VIEWS) - {"close"}))
 @pytest.mark.parametrize("cell", known_cells())
-def test_the_overview_shows_the_whole_table_and_the_beam_that_bears_the_arms(cell: str) -> None:
-    bodies = bodies_of(load_cell(cell))
-    for name in ("table", "platform_crossbar"):
-        corners = CORNERS * bodies[name]["shape"]["size"] + bodies[name]["pose"][:3]
-        assert np.abs(projected("overview", corners, np.zeros(3))).max() < 1.0
+def test_a_cell_is_seen_whole_and_large_whatever_its_size(cell: str, view: str) -> None:
+    """The table with all that stands on its rim, and the arms at home."""
+    loaded = load_cell(cell)
+    table = bodies_of(loaded)["table"]
+    corners = CORNERS * table["shape"]["size"] + table["pose"][:3]
+    bases = [arm.T_world_base for arm in loaded.arms.values()]
+    hands = [flange_pose(arm.dh, arm.T_world_base, arm.home) for arm in loaded.arms.values()]
+    seen = projected(view, np.vstack([corners, [T[:3, 3] for T in (*bases, *hands)]]), cell)
+    assert np.abs(seen).max() < 1.0
+    assert np.abs(seen).max() > 0.9
 
 
 @pytest.mark.parametrize("height", [1.1, 1.3, 1.6])
 def test_the_close_view_shows_a_whole_plate_large_wherever_it_is(height: float) -> None:
     where = np.array([0.35, 0.1, height])
-    seen = projected("close", CORNERS * LARGE_PLATE + where, where)
+    seen = projected("close", CORNERS * LARGE_PLATE + where, known_cells()[0], where)
     assert np.abs(seen).max() < 1.0
     assert np.ptp(seen, axis=0).min() > 0.6
 
 
-def test_seen_from_the_top_the_arms_hang_above_and_the_table_lies_straight() -> None:
-    corners = np.array([[0.05, -0.9, 1.1], [0.05, 0.9, 1.1], [0.85, -0.9, 1.1], [0.85, 0.9, 1.1]])
-    near_left, near_right, far_left, far_right = projected("top", corners, np.zeros(3))
+@pytest.mark.parametrize("cell", known_cells())
+def test_seen_from_the_top_the_table_lies_straight_with_the_arms_above_it(cell: str) -> None:
+    table = bodies_of(load_cell(cell))["table"]
+    corners = CORNERS * table["shape"]["size"] + table["pose"][:3]
+    near_left, near_right, far_left, far_right = projected("top", corners[1::2], cell)
     assert near_left[1] == pytest.approx(near_right[1])
     assert far_left[1] == pytest.approx(far_right[1])
     assert near_left[1] > far_left[1]

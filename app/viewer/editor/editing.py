@@ -24,6 +24,7 @@ from app.errors import (
     TooManyRequests,
     TooManyWatchers,
 )
+from app.viewer.camera import VIEWS
 from app.viewer.editor.draft import cell_of, read_draft
 from app.viewer.editor.draft_scene import Chosen, DraftScene, Moved
 from app.viewer.editor.feasibility import LastPath
@@ -31,7 +32,7 @@ from app.viewer.editor.found_path import lines_of
 from app.viewer.editor.starts import NoSuchExample, example_task, task_of_scene
 from app.viewer.link_meshes import FULL, LIGHT
 from app.viewer.page import describe_plan
-from app.viewer.scene_servers import VIEWS, SceneServer, SceneServers
+from app.viewer.scene_servers import SceneServer, SceneServers
 from app.viewer.watch import (
     BAD_DATA,
     INTERNAL_ERROR,
