@@ -361,7 +361,6 @@ _shipped_tools = cache(load_tools)
 _tool_descriptions = cache(tool_descriptions)
 
 
-@cache
 def certificate_of(
     document: bytes,
     cell: Cell,
@@ -377,6 +376,7 @@ def certificate_of(
     return certify(document, _surfaces(cell), _reference(cell))
 
 
+@cache
 def _surfaces(cell: Cell) -> RobotSurfaces:
     """Read the shapes of a cell's arms and hands, which the certificate checks against."""
     return load_surfaces({name: (arm.robot.name, arm.hand.name) for name, arm in cell.arms.items()}, cell.shelf.folders)

@@ -8,6 +8,8 @@ Vertices that share a cell of a grid become one, at the point that fits the plan
 from __future__ import annotations
 
 import hashlib
+import os
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,6 +78,8 @@ class LinkMeshes:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._read: dict[str, bytes] = {}
+        # Two watchers of one cell ask for the same drawing at the same time, and either takes seconds.
+        self._drawing = threading.Lock()
 
     def glb(self, mesh: MeshFile, shelf: AssetShelf, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         """Return a mesh as binary glTF, in the frame that it moves with.
@@ -91,9 +95,10 @@ class LinkMeshes:
         """
         path = visual_path(mesh, shelf)
         asked = repr((path, settings, mesh.scale, T_frame_mesh.round(9).tolist()))
-        if asked not in self._read:
-            self._read[asked] = self._kept(path, mesh, T_frame_mesh, settings)
-        return self._read[asked]
+        with self._drawing:
+            if asked not in self._read:
+                self._read[asked] = self._kept(path, mesh, T_frame_mesh, settings)
+            return self._read[asked]
 
     def _kept(self, path: Path, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         key = hashlib.sha256(path.read_bytes())
@@ -101,7 +106,7 @@ class LinkMeshes:
         kept = self._folder / f"{key.hexdigest()[:32]}.glb"
         if not kept.is_file():
             self._folder.mkdir(parents=True, exist_ok=True)
-            fresh = kept.with_suffix(f".{id(self):x}.part")
+            fresh = kept.with_suffix(f".{os.getpid()}.{id(self):x}.part")
             fresh.write_bytes(_write_glb(path, mesh.scale, T_frame_mesh, settings))
             fresh.replace(kept)
         return kept.read_bytes()

@@ -28,6 +28,7 @@ from app.resources.scene_collection import SceneCollection
 from app.viewer.body_drawing import EmptyCell, Stage
 from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, PERCEIVED_VIEW, VIEWS, View
 from app.viewer.description import PlanDescription
+from app.viewer.editor.draft import DEFAULT_CELLS
 from app.viewer.editor.draft_scene import DraftListener, DraftScene
 from app.viewer.link_meshes import FULL, Detail, LinkMeshes
 from app.viewer.page import describe_plan, recorded_page
@@ -47,6 +48,8 @@ PICTURES_PER_SECOND = 30.0
 """Of a recording."""
 MOST_PICTURES = 3000
 """A longer plan is recorded with fewer pictures a second."""
+STILL = 1e-3
+"""A camera that is nearer to where it was put has not been moved [m]."""
 LOOPBACK = "127.0.0.1"
 KEY = re.compile(r"[A-Za-z0-9_-]{24}")
 
@@ -84,17 +87,16 @@ class SceneServer:
         if self._shown is None:
             with self._server.atomic():
                 self._shown = EmptyCell(self._cleared(cell, meshes), self._root)
-            self._look_first(VIEWS["overview"])
+            self._look_first(VIEWS["overview"], all_clients=False)
 
     def open(self, playback: Playback, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
+        cell_before = None if self._stage is None else self._stage.cell
+        was_empty, was_plan = (isinstance(self._shown, kind) for kind in (EmptyCell, PlanScene))
         with self._server.atomic():
-            same = (
-                isinstance(self._shown, PlanScene | EmptyCell) and self._stage is not None and self._stage.cell is cell
-            )
             self._shown = PlanScene(self._cleared(cell, meshes), self._root, playback)
-        if not same:
-            self._look_first(VIEWS["overview"])
+        if cell is not cell_before or not (was_empty or was_plan):
+            self._look_first(VIEWS["overview"], all_clients=not was_empty)
 
     def open_perceived(
         self, document: SceneDocument, points: SeenPoints | None, cell: Cell, meshes: LinkMeshes
@@ -124,13 +126,22 @@ class SceneServer:
             yield
         self._server.flush()
 
-    def _look_first(self, view: View) -> None:
-        """Have whoever comes see a view first, and whoever is there see it now."""
+    def _look_first(self, view: View, *, all_clients: bool = True) -> None:
+        """Have whoever comes see a view first, and whoever is there see it now.
+
+        Args:
+            view: of what is shown.
+            all_clients: whether that goes for those too whose camera was moved, or who came by an address that tells
+                of one.
+        """
         assert self._shown is not None
         assert self._stage is not None
         camera = self._server.initial_camera
+        first = np.array(camera.position)
         camera.position, camera.look_at = view.place(self._stage.cell, self._shown.body_position)
-        self.look(view)
+        seen = self.camera
+        if all_clients or (seen is not None and np.allclose(seen[0], first, atol=STILL)):
+            self.look(view)
 
     def _cleared(self, cell: Cell, meshes: LinkMeshes) -> Stage:
         """Empty the scene down to its stage, which is drawn anew for another cell or in another detail.
@@ -291,7 +302,7 @@ class SceneServers:
     def set_detail(self, server: SceneServer, detail: Detail) -> None:
         """Have a server draw so much from now on, and a cell at once where it shows nothing yet. Blocks."""
         server.detail = detail
-        server.show_cell(self.cells[min(self.cells)], self._meshes)
+        server.show_cell(self.cells[DEFAULT_CELLS["plate_lift"]], self._meshes)
 
     def open(self, server: SceneServer, plans: PlanCollection, plan_id: str) -> PlanDescription:
         """Put a plan into a server and return what the page tells of it. Blocks.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,10 @@ import trimesh
 import viser
 from scipy.spatial import cKDTree
 
+from app.viewer import link_meshes
 from app.viewer.body_drawing import ArmDrawing, Drawings, link_files
 from app.viewer.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin_out, visual_path, write_pieces
-from planners.cell.asset_files import CylinderLinkFile
+from planners.cell.asset_files import CylinderLinkFile, MeshLinkFile
 from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import known_cells, load_cell
 
@@ -59,6 +62,24 @@ def test_no_arm_with_its_hand_takes_more_than_a_megabyte(cell: str, folder: Path
             assert lighter.sent < LIGHT_SHARE * meshes.sent
     finally:
         server.stop()
+
+
+def test_a_drawing_that_several_ask_for_at_once_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shelf = shipped_shelf()
+    link = link_files(load_cell("dual_ur3e_lift").arms["left"], shelf)[3]
+    assert isinstance(link, MeshLinkFile)
+    meshes, together, made = LinkMeshes(tmp_path), threading.Barrier(4), []
+    write = link_meshes._write_glb
+    monkeypatch.setattr(link_meshes, "_write_glb", lambda *given: made.append(given) or write(*given))
+
+    def ask(_: int) -> bytes:
+        together.wait()
+        return meshes.glb(link.mesh, shelf, np.eye(4), LIGHT.links)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(set(pool.map(ask, range(4)))) == 1
+    assert len(made) == 1
+    assert [path.suffix for path in tmp_path.iterdir()] == [".glb"]
 
 
 @pytest.mark.parametrize("detail", [FULL, LIGHT], ids=["full", "light"])
