@@ -210,7 +210,7 @@ def test_a_job_that_takes_each_worker_with_it_is_given_up_and_the_next_one_runs(
                     wait_for(lambda: fleet.begun(poison), 30)
                     worker.end(signal.SIGKILL)
                     worker.start()
-                poison = finished(client, poison, 180.0)
+                poison = finished(client, poison)
                 assert (poison["state"], poison["error"]["detail"]) == ("failed", INTERRUPTED_TOO_OFTEN)
                 assert finished(client, fleet.post("now"))["outcome"] == "solved"
             finally:
