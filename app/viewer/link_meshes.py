@@ -27,7 +27,7 @@ from planners.geometry.pose import Array, Transform
 from planners.geometry.surface import Faces, hull_with_faces
 
 NEAR_REACH = 0.5
-"""[m]"""
+"""Of the arm that the settings of links are made for [m]."""
 Colour = tuple[float, float, float]
 _CREASE = np.radians(45.0)
 GREY: Colour = (0.32, 0.34, 0.37)
@@ -95,10 +95,11 @@ class LinkMeshes:
         """
         path = visual_path(mesh, shelf)
         asked = repr((path, settings, mesh.scale, T_frame_mesh.round(9).tolist()))
-        with self._drawing:
-            if asked not in self._read:
-                self._read[asked] = self._kept(path, mesh, T_frame_mesh, settings)
-            return self._read[asked]
+        drawn = self._read.get(asked)
+        if drawn is None:
+            with self._drawing:
+                drawn = self._read[asked] = self._read.get(asked) or self._kept(path, mesh, T_frame_mesh, settings)
+        return drawn
 
     def _kept(self, path: Path, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         key = hashlib.sha256(path.read_bytes())
