@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from importlib.metadata import version
 from typing import Any, Protocol
 
@@ -357,6 +357,8 @@ def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | Non
     return ChosenCupPlace(position=position, tried=tried, reserve=kept, sentence=sentence)
 
 
+MOST_CELLS = 16
+"""Whose shapes are kept for the certificate: people may add any number of cells."""
 _shipped_tools = cache(load_tools)
 _tool_descriptions = cache(tool_descriptions)
 
@@ -376,7 +378,7 @@ def certificate_of(
     return certify(document, _surfaces(cell), _reference(cell))
 
 
-@cache
+@lru_cache(maxsize=MOST_CELLS)
 def _surfaces(cell: Cell) -> RobotSurfaces:
     """Read the shapes of a cell's arms and hands, which the certificate checks against."""
     return load_surfaces({name: (arm.robot.name, arm.hand.name) for name, arm in cell.arms.items()}, cell.shelf.folders)
