@@ -8,7 +8,7 @@ import numpy as np
 
 from planners.cell.cell import Cell
 from planners.geometry.pose import Array
-from planners.kinematics.forward import link_frames
+from planners.scene.clashes import arm_frames, placed_body
 
 FIELD_OF_VIEW = 0.66
 """Vertical [rad]."""
@@ -16,7 +16,6 @@ WIDTH_OVER_HEIGHT = 2.0
 """Of the narrowest picture that shows the cell whole [1]: a laptop's, beside the page's panels."""
 MARGIN = 1.05
 """The cell's part of the picture is smaller than the picture by this factor [1]."""
-_CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 
 
 @dataclass(frozen=True)
@@ -56,14 +55,16 @@ DRAFT_VIEW = View((1.25, -0.35, 0.7))
 
 
 def _extent(cell: Cell) -> Array:
-    """Return points (n, 3) that the table and the arms at home lie between, in the world [m]."""
-    table = cell.boxes[0]
-    points = [table.center + _CORNERS * table.size]
-    for arm in cell.arms.values():
-        frames = np.empty((7, 4, 4))
-        link_frames(arm.dh, arm.T_world_base, arm.home, frames)
-        points += [link.points @ T[:3, :3].T + T[:3, 3] for link, T in zip(arm.robot.links, frames, strict=True)]
-    return np.vstack(points)
+    """Return points (n, 3) that table, arms at home and what bears them lie between, in the world [m].
+
+    What stands below the table is left out: it would take half of the picture.
+    """
+    underside = cell.boxes[0].center[2] - 0.5 * cell.boxes[0].size[2]
+    frames = {"world": np.eye(4), **arm_frames(cell, cell.home)}
+    placed = [placed_body(body, frames[body.frame], None) for body in cell.collision_bodies()]
+    points = np.vstack([shape.vertices for body in placed if body.highest[2] > underside for shape in body.shapes])
+    points[:, 2] = np.maximum(points[:, 2], underside)
+    return points
 
 
 def _whole(points: Array, toward_camera: Array) -> tuple[Array, Array]:

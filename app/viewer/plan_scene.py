@@ -18,10 +18,10 @@ from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.geometry.surface import hull_with_faces
-from planners.kinematics.forward import link_frames
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument
 from planners.plan.timeline import ContactForce, Moment
+from planners.scene.clashes import arm_frames
 from planners.scene.suction_tool import TOOL_NAME
 
 LEAST_FORCE = 0.05
@@ -374,15 +374,13 @@ def _arm_hulls(cell: Cell, positions: Array) -> tuple[Array, np.ndarray]:
     """Return the hulls of links and hands in the world, as one mesh."""
     vertices: list[Array] = []
     faces: list[np.ndarray] = []
-    for index, arm in enumerate(cell.arms.values()):
-        frames = np.empty((7, 4, 4))
-        link_frames(arm.dh, arm.T_world_base, np.ascontiguousarray(positions[6 * index : 6 * index + 6]), frames)
-        for body in (*arm.link_bodies(), *arm.hand_bodies(None)):
-            T = frames[int(body.frame.partition("/")[2])]
-            for shape in body.shapes:
-                if len(shape.vertices) < 4:
-                    continue
-                corners, triangles = hull_with_faces(shape.vertices)
-                faces.append(triangles + sum(map(len, vertices)))
-                vertices.append(corners @ T[:3, :3].T + T[:3, 3])
+    frames = arm_frames(cell, positions)
+    for body in (each for each in cell.collision_bodies() if each.frame in frames):
+        T = frames[body.frame]
+        for shape in body.shapes:
+            if len(shape.vertices) < 4:
+                continue
+            corners, triangles = hull_with_faces(shape.vertices)
+            faces.append(triangles + sum(map(len, vertices)))
+            vertices.append(corners @ T[:3, :3].T + T[:3, 3])
     return np.vstack(vertices), np.vstack(faces)

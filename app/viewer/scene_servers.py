@@ -11,7 +11,7 @@ import os
 import re
 import secrets
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,12 +91,11 @@ class SceneServer:
 
     def open(self, playback: Playback, cell: Cell, meshes: LinkMeshes) -> None:
         """Put a plan into the scene instead of what was there."""
-        cell_before = None if self._stage is None else self._stage.cell
-        was_empty, was_plan = (isinstance(self._shown, kind) for kind in (EmptyCell, PlanScene))
+        before, cell_before = self._shown, None if self._stage is None else self._stage.cell
         with self._server.atomic():
             self._shown = PlanScene(self._cleared(cell, meshes), self._root, playback)
-        if cell is not cell_before or not (was_empty or was_plan):
-            self._look_first(VIEWS["overview"], all_clients=not was_empty)
+        if cell is not cell_before or not isinstance(before, PlanScene | EmptyCell):
+            self._look_first(VIEWS["overview"], all_clients=not isinstance(before, EmptyCell))
 
     def open_perceived(
         self, document: SceneDocument, points: SeenPoints | None, cell: Cell, meshes: LinkMeshes
@@ -136,12 +135,10 @@ class SceneServer:
         """
         assert self._shown is not None
         assert self._stage is not None
-        camera = self._server.initial_camera
-        first = np.array(camera.position)
-        camera.position, camera.look_at = view.place(self._stage.cell, self._shown.body_position)
-        seen = self.camera
-        if all_clients or (seen is not None and np.allclose(seen[0], first, atol=STILL)):
-            self.look(view)
+        first, clients = self._server.initial_camera, self._server.get_clients().values()
+        unmoved = [each for each in clients if np.allclose(each.camera.position, first.position, atol=STILL)]
+        first.position, first.look_at = view.place(self._stage.cell, self._shown.body_position)
+        self._turn(clients if all_clients else unmoved, view)
 
     def _cleared(self, cell: Cell, meshes: LinkMeshes) -> Stage:
         """Empty the scene down to its stage, which is drawn anew for another cell or in another detail.
@@ -173,10 +170,13 @@ class SceneServer:
 
     def look(self, view: View) -> None:
         """Move the camera of whoever looks at the scene; an empty one has nothing to look at."""
+        self._turn(self._server.get_clients().values(), view)
+
+    def _turn(self, clients: Iterable[viser.ClientHandle], view: View) -> None:
         if self._shown is None or self._stage is None:
             return
         position, target = view.place(self._stage.cell, self._shown.body_position)
-        for client in self._server.get_clients().values():
+        for client in clients:
             with client.atomic():
                 client.camera.position, client.camera.look_at = position, target
 

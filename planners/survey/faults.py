@@ -16,7 +16,7 @@ from planners.errors import AssetFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Transform
 from planners.hands.workcell import Clearance
-from planners.kinematics.forward import link_frames
+from planners.scene.clashes import arm_frames
 
 SUNK = 0.005
 """How deep the base of an arm may be in the table that it is mounted on [m]."""
@@ -69,11 +69,7 @@ class Meeting:
 def meetings_at_home(cell: Cell, clearance: Clearance | None = None) -> Iterator[Meeting]:
     """Yield all pairs of bodies, of those that are ever checked, that are nearer at home than planning keeps them."""
     margin = (clearance or Clearance()).margin
-    frames = {"world": np.eye(4)}
-    for name, arm in cell.arms.items():
-        placed = np.empty((7, 4, 4))
-        link_frames(arm.dh, arm.T_world_base, arm.home, placed)
-        frames |= {f"{name}/{i}": placed[i] for i in range(7)}
+    frames = {"world": np.eye(4), **arm_frames(cell, cell.home)}
     for one, other in itertools.combinations(cell.collision_bodies(), 2):
         if one.frame == other.frame or sorted_pair(one.name, other.name) in cell.excluded_pairs:
             continue
