@@ -52,11 +52,20 @@ def write_program(
     return packed.getvalue()
 
 
-def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
+def check_urscript(cell: Cell) -> None:
+    """Refuse a cell whose controllers do not run URScript.
+
+    Raises:
+        NotExportable: an arm is none of `UR_ROBOTS`.
+    """
     for arm in ARMS:
         robot = cell.arms[arm].robot.name
         if robot not in UR_ROBOTS:
             raise NotExportable(f"the {arm} arm is {robot}, none of {', '.join(UR_ROBOTS)}: choose csv")
+
+
+def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
+    check_urscript(cell)
     schedule = Schedule.of(plan)
     return {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
 

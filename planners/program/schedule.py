@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array, Transform, transform
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.plan.segment import Segment, SegmentKind, riding_on
+from planners.plan.simulation import LiftSimulation
 
 FORCE_ALLOWANCE = 20.0
 """What a wrist may feel beyond what its hand may exert before the program stops: inertia of the hand, noise [N]."""
@@ -54,32 +56,68 @@ class ArmStep:
         """Whether the arm moves."""
         return len(self.time) > 1
 
+    @cached_property
+    def curve(self) -> CubicHermiteSpline:
+        """The (6,) joint positions at a time of the step [rad], and their derivatives; at rest, at any time."""
+        if self.moves:
+            return CubicHermiteSpline(self.time, self.positions, self.velocities)
+        return CubicHermiteSpline([0.0, 1.0], np.repeat(self.positions, 2, axis=0), np.zeros((2, 6)))
+
 
 @dataclass(frozen=True, eq=False)
 class ProgramStep:
     """A segment of the plan, for both arms."""
 
     number: int
-    """From 1."""
+    """From 1, in the plan."""
+    begin: float
+    """On the plan's clock [s]."""
     kind: SegmentKind
     duration: float
     """[s]"""
     words: str
     """What is done, for a person."""
     arms: dict[ArmName, ArmStep]
+    way: tuple[Array, Array] | None = None
+    """Of a step that leads elsewhere than on: times from its begin, and where on the plan's clock that is (n,) [s]."""
+
+    def clock(self, path_time: float) -> float:
+        """Return where on the plan's clock a time from the step's begin is [s]."""
+        if self.way is not None:
+            return float(np.interp(path_time, *self.way))
+        return self.begin + min(path_time, self.duration)
 
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """All steps of a plan in their order."""
+    """All steps of a plan in their order, or those from one of them on."""
 
     plan: Plan
     steps: tuple[ProgramStep, ...]
+    lift: LiftSimulation | None = None
+    """What is known of the lift that follows the last step; None: no lift does."""
 
     @classmethod
     def of(cls, plan: Plan) -> Schedule:
-        """Return the steps of a plan: one for each segment."""
-        return cls(plan, tuple(_StepReader(plan).steps()))
+        """Return the steps of a plan: one for each segment, and the lift of a plate whose simulation came to it."""
+        lift = plan.simulation if isinstance(plan.simulation, LiftSimulation) else None
+        if lift is not None and (lift.lift is None or lift.lift.law is None):
+            lift = None
+        return cls(plan, tuple(_StepReader(plan).steps()), lift)
+
+    def since(self, number: int) -> Schedule:
+        """Return the steps from one of them on, by its number; they keep their numbers."""
+        return replace(self, steps=tuple(step for step in self.steps if step.number >= number))
+
+    def step(self, number: int) -> ProgramStep | None:
+        """Return a step by its number; None: it is not one of these."""
+        index = number - self.steps[0].number
+        return self.steps[index] if 0 <= index < len(self.steps) else None
+
+    @property
+    def last(self) -> int:
+        """The number of the last step; the lift, if one follows, has the next."""
+        return self.steps[-1].number
 
     @cached_property
     def start(self) -> dict[ArmName, Array]:
@@ -95,6 +133,7 @@ class _StepReader:
         for index, segment in enumerate(self.plan.segments):
             yield ProgramStep(
                 number=index + 1,
+                begin=float(segment.time[0]),
                 kind=segment.kind,
                 duration=segment.end - float(segment.time[0]),
                 words=_words(segment),
@@ -183,7 +222,8 @@ def _words(segment: Segment) -> str:
     touching = (
         "" if state is None else ", plate in the air" if state.element == "none" else f", plate on {state.element}"
     )
-    return f"{segment.kind.value}, {movers} moves{touching}"
+    moves = "moves" if len(segment.movers) < 2 else "move"
+    return f"{segment.kind.value}, {movers} {moves}{touching}"
 
 
 def _of(arm: ArmName) -> slice:

@@ -19,7 +19,6 @@ from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array, Transform
 from planners.lifting.leader_follower import FollowerGains, LeaderFollower
 from planners.plan.scenery import ARMS, GripperDocument
-from planners.plan.simulation import LiftSimulation
 from planners.program.schedule import ArmStep, Load, ProgramStep, Schedule
 
 JOINT_TOLERANCE = 0.01
@@ -32,8 +31,8 @@ LIFT_ACCELERATION = 1.0
 """With which hands take on the law's speed [m/s²]."""
 LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
-SHARE_RATE = 12.5
-"""At which the speed changes when another share is asked for: a stop on the path takes 0.08 s [1/s]."""
+SHARE_RATE = 16.0
+"""At which the speed changes when another share is asked for: a stop on the path takes 1/16 s [1/s]."""
 HEARTBEAT_RATE = 20.0
 """A program stops when its register `heartbeat` is written less often than that [1/s]."""
 
@@ -86,8 +85,16 @@ class ProgramState(IntEnum):
     STOPPED = 5
 
 
+SITE_FUNCTIONS = ("site_fingers", "site_vacuum")
+"""What a program calls for what is mounted: `site_fingers(width, force)` in m and N, `site_vacuum(on)`."""
+
+
 def write_urscript(
-    schedule: Schedule, arm: ArmName, handshake: Handshake = Handshake.REGISTERS, registers: Registers | None = None
+    schedule: Schedule,
+    arm: ArmName,
+    handshake: Handshake = Handshake.REGISTERS,
+    registers: Registers | None = None,
+    functions: str | None = None,
 ) -> str:
     """Return the program of one arm.
 
@@ -96,8 +103,9 @@ def write_urscript(
         arm: whose program.
         handshake: how it waits for the other one.
         registers: which it uses.
+        functions: URScript that defines `SITE_FUNCTIONS`; None: a Robotiq gripper, and a valve on output 0.
     """
-    return "\n".join(_Writer(schedule, arm, handshake, registers or Registers()).lines()) + "\n"
+    return "\n".join(_Writer(schedule, arm, handshake, registers or Registers(), functions).lines()) + "\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +114,7 @@ class _Writer:
     arm: ArmName
     handshake: Handshake
     registers: Registers
+    functions: str | None
 
     @property
     def other(self) -> ArmName:
@@ -137,7 +146,9 @@ class _Writer:
         """Yield what an integrator may have to change."""
         yield "# ---- of this site ----"
         hand = self.schedule.plan.cell.hands[self.arm]
-        if isinstance(hand, GripperDocument):
+        if self.functions is not None:
+            yield from self.functions.splitlines()
+        elif isinstance(hand, GripperDocument):
             stroke = float(hand.tcp[-1, 0])
             least, most = hand.force_range or (0.0, 1.0)
             yield "# Fingers: a Robotiq gripper whose software answers on port 63352. Width [m], force of a pad [N]."
@@ -291,7 +302,7 @@ class _Writer:
         yield f"lw_tell({ProgramState.DONE})"
 
     def _step(self, step: ProgramStep, mine: ArmStep, load: Load | None) -> Iterator[str]:
-        yield f"# step {step.number} of {len(self.schedule.steps)}: {step.words}"
+        yield f"# step {step.number} of {self.schedule.last}: {step.words}"
         yield f"lw_begin({step.number})"
         if mine.load != load:
             com = ", ".join(map(_number, mine.load.com))
@@ -311,13 +322,13 @@ class _Writer:
 
     def _lift(self) -> Iterator[str]:
         """Yield law (11) of paper B, by which both hands follow the lifter; nothing for a pile."""
-        simulation = self.schedule.plan.simulation
-        if not isinstance(simulation, LiftSimulation) or simulation.lift is None or simulation.lift.law is None:
+        simulation = self.schedule.lift
+        if simulation is None or simulation.lift is None or simulation.lift.law is None:
             return
         if self.handshake is not Handshake.REGISTERS:
             yield "# The lift needs the other hand's force, which digital wires do not carry: registers do."
             return
-        r, told, number = self.registers, simulation.lift.law, len(self.schedule.steps) + 1
+        r, told, number = self.registers, simulation.lift.law, self.schedule.last + 1
         gains = FollowerGains(**told.model_dump(exclude={"goal_force"}))
         T_world_base = self.schedule.plan.cell.arms[self.arm].T_world_base
         height = simulation.lift.reachable_height
