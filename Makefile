@@ -9,7 +9,7 @@ CORES := --numprocesses auto --dist loadfile --no-loadscope-reorder
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all check format openapi bench clean
+.PHONY: help setup demo demo-robot test test-all check format openapi bench clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,6 +25,9 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 
 demo: setup ## start the service, plan a lift, then a pile of what cameras saw, keep serving; ONCE=1 stops after the results
 	@$(BIN)/python -m app.demo $(if $(ONCE),--once)
+
+demo-robot: setup ## plan, export, execute and replay a lift and a pile, on controllers that stand in for robots; ONCE=1 opens no browser
+	@$(BIN)/python -m tests.robot.demo $(if $(ONCE),--once)
 
 test: setup ## every law, on a sample where the whole takes long, on all cores
 	@$(BIN)/python -m pytest -q $(CORES)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from app.cli.output import BadInput
 from planners.cell.bundle import CellBundle
-from planners.cell.cell import known_cells, load_cell
+from planners.cell.cell import Cell, known_cells, load_cell
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import AssetError
 from planners.program import NotExportable, ProgramTarget, write_program
@@ -32,11 +34,7 @@ def export_file(path: Path, target: ProgramTarget, handshake: Handshake, site: P
         OSError: A file cannot be read or written.
     """
     document = path.read_bytes()
-    with TemporaryDirectory(prefix="liftwright-cell-") as folder:
-        try:
-            cell = load_cell(_cell_of(document, path)) if site is None else CellBundle.read(site).load(Path(folder))
-        except AssetError as error:
-            raise BadInput(f"{site or path}: {error}") from error
+    with site_cell(document, path, site) as cell:
         try:
             program = write_program(document, cell, target, handshake)
         except NotExportable as why:
@@ -46,6 +44,26 @@ def export_file(path: Path, target: ProgramTarget, handshake: Handshake, site: P
     place.write_bytes(program)
     sys.stdout.write(f"{place}: {len(program) / 1e3:.0f} kB, for {cell.name}; docs/robot.md says how to run it\n")
     return EXPORTED
+
+
+@contextmanager
+def site_cell(document: bytes, path: Path, site: Path | None) -> Iterator[Cell]:
+    """Have the cell that is there for the time of a block.
+
+    Args:
+        document: of the plan.
+        path: where it was read from.
+        site: folder, zip or file of the cell; None: the plan's cell is a shipped one.
+
+    Raises:
+        BadInput: There is no such cell, or it cannot be made sense of.
+    """
+    with TemporaryDirectory(prefix="liftwright-cell-") as folder:
+        try:
+            cell = load_cell(_cell_of(document, path)) if site is None else CellBundle.read(site).load(Path(folder))
+        except AssetError as error:
+            raise BadInput(f"{site or path}: {error}") from error
+        yield cell
 
 
 def _cell_of(document: bytes, path: Path) -> str:

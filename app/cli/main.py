@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from workers.settings import WorkerSettings
 
 FAILED = 1
+READING = ("plan", "study", "scene", "cell", "export", "execute", "replay")
+"""Commands that are given files: what cannot be read is bad input."""
 SCOPES = ("read", "write", "admin")
 EXAMPLES = """\
 examples:
@@ -33,6 +36,7 @@ examples:
   liftwright scene assets/scans/tissue_boxes                what cameras saw: the tool, and boxes to be moved
   liftwright cell check mine --png mine.png                 a cell of your own: what is wrong with it, or what it can do
   liftwright export plan.json --target ur                   a plan as programs of the two arms' controllers
+  liftwright execute plan.json --left HOST --right HOST     what executing it would be; --run moves the arms
   liftwright serve                                          the service on http://127.0.0.1:8040
   liftwright keys issue --owner mes --scope write           a key, once others are to reach it
   curl -d @assets/tasks/ab1.json -H 'Content-Type: application/json' http://127.0.0.1:8040/v1/plans
@@ -95,6 +99,20 @@ examples:
   liftwright export plan.json --target ur --handshake digital    the arms wait for each other by wires, no computer
   liftwright export plan.json --target csv --cell mine           a plan for a cell of your own
 """
+EXECUTE_DESCRIPTION = """\
+Execute a certified plan on two Universal Robots controllers, by RTDE. Without --run nothing moves: the plan is
+certified once more, both controllers are asked where their arms are, and all steps are told. With --run each step is
+confirmed, both arms are kept in step, and both stop on the path as soon as one deviates, feels too much force, is
+stopped by its controller or cannot be reached; so they do on Ctrl-C. Then: go back along the path, go on, or write the
+task that is left. This is no safety function; read docs/robot.md first.
+Exit code 0: executed, or could be; 2: refused or stopped, and why; 3: bad input.
+"""
+EXECUTE_EXAMPLES = """\
+examples:
+  liftwright execute plan.json --left 192.168.1.11 --right 192.168.1.12                      would it begin?
+  liftwright execute plan.json --left 192.168.1.11 --right 192.168.1.12 --run --speed 0.1    step by step, slowly
+  make demo-robot                                                                            the same without robots
+"""
 SCENE_DESCRIPTION = """\
 Find the suction tool by its markers, and boxes and cylinders by their top facets, in what cameras saw of the table.
 Exit code 0: perceived, be it an empty table; 3: a scan that cannot be read or shows no table, and why.
@@ -131,7 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BAD_INPUT if isinstance(error, BadInput) else FAILED
     except OSError as error:
         print(f"liftwright: {said_of(error)}", file=sys.stderr)
-        return BAD_INPUT if parsed.command in ("plan", "study", "scene", "cell", "export") else FAILED
+        return BAD_INPUT if parsed.command in READING else FAILED
     except ValidationError as error:
         for fault in error.errors():
             print(
@@ -200,6 +218,27 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
+
+    _add_execute(
+        commands.add_parser(
+            "execute",
+            help="a certified plan on two controllers, under your eyes; a look at what it would be without --run",
+            description=EXECUTE_DESCRIPTION,
+            epilog=EXECUTE_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
+
+    replay = commands.add_parser(
+        "replay",
+        help="a page that plays an execution beside its plan",
+        description="Write a page that plays a plan, and what `liftwright execute` logged of it, without any server.",
+    )
+    replay.add_argument("plan", type=Path, metavar="PLAN", help="the plan document that was executed")
+    replay.add_argument("log", type=Path, metavar="LOG", help="the log of the execution")
+    replay.add_argument("--cell", type=Path, metavar="PATH", help="the cell, unless it is shipped")
+    replay.add_argument("--out", type=Path, metavar="FILE", help="where the page goes; default: beside the log")
+    replay.set_defaults(run=_replay)
 
     one = commands.add_parser("serve", help="the service with a worker in the same process")
     _add_listening(one)
@@ -356,6 +395,40 @@ def _add_export(command: argparse.ArgumentParser) -> None:
     command.set_defaults(run=_export)
 
 
+def _add_execute(command: argparse.ArgumentParser) -> None:
+    command.add_argument("plan", type=Path, metavar="PLAN", help="a plan document, as `liftwright plan --out` wrote it")
+    for arm in ("left", "right"):
+        command.add_argument(f"--{arm}", required=True, metavar="HOST", help=f"address of the {arm} arm's controller")
+    command.add_argument("--run", dest="moves", action="store_true", help="move the arms; without it, only look")
+    command.add_argument("--continuous", action="store_true", help="do not ask before each step")
+    command.add_argument(
+        "--speed", type=_speed, default=0.1, metavar="SHARE", help="of the planned speed, of both arms; default: 0.1"
+    )
+    command.add_argument(
+        "--cell", type=Path, metavar="PATH", help="the cell that is there, unless it is shipped: a folder, zip or file"
+    )
+    command.add_argument(
+        "--functions",
+        type=Path,
+        metavar="FILE",
+        help="URScript of site_fingers and site_vacuum for what is mounted; default: as they are exported",
+    )
+    command.add_argument(
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="what happens, as JSON lines; default: beside the plan, named by the time",
+    )
+    command.set_defaults(run=_execute)
+
+
+def _speed(given: str) -> float:
+    speed = float(given)
+    if not 0.0 < speed <= 1.0:
+        raise argparse.ArgumentTypeError("must be above 0 and at most 1")
+    return speed
+
+
 def _add_service(command: argparse.ArgumentParser | argparse._MutuallyExclusiveGroup, what: str) -> None:
     command.add_argument(
         "--service",
@@ -450,6 +523,30 @@ def _export(parsed: argparse.Namespace) -> int:
     from planners.program.urscript import Handshake
 
     return export_file(parsed.plan, ProgramTarget(parsed.target), Handshake(parsed.handshake), parsed.cell, parsed.out)
+
+
+def _execute(parsed: argparse.Namespace) -> int:
+    from app.cli.execute_command import ExecuteRequest, execute_file
+
+    return execute_file(
+        ExecuteRequest(
+            plan=parsed.plan,
+            hosts={"left": parsed.left, "right": parsed.right},
+            site=parsed.cell,
+            moves=parsed.moves,
+            continuous=parsed.continuous,
+            speed=parsed.speed,
+            # None of an earlier run is lost.
+            log=parsed.log or parsed.plan.with_suffix(f".{datetime.now():%Y%m%d-%H%M%S}.log.jsonl"),
+            functions=parsed.functions,
+        )
+    )
+
+
+def _replay(parsed: argparse.Namespace) -> int:
+    from app.cli.replay_command import replay_files
+
+    return replay_files(parsed.plan, parsed.log, parsed.cell, parsed.out)
 
 
 def _check_cell(parsed: argparse.Namespace) -> int:

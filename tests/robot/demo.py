@@ -1,0 +1,78 @@
+"""`make demo-robot`: plans, exports, executes and replays a lift and a pile, on controllers that stand in for robots.
+
+Everything is done by the commands that one types at a real cell. The controllers are a process each and know nothing of
+plans; a lifter on a spring is felt at their wrists while the hands follow it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import webbrowser
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+
+from planners.cell.cell import load_cell
+from planners.plan.plan import Plan
+from planners.plan.scenery import ARMS
+from planners.program.guard import exportable
+from planners.program.schedule import Schedule
+from tests.support.controller.site import configurations
+from tests.support.controller.spring_lifter import SpringLifter
+from tests.support.controller.stand_in import hosts, stand_ins
+from workers.simulation.lifter import WinchProfile
+from workers.simulation.settings import WinchSettings
+
+TASKS = ("ab1", "domino_pile")
+SEED = 1
+"""Of who raises the lifter, unevenly."""
+
+
+def main() -> int:
+    """Run the demo; 0 only if everything was executed to its end."""
+    parser = argparse.ArgumentParser(prog="make demo-robot", description=__doc__)
+    parser.add_argument("tasks", nargs="*", metavar="NAME", help=f"of assets/tasks; default: {' '.join(TASKS)}")
+    parser.add_argument("--once", action="store_true", help="open no browser")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="SHARE", help="of the planned speed; default: 1")
+    parser.add_argument("--folder", type=Path, default=Path("data/robot"), metavar="DIR", help="default: data/robot")
+    parsed = parser.parse_args()
+    parsed.folder.mkdir(parents=True, exist_ok=True)
+    done = [show(name, parsed.folder, parsed.speed) for name in parsed.tasks or TASKS]
+    for page in done:
+        if page is not None and not parsed.once:
+            webbrowser.open(page.absolute().as_uri())
+    return 0 if all(done) else 1
+
+
+def show(task: str, folder: Path, speed: float) -> Path | None:
+    """Take a shipped task all the way; returns the page that plays plan and execution, None: it was not executed."""
+    plan, log, page = (folder / f"{task}{suffix}" for suffix in (".json", ".log.jsonl", ".html"))
+    if _run("plan", f"assets/tasks/{task}.json", "--out", str(plan)) or _run("export", str(plan), "--target", "ur"):
+        return None
+    document = plan.read_bytes()
+    schedule = Schedule.of(exportable(document, load_cell(Plan.read(document).cell.name)))
+    at = hosts()
+    with stand_ins(*configurations(schedule)) as controllers:
+        beside = nullcontext()
+        if schedule.lift is not None:
+            winch = WinchProfile.draw(1.0, 0.002, np.random.default_rng(SEED), WinchSettings())
+            beside = SpringLifter(schedule, dict(zip(ARMS, controllers, strict=True)), winch).at_work()
+        words = ("--left", at["left"], "--right", at["right"], "--speed", str(speed), "--log", str(log))
+        with beside:
+            executed = _run("execute", str(plan), *words, "--run", "--continuous") == 0
+    return page if executed and _run("replay", str(plan), str(log), "--out", str(page)) == 0 else None
+
+
+def _run(*words: str) -> int:
+    print("\n$ liftwright", *words, flush=True)
+    # Nobody is at the keyboard.
+    return subprocess.run(
+        [sys.executable, "-m", "app.cli.main", *words], stdin=subprocess.DEVNULL, check=False
+    ).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

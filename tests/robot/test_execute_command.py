@@ -1,0 +1,181 @@
+"""`liftwright execute` on two stand-in controllers, with somebody at the keyboard who answers what is asked."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.controller.site import configurations
+from support.controller.stand_in import StandIn, hosts, stand_ins
+from support.moving_plan import DURATION, moving_plan
+
+from app.cli import execute_command
+from app.cli.execute_command import ExecuteRequest, execute_file
+from app.cli.output import BadInput
+from planners.plan.scenery import ARMS
+from planners.program.schedule import Schedule
+from planners.program.urscript import write_urscript
+
+SLOWNESS = 5.0
+"""As in test_execution."""
+SCHEDULE = Schedule.of(moving_plan())
+
+
+def clock() -> float:
+    return time.monotonic() / SLOWNESS
+
+
+class Terminal(io.StringIO):
+    """Keeps what is said, and answers what is asked in turn; what is no text is called, and its result typed."""
+
+    def __init__(self, keyboard: int, answers: list[str | Callable[[], str]]) -> None:
+        super().__init__()
+        self._keyboard, self._answers = keyboard, answers
+
+    def write(self, words: str) -> int:
+        if words.endswith((": ", "> ")):
+            if not self._answers:
+                os.close(self._keyboard)
+            else:
+                answer = self._answers.pop(0)
+                os.write(self._keyboard, f"{answer if isinstance(answer, str) else answer()}\n".encode())
+        return super().write(words)
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Terminal]]:
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as keyboard:
+        monkeypatch.setattr(sys, "stdin", keyboard)
+
+        def sits_there(*answers: str | Callable[[], str]) -> Terminal:
+            screen = Terminal(writing, list(answers))
+            monkeypatch.setattr(sys, "stdout", screen)
+            return screen
+
+        yield sits_there
+        # Whoever still reads there sees the end.
+        with suppress(OSError):
+            os.close(writing)
+
+
+@pytest.fixture
+def controllers(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[StandIn]]:
+    """Have controllers for a plan that is not certified, which the tests of `exportable` are for."""
+    monkeypatch.setattr(execute_command, "exportable", lambda document, cell: SCHEDULE.plan)
+    with stand_ins(*configurations(SCHEDULE, SLOWNESS)) as controllers:
+        yield controllers
+        for controller in controllers:
+            controller.hear()
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    path = tmp_path / "plan.json"
+    path.write_bytes(SCHEDULE.plan.write())
+    return path
+
+
+def request(plan: Path, *, moves: bool = True, continuous: bool = False) -> ExecuteRequest:
+    return ExecuteRequest(plan, hosts(), None, moves, continuous, 1.0, plan.with_suffix(".log.jsonl"))
+
+
+def test_without_run_all_is_told_and_nothing_moves(
+    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+) -> None:
+    screen = terminal()
+    assert execute_file(request(plan, moves=False), clock) == 0
+    for step in SCHEDULE.steps:
+        assert step.words in screen.getvalue()
+    assert "nothing was moved" in screen.getvalue()
+    for controller in controllers:
+        assert np.ptp(controller.recording().q, axis=0).max() == 0.0
+
+
+def test_arms_that_are_elsewhere_are_named_with_their_joints(
+    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal], capsys: pytest.CaptureFixture[str]
+) -> None:
+    terminal()
+    joints = SCHEDULE.start["right"].copy()
+    joints[2] += 0.05
+    controllers[1].tell(joints=joints.tolist())
+    time.sleep(0.1 * SLOWNESS)
+    assert execute_file(request(plan), clock) == 2
+    said = capsys.readouterr().err
+    assert f"{SCHEDULE.plan.joint_names[8]} by 0.050 rad" in said
+    assert "left" not in said
+
+
+def test_each_step_is_asked_for_and_whoever_is_not_there_moves_nothing(
+    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+) -> None:
+    assert_done = terminal("", "", "", "")
+    assert execute_file(request(plan), clock) == 0
+    assert assert_done.getvalue().count("Enter begins it") == len(SCHEDULE.steps)
+    log = [json.loads(line) for line in plan.with_suffix(".log.jsonl").read_text().splitlines()]
+    assert [line["number"] for line in log if line.get("event") == "step"] == [1, 2, 3, 4]
+    assert log[-1]["done"]
+
+
+@pytest.mark.slow
+def test_after_a_stop_one_goes_back_and_on(
+    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+) -> None:
+    """Ctrl-C in the second step; back to the begin; then all of it, with a task written on the way."""
+
+    def interrupted_later() -> str:
+        def interrupt() -> None:
+            time.sleep(0.4 * DURATION * SLOWNESS)
+            signal.raise_signal(signal.SIGINT)
+
+        threading.Thread(target=interrupt).start()
+        return ""
+
+    screen = terminal("", interrupted_later, "b", "p", "c", "", "", "", "")
+    assert execute_file(request(plan), clock) == 0
+    said = screen.getvalue()
+    assert "stopped: somebody asked to stop, in step 2" in said
+    assert "back to the begin of step 1" in said
+    assert "done; the log is" in said.rstrip().splitlines()[-1]
+    written = json.loads(plan.with_suffix(".from_here.json").read_text())
+    np.testing.assert_allclose(written["start_positions"], np.hstack([SCHEDULE.start[arm] for arm in ARMS]), atol=1e-2)
+    for arm, controller in zip(ARMS, controllers, strict=True):
+        end = SCHEDULE.steps[-1].arms[arm].positions[-1]
+        np.testing.assert_allclose(controller.recording().q[-1], end, atol=1e-3)
+
+
+def test_whoever_leaves_after_a_stop_leaves_the_arms_where_they_are(
+    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+) -> None:
+    screen = terminal("", "q", "")
+    assert execute_file(request(plan), clock) == 2
+    assert "stopped: somebody asked to stop" in screen.getvalue()
+    for arm, controller in zip(ARMS, controllers, strict=True):
+        end = SCHEDULE.steps[0].arms[arm].positions[-1]
+        np.testing.assert_allclose(controller.recording().q[-1], end, atol=1e-3)
+
+
+def test_functions_for_what_is_mounted_must_define_all_that_a_program_calls(tmp_path: Path, plan: Path) -> None:
+    path = tmp_path / "mounted.script"
+    path.write_text("def site_fingers(width, force):\nend\n")
+    with pytest.raises(BadInput, match=r"mounted\.script does not define site_vacuum"):
+        execute_file(replace(request(plan), functions=path), clock)
+
+
+def test_functions_for_what_is_mounted_are_in_both_programs_in_place_of_the_defaults() -> None:
+    given = "def site_fingers(width, force):\n  textmsg(width)\nend\ndef site_vacuum(on):\nend"
+    for arm in ARMS:
+        program = write_urscript(SCHEDULE, arm, functions=given)
+        assert program.count("def site_fingers(") == program.count("def site_vacuum(") == 1
+        assert "63352" not in program

@@ -1,0 +1,122 @@
+"""Six joints that go where they are sent, and stop by themselves where they must not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+
+class SafetyMode(IntEnum):
+    """RTDE's `safety_mode`, those that occur here."""
+
+    NORMAL = 1
+    PROTECTIVE_STOP = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ArmLimits:
+    """What the controller lets its joints do; SI units, six values each."""
+
+    position_min: Vector
+    position_max: Vector
+    velocity_max: Vector
+    acceleration_max: Vector
+    braking: float = 50.0
+    """Of a protective stop and of a program that ends while its arm moves [rad/s²]."""
+    slack: float = 1.01
+    """By how much a finite difference may exceed a limit that the curve keeps."""
+
+
+class Arm:
+    """Joints at `q` with speeds `qd`, moved on by one control cycle at a time.
+
+    The joints are where they were sent one cycle ago. A real arm lags by `servoj`'s lookahead time, which is left out.
+    """
+
+    def __init__(self, start: Vector, limits: ArmLimits, dh: Vector, cycle: float) -> None:
+        """Stand at `start`.
+
+        Args:
+            start: joint positions [rad].
+            limits: beyond which the arm stops itself.
+            dh: a row a joint: a [m], alpha [rad], d [m], theta0 [rad].
+            cycle: of control [s].
+        """
+        self.q, self.qd = start.astype(float).copy(), np.zeros(6)
+        self.limits, self.cycle = limits, cycle
+        self.safety_mode, self.reason = SafetyMode.NORMAL, ""
+        self.wrench = np.zeros(6)
+        self.tcp, self.payload = np.eye(4), 0.0
+        self._dh, self._sent = dh, None
+        self._braking = limits.braking
+
+    def send(self, q: Vector) -> None:
+        """Have the joints at `q` at the end of this cycle."""
+        self._sent = q
+
+    def brake(self, acceleration: float) -> None:
+        """Slow down with this [rad/s²] from here on, unless joints are sent somewhere."""
+        self._braking = acceleration
+
+    def protective_stop(self, reason: str) -> None:
+        if self.safety_mode is SafetyMode.NORMAL:
+            self.safety_mode, self.reason = SafetyMode.PROTECTIVE_STOP, reason
+        self._sent, self._braking = None, self.limits.braking
+
+    def unlock(self) -> None:
+        self.safety_mode, self.reason = SafetyMode.NORMAL, ""
+
+    @property
+    def is_still(self) -> bool:
+        return not self.qd.any()
+
+    def step(self) -> None:
+        """Let one control cycle pass."""
+        sent, self._sent = self._sent, None
+        if sent is not None and self.safety_mode is SafetyMode.NORMAL:
+            velocity = (sent - self.q) / self.cycle
+            broken = self._broken(sent, velocity)
+            if broken is None:
+                self.q, self.qd, self._braking = sent.copy(), velocity, self.limits.braking
+                return
+            self.protective_stop(broken)
+        self.qd = np.sign(self.qd) * np.maximum(np.abs(self.qd) - self._braking * self.cycle, 0.0)
+        self.q = self.q + self.qd * self.cycle
+
+    def _broken(self, q: Vector, velocity: Vector) -> str | None:
+        limits = self.limits
+        excesses = (
+            ("position", np.maximum(limits.position_min - q, q - limits.position_max) - 1e-6),
+            ("speed", np.abs(velocity) - limits.velocity_max * limits.slack),
+            ("acceleration", np.abs(velocity - self.qd) / self.cycle - limits.acceleration_max * limits.slack),
+        )
+        for what, excess in excesses:
+            if (joint := int(excess.argmax())) >= 0 and not excess[joint] <= 0.0:
+                return f"joint {joint}: {what} limit"
+        return None
+
+    def tcp_pose(self, q: Vector | None = None) -> NDArray[np.float64]:
+        """Return `T_base_tcp` (4×4): each joint turns about z, then its row of the table follows."""
+        T = np.eye(4)
+        for angle, (a, alpha, d, theta0) in zip(self.q if q is None else q, self._dh, strict=True):
+            c, s, ca, sa = np.cos(angle + theta0), np.sin(angle + theta0), np.cos(alpha), np.sin(alpha)
+            T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
+        return T @ self.tcp
+
+    def joint_speeds(self, twist: Vector) -> Vector:
+        """Return the joint speeds of a TCP's speed [m/s, rad/s] in the base frame, by differences and least squares."""
+        T, step = self.tcp_pose(), 1e-6
+        columns: list[Vector] = []
+        for joint in range(6):
+            moved = self.q.copy()
+            moved[joint] += step
+            D = self.tcp_pose(moved)
+            turn = D[:3, :3] @ T[:3, :3].T
+            axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+            columns.append(np.concatenate([D[:3, 3] - T[:3, 3], axis]) / step)
+        return np.asarray(np.linalg.lstsq(np.array(columns).T, twist, rcond=1e-6)[0], dtype=np.float64)

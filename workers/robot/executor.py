@@ -1,0 +1,254 @@
+"""Runs a plan's programs on two controllers, keeps them in step, and stops both as soon as anything is wrong."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+
+from planners.contract.arrays import ArmName
+from planners.plan.scenery import ARMS
+from planners.program.schedule import ProgramStep, Schedule
+from planners.program.urscript import JOINT_TOLERANCE, SHARE_RATE, ProgramState, write_urscript
+from workers.robot.arm_link import ArmLink, ArmState
+from workers.robot.execution_log import ExecutionLog
+from workers.robot.supervision import ArmSupervisor, Stop, StopReason, SupervisionSettings
+
+Clock = Callable[[], float]
+Confirm = Callable[[ProgramStep | None], bool]
+"""Asks a person whether a step may begin, None: the lift that follows the last one; it may take as long as it likes."""
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """How a plan is executed."""
+
+    speed: float = 1.0
+    """Share of the planned speed, above 0 and at most 1, of both arms."""
+    period: float = 0.002
+    """Of supervision: an e-Series' control cycle [s]."""
+    patience: float = 2.0
+    """How long programs may take to start, and arms to stand still after a stop [s]."""
+    supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
+    functions: str | None = None
+    """URScript for what is mounted, see `write_urscript`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """How an execution ended."""
+
+    stop: Stop | None
+    """None: the plan was executed to its end."""
+    states: Mapping[ArmName, ArmState]
+    """What each arm told last."""
+    step: int
+    """The last step that was begun; 0: none."""
+    reached: Mapping[ArmName, float]
+    """Where each arm is on the plan's clock [s]."""
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the plan was executed to its end."""
+        return self.stop is None
+
+
+class Executor:
+    """One run of one schedule."""
+
+    def __init__(
+        self,
+        schedule: Schedule,
+        links: Mapping[ArmName, ArmLink],
+        log: ExecutionLog,
+        confirm: Confirm,
+        settings: ExecutionSettings | None = None,
+        clock: Clock = time.monotonic,
+    ) -> None:
+        """Be ready to run a schedule.
+
+        Args:
+            schedule: of a plan that may be executed, see `planners.program.guard`.
+            links: to each arm's controller; their clocks must be this one.
+            log: of all that happens.
+            confirm: asked before each step.
+            settings: how it is run.
+            clock: in seconds; another than the wall's for controllers in slow motion.
+        """
+        self._clock = clock
+        self._schedule, self._links, self._log, self._confirm = schedule, links, log, confirm
+        self._settings = settings or ExecutionSettings()
+        self._supervisor = ArmSupervisor(schedule, self._settings.supervision)
+        self._asked_to_stop, self._lifted = threading.Event(), threading.Event()
+        self._shares: dict[ArmName, float] = {}
+        self._confirmed = schedule.steps[0].number - 1
+        self._asking: Future[bool] | None = None
+
+    def ask_to_stop(self) -> None:
+        """Have both arms stop on their path; from any thread."""
+        self._asked_to_stop.set()
+
+    def end_lift(self) -> None:
+        """Have the lift end as high as it has come, if it has begun; from any thread."""
+        self._lifted.set()
+
+    def off_start(self) -> dict[ArmName, list[int]]:
+        """Return which joints of which arm are not where the plan begins, by their places from 0."""
+        off = {arm: abs(self._links[arm].state().positions - self._schedule.start[arm]) for arm in ARMS}
+        return {arm: [int(j) for j in (off[arm] > JOINT_TOLERANCE).nonzero()[0]] for arm in ARMS}
+
+    def run(self) -> Execution:
+        """Load both programs and see them to their end; both arms stand still when this returns."""
+        off = self.off_start()
+        if any(off.values()):
+            self._log.event("refused", off_start=off)
+            return self._ended(Stop(StopReason.WRONG_START, next(arm for arm in ARMS if off[arm])))
+        try:
+            stop = self._start() or self._watch()
+        except BaseException:
+            # Whatever goes wrong here, Ctrl-C too: arms must not go on without anybody.
+            self._stop_arms(None)
+            raise
+        if stop is not None:
+            self._stop_arms(stop)
+            self._log.event("stop", reason=stop.reason.name.lower(), words=stop.reason.value, arm=stop.arm)
+        execution = self._ended(stop)
+        self._log.event("end", done=execution.is_done, step=execution.step, reached=execution.reached)
+        return execution
+
+    def _start(self) -> Stop | None:
+        """Start both programs, and wait until both stand before the first step."""
+        for arm, link in self._links.items():
+            link.load(write_urscript(self._schedule, arm, functions=self._settings.functions))
+            self._pace(arm, self._settings.speed)
+        until, ready = self._clock() + self._settings.patience, float("inf")
+        while (now := self._clock()) < until:
+            states = self._beat()
+            if all(
+                state.barrier == self._confirmed + 1 and state.state is ProgramState.WAITING
+                for state in states.values()
+            ):
+                ready = min(ready, now)
+            # Both arms take up their speed while they wait, so that they begin alike.
+            if now - ready > 1.0 / SHARE_RATE + 10 * self._settings.period:
+                self._log.event(
+                    "begin",
+                    plan=self._schedule.plan.id,
+                    digest=self._schedule.plan.digest,
+                    speed=self._settings.speed,
+                )
+                return None
+            time.sleep(self._settings.period)
+        states = self._beat()
+        refused = next((arm for arm in ARMS if states[arm].state is ProgramState.WRONG_START), None)
+        return Stop(StopReason.ENDED, None) if refused is None else Stop(StopReason.WRONG_START, refused)
+
+    def _beat(self) -> dict[ArmName, ArmState]:
+        for link in self._links.values():
+            link.beat()
+        return {arm: link.state() for arm, link in self._links.items()}
+
+    def _watch(self) -> Stop | None:
+        told: dict[ArmName, tuple[int, float]] = {}
+        while True:
+            states = {arm: link.state() for arm, link in self._links.items()}
+            silences = {arm: self._links[arm].silence(states[arm].timestamp) for arm in ARMS}
+            stop = self._supervisor.fault(states, silences)
+            if stop is None and self._asked_to_stop.is_set():
+                stop = Stop(StopReason.ASKED, None)
+            if stop is not None or all(state.state is ProgramState.DONE for state in states.values()):
+                return stop
+            for link in self._links.values():
+                link.beat()
+            for arm, other in ((ARMS[0], ARMS[1]), (ARMS[1], ARMS[0])):
+                if told.get(arm) != (news := (states[other].barrier, states[other].lift_force)):
+                    self._links[arm].relay(states[other])
+                    told[arm] = news
+            self._ask(states)
+            self._keep_in_step(states)
+            self._log.sample(states, min(map(self._on_clock, states.values())))
+            time.sleep(self._settings.period)
+
+    def _ask(self, states: Mapping[ArmName, ArmState]) -> None:
+        """Have the next step confirmed once both arms stand before it."""
+        if self._asking is not None:
+            if self._asking.done():
+                self._answered(self._asking.result())
+            return
+        waiting = [state.barrier for state in states.values() if state.state is ProgramState.WAITING]
+        if len(waiting) == 2 and waiting[0] == waiting[1] == self._confirmed + 1:
+            self._asking = _asked(self._confirm, self._schedule.step(waiting[0]))
+        elif self._lifted.is_set() and self._confirmed == self._schedule.last + 1:
+            self._answered(True)
+
+    def _answered(self, yes: bool) -> None:
+        self._asking = None
+        if not yes:
+            self._asked_to_stop.set()
+            return
+        self._confirmed += 1
+        for link in self._links.values():
+            link.confirm(self._confirmed)
+        self._log.event("step", number=self._confirmed)
+
+    def _keep_in_step(self, states: Mapping[ArmName, ArmState]) -> None:
+        """Slow whichever arm is ahead, in proportion to its lead."""
+        lead, speed, pull = self._supervisor.lead(states), self._settings.speed, self._settings.supervision.pull
+        for arm, ahead in (("left", lead), ("right", -lead)):
+            self._pace(arm, speed * max(0.0, 1.0 - pull * max(0.0, ahead)))
+
+    def _pace(self, arm: ArmName, share: float) -> None:
+        if abs(self._shares.get(arm, -1.0) - share) > 1e-3 or (share == self._settings.speed != self._shares[arm]):
+            self._shares[arm] = share
+            self._links[arm].pace(share)
+
+    def _stop_arms(self, stop: Stop | None) -> None:
+        """Stop both arms, the one that can be reached first, and end their programs once they stand still."""
+        lost = stop.arm if stop is not None and stop.reason is StopReason.LOST else None
+        reached = [arm for arm in ARMS if arm != lost]
+        for arm in reached:
+            self._links[arm].stop()
+        until = self._clock() + self._settings.patience
+        while self._clock() < until:
+            for arm in reached:
+                self._links[arm].beat()
+            if all(self._links[arm].state().is_still for arm in reached):
+                break
+            time.sleep(self._settings.period)
+        for arm in reached:
+            self._links[arm].end_program()
+
+    def _ended(self, stop: Stop | None) -> Execution:
+        states = {arm: link.state() for arm, link in self._links.items()}
+        # Registers keep what a program before this one wrote.
+        begun = self._confirmed >= self._schedule.steps[0].number
+        reached = {
+            arm: self._on_clock(state) if begun else self._schedule.steps[0].begin for arm, state in states.items()
+        }
+        return Execution(stop, states, min(state.step for state in states.values()) if begun else 0, reached)
+
+    def _on_clock(self, state: ArmState) -> float:
+        """Return where an arm is on the plan's clock [s]; in the lift, at its end."""
+        last = self._schedule.steps[-1]
+        if state.state is ProgramState.WAITING:
+            # The step in its registers is the one before, or what another program left there.
+            awaited = self._schedule.step(state.barrier)
+            return last.clock(last.duration) if awaited is None else awaited.clock(0.0)
+        step = self._schedule.step(state.step)
+        return last.clock(last.duration) if step is None else step.clock(state.path_time)
+
+
+def _asked(confirm: Confirm, step: ProgramStep | None) -> Future[bool]:
+    """Ask in a thread of its own, which nobody waits for when the program ends."""
+    answer: Future[bool] = Future()
+
+    def ask() -> None:
+        try:
+            answer.set_result(confirm(step))
+        except BaseException as error:  # noqa: BLE001 - it is raised where the answer is read
+            answer.set_exception(error)
+
+    threading.Thread(target=ask, name="confirmation", daemon=True).start()
+    return answer
