@@ -18,10 +18,12 @@ from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
 from planners.plan.timeline import ContactSet
 from planners.regrasp.suction.suction_hold import suction_margin
 from planners.scene.suction_tool import TOOL_NAME, CupData
+from workers.robot.execution_log import ExecutedMotion
 
 DIGITS = 4
 """Of times and values, behind the point: a thousandth of what can be seen."""
 MILLIMETRES = 1e3
+MILLIRADIANS = 1e3
 PERCENT = 100.0
 MINIMUM = "min. m g \u2212 f_cup"
 HANDS, CUP, CUP_USE = "Hands, vertical force", "Vacuum cup", "Suction cup, used of what it bears"
@@ -75,6 +77,29 @@ def simulated_charts(plan: Plan) -> list[Chart]:
     if isinstance(simulation, LiftSimulation) and isinstance(task, PlateLiftTask):
         return _simulated_lift(plan, task, simulation)
     return _simulated_tool_use(plan)
+
+
+def executed_charts(plan: Plan, executed: ExecutedMotion) -> list[Chart]:
+    """Return how far each arm was off the plan, and the force at its wrist; behind a lifter there is no plan."""
+    planned = np.array([plan.at(time).positions for time in executed.clock])
+    off = MILLIRADIANS * np.abs(executed.positions - planned)
+    if isinstance(plan.task, PlateLiftTask):
+        off[executed.clock >= plan.duration] = np.nan
+    arms = list(plan.cell.arms)
+    return [
+        Chart(
+            title="Farthest joint off the plan",
+            unit="mrad",
+            time=executed.time,
+            series=[_line(arm, arm, off[:, 6 * i : 6 * i + 6].max(axis=1)) for i, arm in enumerate(arms)],
+        ),
+        Chart(
+            title="Force at the wrist",
+            unit="N",
+            time=executed.time,
+            series=[_line(arm, arm, executed.force[:, i]) for i, arm in enumerate(arms)],
+        ),
+    ]
 
 
 def marked_spans(simulation: Simulation) -> Array:

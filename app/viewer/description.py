@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -11,7 +12,16 @@ from pydantic import JsonValue, PlainSerializer
 
 from app.check_words import PROOF, words_of_check
 from app.summary import figures_of, least_reserve, reason_of
-from app.viewer.charts import DIGITS, PERCENT, Chart, Spans, marked_spans, planned_charts, simulated_charts
+from app.viewer.charts import (
+    DIGITS,
+    PERCENT,
+    Chart,
+    Spans,
+    executed_charts,
+    marked_spans,
+    planned_charts,
+    simulated_charts,
+)
 from app.viewer.considered import ConsideredDescription, describe_considered
 from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
 from app.viewer.playback import SourceName
@@ -22,6 +32,7 @@ from planners.plan.loads import loads_of
 from planners.plan.plan import Plan
 from planners.plan.segment import Grip, Segment
 from planners.plan.verdicts import Certificate, Remedy, Statistics
+from workers.robot.execution_log import ExecutedMotion
 
 BY_CONTACT = "contact_states"
 """Member of a graph's figures that has the same figures for each contact state."""
@@ -95,6 +106,13 @@ class SimulationDescription(StrictModel):
     figures: list[FigureGroup]
     nodes: list[NodeForces]
     model: list[str]
+
+
+class ExecutionDescription(StrictModel):
+    """How an execution by two arms ended."""
+
+    words: str
+    good: bool
 
 
 class CheckDescription(StrictModel):
@@ -182,6 +200,7 @@ class PlanDescription(StrictModel):
     """Length of arrows [mm/N]."""
     sources: dict[SourceName, SourceDescription]
     simulation: SimulationDescription | None
+    execution: ExecutionDescription | None
     considered: ConsideredDescription | None
     legend: Legend
     colours: dict[str, str]
@@ -201,8 +220,8 @@ class KindDescription(ABC):
     meanings: ClassVar[tuple[str, ...]]
     """Colours that appear in scene and curves."""
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
+    def __init__(self, plan: Plan, executed: ExecutedMotion | None = None) -> None:
+        self.plan, self.executed = plan, executed
 
     @abstractmethod
     def subtitle(self) -> str:
@@ -250,6 +269,9 @@ class KindDescription(ABC):
             force_scale=1e3 * FORCE_SCALES[plan.task.kind],
             sources=sources,
             simulation=None if plan.simulation is None else self.simulation(),
+            execution=None
+            if self.executed is None
+            else ExecutionDescription(words=self.executed.ending, good=self.executed.is_done),
             considered=describe_considered(plan),
             legend=Legend(
                 meanings=_legend({name: MEANINGS[name] for name in self._drawn_meanings(sources)}),
@@ -287,6 +309,15 @@ class KindDescription(ABC):
                 pages=np.array(self.pages()),
                 marked=marked_spans(plan.simulation),
             )
+        if self.executed is not None and plan.segments:
+            time = self.executed.time
+            sources["execution"] = SourceDescription(
+                duration=time[-1],
+                segments=_done_in(segments, self.executed),
+                charts=executed_charts(plan, self.executed),
+                pages=np.array([[0.0, time[-1]]]),
+                marked=np.empty((0, 2)),
+            )
         return sources
 
     def _executed(self, segments: Sequence[SegmentDescription], end: float) -> list[SegmentDescription]:
@@ -320,6 +351,18 @@ class KindDescription(ABC):
             label = "certificate" if self.plan.segments else "its proof"
             rows.append((label, f"{passed} of {len(certificate.checks)} checks"))
         return rows
+
+
+def _done_in(segments: Sequence[SegmentDescription], executed: ExecutedMotion) -> list[SegmentDescription]:
+    """Return the plan's segments at the times at which they were executed, each as often as it was, back and forth."""
+    begins = [segment.start for segment in segments]
+    which = np.maximum(np.searchsorted(begins, executed.clock + 1e-6, side="right") - 1, 0)
+    borders = [0, *(np.flatnonzero(np.diff(which)) + 1), len(which) - 1]
+    return [
+        segments[int(which[a])].model_copy(update={"start": executed.time[a], "end": executed.time[b]})
+        for a, b in pairwise(borders)
+        if executed.time[b] > executed.time[a]
+    ]
 
 
 def _certificate(certificate: Certificate, outcome: str) -> CertificateDescription:

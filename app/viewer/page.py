@@ -16,6 +16,7 @@ from app.viewer.lift_description import LiftDescription
 from app.viewer.playback import SourceName
 from app.viewer.tool_description import ToolDescription
 from planners.plan.plan import Plan
+from workers.robot.execution_log import ExecutedMotion
 from workers.software import describe_software
 
 STYLES = ("style.css", "viewer.css")
@@ -75,9 +76,9 @@ def login_page(wanted: str, refusal: str = "") -> str:
     return page.replace(NEXT_MARK, escape(wanted)).replace(REFUSAL_MARK, escape(refusal))
 
 
-def describe_plan(plan: Plan) -> PlanDescription:
-    """Return all the page needs of a plan but its scene."""
-    return BY_KIND[plan.task.kind](plan).describe()
+def describe_plan(plan: Plan, executed: ExecutedMotion | None = None) -> PlanDescription:
+    """Return all the page needs of a plan, and of an execution of it, but its scene."""
+    return BY_KIND[plan.task.kind](plan, executed).describe()
 
 
 def recording_software() -> str:

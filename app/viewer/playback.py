@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -11,30 +12,59 @@ import numpy as np
 from planners.contract.shapes import Cylinder
 from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, pose_row, transform
+from planners.kinematics.forward import flange_pose
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument
 from planners.plan.segment import Grip, Segment, riding_on
 from planners.plan.simulation import LiftSimulation, ToolSimulation
 from planners.plan.timeline import ContactForce, Moment, PoseTrack, locate, mix
 from planners.scene.suction_tool import TOOL_NAME
+from workers.robot.execution_log import ExecutedMotion
 
-SourceName = Literal["plan", "simulation"]
+SourceName = Literal["plan", "simulation", "execution"]
 GRIPPING, PUSHING, LOAD = "gripping hand", "pushing hand", "suction load"
 """Names of curves: vertical forces on the plate by what the hand does to it, and what the cup bears."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
 class Playback:
-    """A plan and its simulation on one time axis, which begins with the plan."""
+    """A plan, its simulation and an execution of it, each on a time axis that begins with it."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, executed: ExecutedMotion | None = None) -> None:
         self.plan = plan
         self.simulation = _simulated(plan)
+        self.executed = executed
 
     def at(self, source: SourceName, time: float) -> Moment:
-        """Return where everything is at a time [s]; the plan stands in for a simulation that is not there."""
-        simulated = self.simulation if source == "simulation" else None
-        return self.plan.at(time) if simulated is None else simulated.at(time)
+        """Return where everything is at a time [s]; the plan stands in for what is not there."""
+        if source == "simulation" and self.simulation is not None:
+            return self.simulation.at(time)
+        if source == "execution" and self.executed is not None:
+            return self._executed_at(self.executed, time)
+        return self.plan.at(time)
+
+    def _executed_at(self, executed: ExecutedMotion, time: float) -> Moment:
+        """Return the arms as they were measured, and everything else as the plan has it where they were in it."""
+        sample, s = locate(executed.time, float(np.clip(time, 0.0, executed.time[-1])))
+        after = min(sample + 1, len(executed.time) - 1)
+        clock = float(mix(executed.clock[sample], executed.clock[after], s))
+        positions = mix(executed.positions[sample], executed.positions[after], s)
+        moment = replace(self.plan.at(clock), time=time, positions=positions)
+        return self._raised(moment) if clock >= self.plan.duration and self.plan.task.kind == "plate_lift" else moment
+
+    def _raised(self, moment: Moment) -> Moment:
+        """Return a moment with the plate, and what hangs on it, as high as the hands have raised it since the end."""
+        ended, arms = self.plan.at(self.plan.duration).positions, self.plan.cell.arms
+        heights = [
+            [flange_pose(arm.dh, arm.T_world_base, q[6 * i : 6 * i + 6])[2, 3] for i, arm in enumerate(arms.values())]
+            for q in (ended, moment.positions)
+        ]
+        up = float(np.mean(heights[1]) - np.mean(heights[0])) * UP
+        poses = {name: moment.body_poses[name] + [*up, 0.0, 0.0, 0.0, 0.0] for name in ("plate", "cup", "cable")}
+        contacts = tuple(
+            replace(each, point=each.point + up) if each.body == "plate" else each for each in moment.contacts
+        )
+        return replace(moment, body_poses={**moment.body_poses, **poses}, contacts=contacts)
 
     @property
     def durations(self) -> dict[SourceName, float]:
@@ -42,6 +72,8 @@ class Playback:
         there: dict[SourceName, float] = {"plan": self.plan.duration}
         if self.simulation is not None:
             there["simulation"] = self.simulation.duration
+        if self.executed is not None:
+            there["execution"] = float(self.executed.time[-1])
         return there
 
 

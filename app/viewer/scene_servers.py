@@ -229,6 +229,16 @@ class WatcherRoom:
     """Of one owner's, where keys tell owners apart."""
 
 
+def recording_of(playback: Playback, cell: Cell, meshes: LinkMeshes) -> str:
+    """Return a page that plays all sources of a plan without any server. Blocks for some seconds."""
+    durations = playback.durations
+    step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
+    with SceneServer() as server:
+        server.open(playback, cell, meshes)
+        scene, begins = server.record(durations, step)
+    return recorded_page(describe_plan(playback.plan, playback.executed), scene, begins)
+
+
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
@@ -334,12 +344,7 @@ class SceneServers:
             CellNotDrawn: There are no drawings of its cell.
         """
         playback, cell = self._playback(_plan_of(document))
-        durations = playback.durations
-        step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
-        with SceneServer() as server:
-            server.open(playback, cell, self._meshes)
-            scene, begins = server.record(durations, step)
-        return recorded_page(describe_plan(playback.plan), scene, begins)
+        return recording_of(playback, cell, self._meshes)
 
     async def close(self) -> None:
         """Close all servers."""

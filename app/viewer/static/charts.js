@@ -107,7 +107,7 @@ class Charts {
 }
 
 function paddedRange(low, high) {
-  if (low === null || high === null) return [0, 1];
+  if (low === null || high === null || (low === 0 && high === 0)) return [0, 1];
   const room = 0.08 * Math.max(high - low, 1e-6);
   return [low >= 0 ? 0 : low - room, high + room];
 }

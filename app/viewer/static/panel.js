@@ -18,7 +18,7 @@ const FIRST_LAYERS = new Set(LAYERS.filter(([, , , first]) => first).map(([name]
 const SIGNS = ["places", "grasps"];
 const KEYS = [
   ["play, pause", "Space"], ["0.2 s back, on", "← →"], ["2 s back, on", "Shift ← →"],
-  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation", "P"], ["slower, faster", "- +"],
+  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation, execution", "P"], ["slower, faster", "- +"],
 ];
 const CAMERA_KEYS = ["camera", "1 to 5"];
 

@@ -2,7 +2,7 @@
 "use strict";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
-const SOURCES = ["plan", "simulation"];
+const SOURCES = ["plan", "simulation", "execution"];
 
 class Player {
   /** @param scene what draws: show(source, time), and for a live scene look(view) and what the panel asks of it */
@@ -46,12 +46,19 @@ class Player {
     this.charts ??= new Charts(document.getElementById("charts"), this.colours, (time) => this.seek(time));
     this.panel.show(description);
     this.headline();
-    document.getElementById("sources").hidden = !description.sources.simulation;
+    document.getElementById("sources").hidden = Object.keys(description.sources).length < 2;
+    for (const name of SOURCES) document.getElementById(`source-${name}`).hidden = !description.sources[name];
     document.getElementById("source-simulation").textContent = description.simulation_words;
     this.choose("plan");
   }
 
-  /** Play the plan, or the simulation, from the time that is shown now. */
+  /** Play what comes after this in the row of what can be played. */
+  chooseNext() {
+    const there = SOURCES.filter((name) => this.description.sources[name]);
+    this.choose(there[(there.indexOf(this.sourceName) + 1) % there.length]);
+  }
+
+  /** Play the plan, its simulation or its execution, from the time that is shown now. */
   choose(name) {
     if (!this.description.sources[name]) return;
     this.sourceName = name;
@@ -75,6 +82,10 @@ class Player {
       const className = `badge ${simulation.good ? "solved" : "failed"}`;
       Object.assign(simulated, { className, textContent: `simulated: ${simulation.words}`, title: simulation.sentence });
     }
+    const { execution } = description;
+    const executed = document.getElementById("executed");
+    executed.hidden = !execution;
+    if (execution) Object.assign(executed, { className: `badge ${execution.good ? "solved" : "failed"}`, textContent: execution.words });
     document.getElementById("highlights").replaceChildren(
       ...description.highlights.map(([label, value]) =>
         element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value }))),
@@ -191,7 +202,7 @@ class Player {
       "-": () => faster(-1),
       r: () => this.panel.regrasp.toggle(),
       Escape: () => this.panel.regrasp.toggle(false),
-      p: () => this.choose(this.sourceName === "plan" ? "simulation" : "plan"),
+      p: () => this.chooseNext(),
     };
     if (this.scene.look) VIEWS.forEach((view, index) => (actions[index + 1] = () => this.scene.look(view)));
     if (this.scene.layer)
