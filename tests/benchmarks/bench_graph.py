@@ -20,7 +20,7 @@ from planners.manipulation.graph.manipulation_graph import build_graph
 from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.statics.hold_balance import HandPair
-from tests.benchmarks.lift_variants import OURS, VARIANTS, Variant
+from tests.benchmarks.lift_variants import OURS, VARIANTS, Variant, kept_reserve
 from tests.benchmarks.tasks import SOLVABLE, Note, timed
 
 
@@ -30,6 +30,8 @@ class GraphFigures:
 
     name: str
     variant: str
+    reserve: float
+    """Share of every limit that is kept back [1]."""
     grips: int
     pushes: int
     dcsg_nodes: int
@@ -72,6 +74,8 @@ class SearchFigures:
     name: str
     variant: str
     minimise: str
+    reserve: float
+    """Share of every limit that is kept back [1]."""
     starts: int
     goals: int
     search_seconds: float
@@ -114,7 +118,7 @@ def measure(
         for variant in variants:
             for minimise in ("cost", "force") if variant is OURS else ("cost",):
                 note(f"whole graph of {name}, least {minimise}, {variant.name}")
-                planner = variant.planner(name, minimise=minimise)
+                planner = variant.planner(name, minimise=minimise, reserve=kept_reserve(name, minimise))
                 planner.begin()
                 examined = _examine(planner)
                 if minimise == "cost":
@@ -166,6 +170,7 @@ def _graph_figures(name: str, variant: Variant, planner: PlateLiftPlanner, secon
     return GraphFigures(
         name=name,
         variant=variant.name,
+        reserve=settings.reserve,
         grips=grips,
         pushes=pushes,
         dcsg_nodes=len(planner.sampling.poses.poses),
@@ -194,6 +199,7 @@ def _search_figures(name: str, variant: Variant, planner: PlateLiftPlanner) -> S
         name=name,
         variant=variant.name,
         minimise=planner.settings.minimise,
+        reserve=planner.settings.reserve,
         starts=len(starts),
         goals=int((graph.goal & alive).sum()),
         search_seconds=search_seconds,

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.geometry.polyhedron import ConvexPrism
 from planners.manipulation.contacts.dense_contact_states import ContactSampling, DenseContactStateGraph
+from planners.manipulation.graph.node_examiner import Objective
+from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.statics.reserves import STEPS
 from planners.planning import lift_settings
 from planners.progress import silent
 from planners.scene.lift_scene import PlateLiftScene
@@ -35,11 +39,11 @@ class Variant:
     strong: bool = False
     """Whether hands bear whatever they are asked to: limits of the task and the arms' payload are left out."""
     options: Mapping[str, Any] | None = None
-    """Of the task, beside its own."""
+    """Of the task, before any others."""
 
     def planner(self, name: str, **options: Any) -> PlateLiftPlanner:
         """Return the planner of a shipped task, which has sampled poses and holds and nothing more."""
-        body = task_body(name, **(self.options or {}), **options)
+        body = task_body(name, **{**options, **(self.options or {})})
         if self.strong:
             body["hand_force_limit"] = {"normal": STRONG, "net": STRONG}
         task = read_task(body)
@@ -49,6 +53,20 @@ class Variant:
         for change in self.settings:
             settings = change(scene, settings)
         return PlateLiftPlanner(scene, settings, silent)
+
+
+@cache
+def kept_reserve(name: str, minimise: Objective) -> float:
+    """Return the share of every limit that the plan of a shipped task keeps back [1]: all that is asked for, if it can.
+
+    A whole multiple of the step in which the planner looks for reserves.
+    """
+    task = read_task(task_body(name, minimise=minimise))
+    assert isinstance(task, PlateLiftTask)
+    settings = lift_settings(task.options)
+    reserve = plan_lift(build_scene(task), settings, silent).reserve
+    assert reserve is not None, f"{name} has no plan"
+    return min(settings.reserve, math.floor(reserve.value * STEPS + 1e-6) / STEPS)
 
 
 def _strong(cell: Cell) -> Cell:
