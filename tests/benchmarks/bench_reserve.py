@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
 from functools import cache
+from multiprocessing import get_context
 from pathlib import Path
 from time import process_time
 from typing import Self
@@ -116,9 +119,31 @@ def measure(
         Unfinished: more than `most` are missing.
     """
     file = AttemptFile.of_this_code(kept, ReserveRun, "reserve", _MEASURING)
-    cases = [(task, reserve) for task in tasks for reserve in RESERVES]
+    first = _first_of_each_plan([(task, reserve) for task in tasks for reserve in RESERVES], processes)
+    cases = list(dict.fromkeys(first.values()))
     done = repeated(file, _run, cases, runs, processes, lambda told: note(f"reserve: {told}"), most)
-    return [ReserveFigures(*case, each) for case, each in zip(cases, done, strict=True)]
+    by_case = dict(zip(cases, done, strict=True))
+    return [
+        ReserveFigures(task, reserve, [replace(run, reserve=reserve) for run in by_case[first[task, reserve]]])
+        for task, reserve in first
+    ]
+
+
+def _first_of_each_plan(
+    cases: Sequence[tuple[str, float]], processes: int
+) -> dict[tuple[str, float], tuple[str, float]]:
+    """Return for each case the first one of the same plan: executed alike, it need not be executed again."""
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as executor:
+        plans = dict(zip(cases, executor.map(_motion, *zip(*cases, strict=True)), strict=True))
+    first: dict[tuple[str, str], tuple[str, float]] = {}
+    return {case: first.setdefault((case[0], plans[case]), case) for case in cases}
+
+
+def _motion(name: str, reserve: float) -> str:
+    """Return a digest of all that a plan has executed; of why there is none, where there is none."""
+    plan = _planned(name, reserve)[1]
+    told = plan.model_dump_json(include={"outcome", "segments"})
+    return hashlib.sha256(told.encode()).hexdigest()
 
 
 def _run(name: str, reserve: float, seed: int) -> ReserveRun:

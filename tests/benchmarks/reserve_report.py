@@ -50,8 +50,8 @@ def sections(figures: Sequence[ReserveFigures]) -> list[str]:
                 f"{100 * FRICTION:g} % of the friction of each contact, {100 * CUP:g} % of the force that the cup "
                 f"bears and {100 * LIFTER:g} % of the lifter's speed; in turns within "
                 f"{', '.join(map(str, MULTIPLES))} times as much. Friction is that of the task, with nothing on top of "
-                "it. A seed deviates in the same way with every reserve. *Of the plan* is what its document says that "
-                "it keeps back.",
+                "it. A seed deviates in the same way with every reserve; where two reserves give the same plan, its "
+                "runs count for both. *Of the plan* is what its document says that it keeps back.",
                 table(head, [_row(each) for each in (*figures, *together)]),
             ]
         )
