@@ -10,28 +10,41 @@ the URDF where the makers' meshes come with one, so that a mesh the planners hav
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
 import trimesh
 import yaml
+from pydantic import BaseModel, ValidationError
 from scipy.spatial.transform import Rotation
 
 from assets import assets_folder
 from planners.certify.geometry.body_shape import ConvexPart, box, convex_part, cylinder
 from planners.certify.motion.kinematics import ArmKinematics
+from planners.certify.motion.robot_files import (
+    BoxRecord,
+    CylinderRecord,
+    GripperRecord,
+    HandRecord,
+    JawsRecord,
+    LinkageRecord,
+    LinkRecord,
+    MeshRecord,
+    RobotRecord,
+    SensorRecord,
+    StickRecord,
+)
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_x, transform
 from planners.plan.scenery import ARMS
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_FINGER_PARTS = ("outer_knuckle", "outer_finger", "inner_knuckle", "inner_finger")
 _LABORATORY = {arm: ("ur3e", "robotiq_2f85_ft300") for arm in ARMS}
 """Of the papers; what a hand without fingers is, the document says."""
 
@@ -62,13 +75,14 @@ class FourBar:
     def reach(self) -> float:
         """No point of a finger is farther from the axis it turns about [m]."""
         arm = float(np.linalg.norm(self.inner_finger))
-        return max(
-            self.far["outer_knuckle"],
-            self.far["inner_knuckle"],
-            float(np.linalg.norm(self.outer_finger)) + self.far["outer_finger"],
-            arm + self.far["inner_finger"],
-            arm + float(np.linalg.norm(self.pad)) + self.far["pad"],
-        )
+        from_pivot = {
+            "outer_knuckle": 0.0,
+            "inner_knuckle": 0.0,
+            "outer_finger": float(np.linalg.norm(self.outer_finger)),
+            "inner_finger": arm,
+            "pad": arm + float(np.linalg.norm(self.pad)),
+        }
+        return max(from_pivot[part] + far for part, far in self.far.items())
 
     def extent(self, height: float) -> float:
         """Return what no point of a finger is farther from the flange's origin than, so far below the base [m]."""
@@ -211,99 +225,105 @@ def load_surfaces(
     return {arm: read[kind] for arm, kind in (arms or _LABORATORY).items()}
 
 
+_Record = TypeVar("_Record", bound=BaseModel)
+
+
 @dataclass(frozen=True)
 class _AssetReader:
     folders: tuple[Path, ...]
 
     def arm(self, robot: str, hand: str) -> ArmSurfaces:
-        held = self._read("hands", hand)
-        sensor = self._read("sensors", held["sensor"])
-        length = float(sensor["length"])
-        round_sensor = cylinder(float(sensor["radius"]), length).parts[0]
+        held = self._read("hands", hand, HandRecord).root
+        sensor = self._read("sensors", held.sensor, SensorRecord)
+        length = sensor.length
+        round_sensor = cylinder(sensor.radius, length).parts[0]
         return ArmSurfaces(
             links=self._links(robot),
             sensor=convex_part(np.add(round_sensor.vertices, [0.0, 0.0, length / 2])),
             sensor_length=length,
-            gripper=None if held["kind"] == "stick" else _gripper(held, length),
+            gripper=None if isinstance(held, StickRecord) else _gripper(held, length),
         )
 
     def _links(self, robot: str) -> tuple[tuple[ConvexPart, ...], ...]:
-        described = self._read("robots", robot)
-        if described.get("links_of"):
-            described = self._read("robots", described["links_of"])
-        drawn = {link["name"]: link for link in described["links"]}
+        described = self._read("robots", robot, RobotRecord)
+        if described.links_of is not None:
+            described = self._read("robots", described.links_of, RobotRecord)
+        drawn = {link.name: link for link in described.links}
         urdf = _urdf_of(drawn.values())
         if urdf is not None:
-            rows = [[joint[name] for name in ("a", "alpha_deg", "d", "theta0_deg")] for joint in described["joints"]]
+            rows = [[joint.a, joint.alpha_deg, joint.d, joint.theta0_deg] for joint in described.joints]
             dh = np.array(rows) * [1.0, math.pi / 180.0, 1.0, math.pi / 180.0]
             return tuple((hull,) for hull in _link_hulls(urdf, dh))
         return tuple(_link(drawn[name]) for name in LINKS)
 
-    def _read(self, kind: str, name: str) -> dict[str, Any]:
+    def _read(self, kind: str, name: str, record: type[_Record]) -> _Record:
         for folder in self.folders:
             path = folder / kind / f"{name}.yaml"
             if path.is_file():
-                return yaml.safe_load(path.read_text(encoding="utf-8"))
+                try:
+                    return record.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
+                except ValidationError as error:
+                    raise AssetError(f"{kind}/{name}.yaml cannot be read: {error}") from error
         raise AssetError(f"there is no {kind}/{name}.yaml")
 
 
-def _gripper(held: Mapping[str, Any], height: float) -> GripperSurfaces:
-    pad_size = np.array(held["pad_size"])
-    if held["kind"] == "jaws":
-        base = _box(held["base"])
-        parts = {name: convex_part(_box(described)) for name, described in held["finger"].items()}
+def _gripper(held: GripperRecord | JawsRecord, height: float) -> GripperSurfaces:
+    pad_size = np.array(held.pad_size)
+    if isinstance(held, JawsRecord):
+        base = _box(held.base)
+        parts = {name: convex_part(_box(described)) for name, described in held.finger.items()}
     else:
-        base = _mesh_vertices(held["meshes"]["base"])
-        parts = {name: _hull(_mesh_vertices(held["meshes"][name]), name) for name in _FINGER_PARTS}
+        base = _mesh_vertices(held.meshes.base)
+        parts = {name: _hull(_mesh_vertices(mesh), name) for name, mesh in held.meshes.finger.items()}
     parts["pad"] = box(pad_size).parts[0]
     far = {part: float(np.linalg.norm(hull.vertices, axis=1).max()) for part, hull in parts.items()}
-    if held["kind"] == "jaws":
-        pad = np.array([0.0, pad_size[1] / 2, held["pad_height"]])
-        fingers = Slide(float(held["width_max"]), pad, far)
+    if isinstance(held, JawsRecord):
+        fingers = Slide(held.width_max, np.array([0.0, pad_size[1] / 2, held.pad_height]), far)
     else:
-        fingers = _four_bar(held["linkage"], pad_size, far)
+        fingers = _four_bar(held.linkage, pad_size, far)
     return GripperSurfaces(_hull(np.add(base, [0.0, 0.0, height]), "base"), parts, pad_size, height, fingers)
 
 
-def _box(described: Mapping[str, Any]) -> Array:
+def _box(described: BoxRecord) -> Array:
     """Return the corners of a box along the axes of its frame: (8, 3) [m]."""
-    return np.add(box(np.array(described["size"])).parts[0].vertices, described["center"])
+    return np.add(box(np.array(described.size)).parts[0].vertices, described.center)
 
 
-def _four_bar(linkage: Mapping[str, Any], pad_size: Array, far: Mapping[str, float]) -> FourBar:
-    pivots = {name: np.array([0.0, *offset]) for name, offset in linkage.items()}
+def _four_bar(linkage: LinkageRecord, pad_size: Array, far: Mapping[str, float]) -> FourBar:
+    knuckle, outer_finger, pad = (
+        np.array([0.0, *offset]) for offset in (linkage.outer_knuckle, linkage.outer_finger, linkage.pad)
+    )
     return FourBar(
-        pad_face=float(pivots["outer_knuckle"][1] + pivots["pad"][1] - pad_size[1] / 2),
-        knuckle_pivot=pivots["outer_knuckle"],
-        inner_pivot=pivots["inner_knuckle"],
-        outer_finger=pivots["outer_finger"],
-        inner_finger=pivots["outer_finger"] + pivots["inner_finger"],
-        pad=pivots["pad"],
+        pad_face=float(knuckle[1] + pad[1] - pad_size[1] / 2),
+        knuckle_pivot=knuckle,
+        inner_pivot=np.array([0.0, *linkage.inner_knuckle]),
+        outer_finger=outer_finger,
+        inner_finger=outer_finger + np.array([0.0, *linkage.inner_finger]),
+        pad=pad,
         far=far,
     )
 
 
-def _link(described: Mapping[str, Any]) -> tuple[ConvexPart, ...]:
-    name = described["name"]
-    if "mesh" in described:
-        turn = Rotation.from_euler("xyz", described["rpy_deg"], degrees=True).as_matrix()
-        return (_hull(_mesh_vertices(described["mesh"]) @ turn.T + described["position"], name),)
-    if "pieces" in described:
-        return tuple(_hull(np.array(corners, dtype=float), name) for corners in described["pieces"])
-    return tuple(_cylinder(each["start"], each["end"], each["radius"]) for each in described["cylinders"])
+def _link(described: LinkRecord) -> tuple[ConvexPart, ...]:
+    if described.mesh is not None:
+        turn = Rotation.from_euler("xyz", described.rpy_deg, degrees=True).as_matrix()
+        return (_hull(_mesh_vertices(described.mesh) @ turn.T + described.position, described.name),)
+    pieces = tuple(_hull(np.array(corners), described.name) for corners in described.pieces)
+    return pieces or tuple(map(_cylinder, described.cylinders))
 
 
-def _cylinder(start: Sequence[float], end: Sequence[float], radius: float) -> ConvexPart:
-    axis = np.subtract(end, start)
-    T = transform(frame_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]), np.add(start, end) / 2)
-    upright = cylinder(radius, float(np.linalg.norm(axis))).parts[0]
+def _cylinder(described: CylinderRecord) -> ConvexPart:
+    axis = np.subtract(described.end, described.start)
+    centre = np.add(described.start, described.end) / 2
+    T = transform(frame_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]), centre)
+    upright = cylinder(described.radius, float(np.linalg.norm(axis))).parts[0]
     return convex_part(upright.vertices @ T[:3, :3].T + T[:3, 3])
 
 
-def _urdf_of(links: Any) -> Path | None:
+def _urdf_of(links: Collection[LinkRecord]) -> Path | None:
     """Return the folder of a URDF whose meshes all the links have, if there is one."""
-    folders = {_file_of(link["mesh"]).parent.parent for link in links if "mesh" in link}
-    if len(folders) != 1 or not all("mesh" in link for link in links):
+    folders = {_file_of(link.mesh).parent.parent for link in links if link.mesh is not None}
+    if len(folders) != 1 or any(link.mesh is None for link in links):
         return None
     (folder,) = folders
     return folder if (folder / f"{folder.name}.urdf").is_file() else None
@@ -334,16 +354,16 @@ def _link_hulls(folder: Path, dh: Array) -> list[ConvexPart]:
     return hulls
 
 
-def _file_of(mesh: Mapping[str, Any]) -> Path:
+def _file_of(mesh: MeshRecord) -> Path:
     """Return the file of a mesh that an installed package ships, without importing the package."""
-    spec = find_spec(mesh["package"])
+    spec = find_spec(mesh.package)
     if spec is None or not spec.submodule_search_locations:
-        raise AssetError(f"the package {mesh['package']!r} is not installed; it ships {mesh['path']}")
-    return Path(spec.submodule_search_locations[0]) / mesh["path"]
+        raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
+    return Path(spec.submodule_search_locations[0]) / mesh.path
 
 
-def _mesh_vertices(mesh: Mapping[str, Any]) -> Array:
-    return float(mesh.get("scale", 1.0)) * _vertices(_file_of(mesh))
+def _mesh_vertices(mesh: MeshRecord) -> Array:
+    return mesh.scale * _vertices(_file_of(mesh))
 
 
 def _vertices(path: Path) -> Array:
