@@ -12,12 +12,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 import httpx
 
 from app.cli.scene_command import read_scan_files
-from app.cli.service_client import ServiceClient
+from app.cli.service_client import JobWithoutDocument, PlanJob, ServiceClient
 from app.summary import is_certified, summarise
 
 STARTUP_SECONDS = 900.0
@@ -63,35 +62,35 @@ def show_scan(client: ServiceClient, folder: Path) -> bool:
     return _tell(client, client.follow(post_scan(client, folder)))
 
 
-def post_scan(client: ServiceClient, folder: Path) -> dict[str, Any]:
+def post_scan(client: ServiceClient, folder: Path) -> PlanJob:
     """Post a scan, tell what was perceived, post the task beside it with that scene, and return the plan."""
     scan = read_scan_files([str(folder)])
     scene = client.post_scene(scan.description, scan.files)
-    seen = scene["scene"]
-    found = [f"{each['name']} ({each['shape']['type']})" for each in seen["objects"]]
-    tool = [f"the tool {seen['tool']['name']}"] if seen["tool"] is not None else []
+    seen = scene.scene
+    found = [f"{each.name} ({each.shape.type})" for each in seen.objects]
+    tool = [f"the tool {seen.tool.name}"] if seen.tool is not None else []
     _tell_line("perceived", ", ".join([*found, *tool]))
-    _tell_line("picture", client.address + scene["links"]["preview"])
-    _tell_line("viewer", client.address + scene["links"]["view"])
-    task = json.loads((folder / SCANS_TASK).read_text()) | {"scene_id": scene["id"]}
+    _tell_line("picture", client.address + scene.links.preview)
+    _tell_line("viewer", client.address + scene.links.view)
+    task = json.loads((folder / SCANS_TASK).read_text()) | {"scene_id": scene.id}
     return _post(client, json.dumps(task).encode())
 
 
-def _post(client: ServiceClient, task: bytes) -> dict[str, Any]:
-    plan = client.post("/v1/plans", task)
-    _tell_line("posted", f"{client.address}{plan['links']['self']}")
+def _post(client: ServiceClient, task: bytes) -> PlanJob:
+    plan = client.post_task(task)
+    _tell_line("posted", f"{client.address}{plan.links.self}")
     return plan
 
 
-def _tell(client: ServiceClient, job: dict[str, Any]) -> bool:
+def _tell(client: ServiceClient, job: PlanJob) -> bool:
     """Print the outcome; return whether there is a certified plan."""
-    if job["state"] != "succeeded":
-        print(f"the job {job['state']}: {(job['error'] or {}).get('detail', '')}")
+    if job.state != "succeeded":
+        print(JobWithoutDocument(job))
         return False
-    plan = client.plan(job["links"]["document"])
+    plan = client.plan(job.links.document)
     print(summarise(plan))
-    _tell_line("document", client.address + job["links"]["document"])
-    _tell_line("viewer", client.address + job["links"]["view"])
+    _tell_line("document", client.address + job.links.document)
+    _tell_line("viewer", client.address + job.links.view)
     return is_certified(plan)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from http import HTTPStatus
 from itertools import chain
 
@@ -379,7 +379,7 @@ def problem_response(
         "detail": detail,
     }
     if errors:
-        body["errors"] = list(errors)
+        body["errors"] = [problem.document() for problem in errors]
     return Response(json.dumps(body), answer.status.value, dict(headers or {}), MEDIA_TYPE)
 
 
@@ -390,10 +390,10 @@ def _answer_known(_: Request, error: Exception) -> Response:
 def _answer_parameters(request: Request, error: Exception) -> Response:
     """Name the parameters that there are to whoever gives another."""
     assert isinstance(error, RequestValidationError)
-    faults = error.errors()
-    for fault, problem in zip(faults, problems := _problems(error), strict=True):
-        if fault["type"] == "extra_forbidden":
-            problem["allowed"] = _query_parameters(request)
+    problems = [
+        replace(problem, allowed=_query_parameters(request)) if fault["type"] == "extra_forbidden" else problem
+        for fault, problem in zip(error.errors(), _problems(error), strict=True)
+    ]
     return _answered(error, problems)
 
 
@@ -415,8 +415,7 @@ def error_response(error: Exception) -> Response:
 def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
-        place = ": ".join(part for part in (errors[0].get("file"), errors[0]["pointer"]) if part)
-        detail = f"{place or 'the body'}: {errors[0]['detail']}"
+        detail = f"{errors[0].place or 'the body'}: {errors[0].detail}"
     elif isinstance(error, AssetError):
         detail = f"{len(errors)} things are not as they must be"
     headers = error.headers if isinstance(error, ServiceError) else None
@@ -435,17 +434,17 @@ def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, NotAStudy):
         return error.problems
     if isinstance(error, AssetError):
-        return [Problem(pointer=each.pointer, detail=each.detail, file=each.file) for each in error.faults]
+        return [Problem(each.pointer, each.detail, file=each.file) for each in error.faults]
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):
-        return [Problem(pointer="/url", detail=str(error))]
+        return [Problem("/url", str(error))]
     if isinstance(error, WebhookUnusable):
-        return [Problem(pointer="/query/webhook", detail=str(error))]
+        return [Problem("/query/webhook", str(error))]
     if isinstance(error, ScanRefused):
-        return [Problem(pointer="" if error.part == "description" else f"/{error.part}", detail=error.detail)]
+        return [Problem("" if error.part == "description" else f"/{error.part}", error.detail)]
     if isinstance(error, MeshRefused | BadUpload):
-        return [Problem(pointer="", detail=str(error))]
+        return [Problem("", str(error))]
     return []
 
 

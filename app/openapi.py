@@ -77,7 +77,8 @@ def _complete(method: str, path: str, operation: dict[str, Any]) -> None:
     if operation.get("parameters"):
         answers.setdefault("422", {"description": "A parameter that is not valid"})
     if "requestBody" in operation:
-        _show_example(path, operation["requestBody"]["content"])
+        if (example := _example(path)) is not None:
+            operation["requestBody"]["content"]["application/json"]["example"] = example
         answers.setdefault("408", {"description": "The body does not come"})
     if scope is not None:
         answers.setdefault("401", {"description": "No valid key"})
@@ -91,18 +92,20 @@ def _complete(method: str, path: str, operation: dict[str, Any]) -> None:
     operation["responses"] = dict(sorted(answers.items()))
 
 
-def _show_example(path: str, bodies: dict[str, Any]) -> None:
-    if path in ("/v1/plans", "/v1/tasks/check"):
-        task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
-        bodies["application/json"]["example"] = json.loads(task)
-    elif path == "/v1/studies":
-        task = resources.files("assets").joinpath("tasks", EXAMPLE_TASK).read_bytes()
-        bodies["application/json"]["example"] = {"task": json.loads(task), "axes": EXAMPLE_AXES}
-    elif path in ("/v1/cells", "/v1/surveys"):
-        cell = resources.files("assets").joinpath("cells", EXAMPLE_CELL).read_bytes()
-        bodies["application/json"]["example"] = {**parse_yaml(cell)[0], "name": "my_cell"}
-    elif path == "/v1/webhooks":
-        bodies["application/json"]["example"] = {"url": "https://mes.example.com/liftwright", "plans": "all"}
+def _example(path: str) -> Any:
+    """Return a body for an operation, as JSON data; None: it has no example."""
+    assets = resources.files("assets")
+    match path:
+        case "/v1/plans" | "/v1/tasks/check":
+            return json.loads(assets.joinpath("tasks", EXAMPLE_TASK).read_bytes())
+        case "/v1/studies":
+            return {"task": json.loads(assets.joinpath("tasks", EXAMPLE_TASK).read_bytes()), "axes": EXAMPLE_AXES}
+        case "/v1/cells" | "/v1/surveys":
+            return {**parse_yaml(assets.joinpath("cells", EXAMPLE_CELL).read_bytes())[0], "name": "my_cell"}
+        case "/v1/webhooks":
+            return {"url": "https://mes.example.com/liftwright", "plans": "all"}
+        case _:
+            return None
 
 
 def _into_components(schema: Any) -> Any:

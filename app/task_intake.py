@@ -11,7 +11,7 @@ from typing import Any
 from app.resources.cell_collection import CellCollection
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
-from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task
 from planners.errors import SceneError
 from planners.perception.scene_task import fill_from_scene
 from planners.scene.scene import build_scene, with_centres
@@ -73,7 +73,7 @@ def accept_task(
     scenes: SceneFinder = no_scenes,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
     known: KnownTasks | None = None,
-) -> dict[str, Any]:
+) -> AcceptedTask:
     """Return a task with every default filled in, once it is known that it can be begun.
 
     Args:
@@ -95,7 +95,7 @@ def accept_task(
     def complete(unnamed: AcceptedTask) -> AcceptedTask:
         return with_centres(unnamed, build_scene(unnamed, cells, uploads=uploads, tools=tools))
 
-    return write_task(complete(task) if known is None else known.completed(task, complete))
+    return complete(task) if known is None else known.completed(task, complete)
 
 
 def with_parts(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:

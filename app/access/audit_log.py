@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import sqlalchemy as sa
 
 from app.access.caller import Caller
 from workers.stores.database import Database
-from workers.stores.tables import AUDIT, now_us
+from workers.stores.tables import AUDIT, AuditRow, now_us
 
 LONGEST_ADDRESS = LONGEST_ACTION = 64
 LONGEST_TARGET = 300
@@ -34,7 +33,7 @@ class AuditEntry:
     """How it was answered; 202 for a task that was accepted, also where the answer waited for its plan."""
 
 
-def audit_row(caller: Caller, address: str | None, action: str, target: str, status: int) -> dict[str, Any]:
+def audit_row(caller: Caller, address: str | None, action: str, target: str, status: int) -> AuditRow:
     """Return the row that says that somebody did something now."""
     return {
         "at_us": now_us(),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
-from app.cli.output import BAD_INPUT, BadInput, refuse
+from app.cli.output import BadInput, refuse
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.errors import ServiceError
 from app.pictures.survey_picture import draw_survey
@@ -195,11 +195,11 @@ class ServiceCells:
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
-        return CellResource.model_validate(self._client.post("/v1/cells", bundle.zip(), "application/zip"))
+        return CellResource.model_validate_json(self._client.post("/v1/cells", bundle.zip(), "application/zip"))
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""
-        return CellList.model_validate(self._client.get("/v1/cells")).cells
+        return CellList.model_validate_json(self._client.read("/v1/cells")).cells
 
     def survey(self, name: str) -> tuple[SurveyFigures, Callable[[], bytes]]:
         """Return what a cell can do, and what draws it."""
@@ -235,8 +235,4 @@ def _tell(figures: SurveyFigures) -> None:
 
 
 def _refuse(error: AssetError, path: Path) -> int:
-    problems: list[Mapping[str, Any]] = [
-        Problem(pointer=each.pointer, detail=each.detail, file=each.file) for each in error.faults
-    ]
-    refuse(problems, str(path))
-    return BAD_INPUT
+    return refuse([Problem(each.pointer, each.detail, file=each.file) for each in error.faults], str(path))

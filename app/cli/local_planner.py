@@ -13,12 +13,13 @@ from pydantic import ValidationError
 from app.cli.output import BadInput, ProgressBar, Refused
 from app.cli.plan_command import Planned
 from app.cli.task_file import TaskFile
-from app.task_intake import NeedsScene, accept_task
+from app.task_intake import AcceptedTask, NeedsScene, accept_task
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import load_cells
 from planners.contract.problems import problems_of
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
+from planners.contract.task_spec import write_task
 from planners.errors import AssetError, SceneError
 from planners.geometry.solid_mesh import SolidMesh
 from planners.progress import Report
@@ -80,7 +81,7 @@ class LocalPlanner:
         self._cells[cell.name] = cell
         return cell.name
 
-    def _accept(self, sent: Any) -> dict[str, Any]:
+    def _accept(self, sent: Any) -> AcceptedTask:
         """Return the task with every default filled in.
 
         Raises:
@@ -97,7 +98,7 @@ class LocalPlanner:
             detail = 'the task needs a scene: give --scene FILE, or "scene_id" in the task'
             raise SceneError(error.pointer, detail) from error
 
-    def _plan(self, file: TaskFile, task: dict[str, Any]) -> Planned:
+    def _plan(self, file: TaskFile, accepted: AcceptedTask) -> Planned:
         # Here, because what it loads takes longer than it takes to refuse a task.
         from workers.solver.pipeline import Pipeline
 
@@ -107,7 +108,8 @@ class LocalPlanner:
         kept = f"kept in {handovers}" if keeps else f"not kept: no {folder} here, and no --data-dir"
         pipeline = Pipeline.load(handovers if keeps else None)
         with ProgressBar(file.stem) as bar:
-            scale, begun = ProgressScale.of(task), set[str]()
+            task, begun = write_task(accepted), set[str]()
+            scale = ProgressScale.of(task)
 
             def show(report: Report, /) -> None:
                 if report.stage == HANDOVERS and report.stage not in begun:
@@ -115,10 +117,8 @@ class LocalPlanner:
                 begun.add(report.stage)
                 bar.show(report.name, scale.advance(report))
 
-            request = SolverRequest(id=file.stem, task=task)
-            if task["cell"] == self._cell:
-                request["cell_folder"] = str(self._cell_folder)
-            plan = pipeline.solve(request, show)
+            folder = str(self._cell_folder) if accepted.cell == self._cell else None
+            plan = pipeline.solve(SolverRequest(file.stem, task, cell_folder=folder), show)
             bar.show("done", 1.0)
         return Planned(plan)
 
@@ -136,8 +136,8 @@ def read_scene_file(path: Path) -> SceneDocument:
         raise BadInput(f"{path}: {error}") from error
     except ValidationError as error:
         first = problems_of(error)[0]
-        where = f"{first['pointer']} " if first["pointer"] else ""
-        raise BadInput(f"{path} is not a scene ({where}{first['detail']}); {SCENES}") from error
+        where = f"{first.pointer} " if first.pointer else ""
+        raise BadInput(f"{path} is not a scene ({where}{first.detail}); {SCENES}") from error
 
 
 def _scene_elsewhere(scene_id: str) -> SceneDocument | None:

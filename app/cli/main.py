@@ -20,6 +20,7 @@ from planners.errors import LiftwrightError
 
 if TYPE_CHECKING:
     from app.cli.cell_command import CellKeeper
+    from app.cli.study_command import Axis
     from app.settings import ServiceSettings
     from workers.settings import WorkerSettings
 
@@ -336,7 +337,7 @@ def _add_study(command: argparse.ArgumentParser) -> None:
     command.set_defaults(run=_study)
 
 
-def _axis(text: str) -> dict[str, Any]:
+def _axis(text: str) -> Axis:
     from app.cli.study_command import read_axis
 
     try:

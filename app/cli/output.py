@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from errno import ENOENT
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TextIO
+from typing import Self, TextIO
 
 from app.stage_words import stage_words
+from planners.contract.problems import Problem
 from planners.errors import LiftwrightError
 
 BAD_INPUT = 3
@@ -30,14 +31,13 @@ def said_of(error: OSError) -> str:
 class Refused(LiftwrightError):
     """What a file says cannot be done."""
 
-    def __init__(self, problems: Sequence[Mapping[str, Any]]) -> None:
+    def __init__(self, problems: Sequence[Problem]) -> None:
         self.problems = problems
-        """As `planners.contract.problems` lists them."""
-        super().__init__("; ".join(problem["detail"] for problem in problems))
+        super().__init__("; ".join(problem.detail for problem in problems))
 
 
-def refuse(problems: Iterable[Mapping[str, Any]], file: str, line_of: Callable[[str], int | None] | None = None) -> int:
-    """Print every problem of a file, as `planners.contract.problems` lists them, and return the exit code.
+def refuse(problems: Iterable[Problem], file: str, line_of: Callable[[str], int | None] | None = None) -> int:
+    """Print every problem of a file, and return the exit code.
 
     Args:
         problems: what is wrong.
@@ -49,19 +49,17 @@ def refuse(problems: Iterable[Mapping[str, Any]], file: str, line_of: Callable[[
     return BAD_INPUT
 
 
-def warn(problems: Iterable[Mapping[str, Any]], file: str, line_of: Callable[[str], int | None] | None = None) -> None:
+def warn(problems: Iterable[Problem], file: str, line_of: Callable[[str], int | None] | None = None) -> None:
     """Print what may be wrong with a file that is taken all the same; arguments as of `refuse`."""
     for problem in problems:
         sys.stderr.write(f"warning: {_told(problem, file, line_of)}\n")
 
 
-def _told(problem: Mapping[str, Any], file: str, line_of: Callable[[str], int | None] | None) -> str:
-    pointer, choices = problem["pointer"], problem.get("allowed")
-    allowed = f" (one of: {', '.join(choices)})" if choices else ""
-    line = None if line_of is None else line_of(pointer)
-    where = f" (line {line})" if line is not None and pointer else ""
-    place = ": ".join(part for part in (problem.get("file"), pointer) if part)
-    return f"{place or file}{where}: {problem['detail']}{allowed}"
+def _told(problem: Problem, file: str, line_of: Callable[[str], int | None] | None) -> str:
+    allowed = f" (one of: {', '.join(problem.allowed)})" if problem.allowed else ""
+    line = None if line_of is None else line_of(problem.pointer)
+    where = f" (line {line})" if line is not None and problem.pointer else ""
+    return f"{problem.place or file}{where}: {problem.detail}{allowed}"
 
 
 class ProgressBar:

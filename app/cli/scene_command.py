@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -98,9 +97,8 @@ def _perceive(scan: ScanFiles) -> tuple[SceneDocument, bytes, str]:
 
 def _post(scan: ScanFiles, client: ServiceClient) -> tuple[SceneDocument, bytes, str]:
     scene = client.post_scene(scan.description, scan.files)
-    document = SceneDocument.model_validate_json(json.dumps(scene["scene"]))
-    told = f"{'scene_id':<16}{scene['id']}\n{'viewer':<16}{client.address}{scene['links']['view']}\n"
-    return document, client.read(scene["links"]["preview"]), told
+    told = f"{'scene_id':<16}{scene.id}\n{'viewer':<16}{client.address}{scene.links.view}\n"
+    return scene.scene, client.read(scene.links.preview), told
 
 
 class NotScanFiles(LiftwrightError):

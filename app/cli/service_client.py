@@ -6,17 +6,18 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TypeVar
 from urllib.parse import urlsplit
 
 import httpx
 from httpx_sse import connect_sse
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from app.cli.output import ProgressBar, Refused
 from app.cli.plan_command import Planned
 from app.cli.task_file import TaskFile
-from planners.contract.problems import problems_of
+from planners.contract.problems import Problem, problems_of
+from planners.contract.scene_document import SceneDocument
 from planners.errors import LiftwrightError
 from planners.plan.plan import Plan
 
@@ -26,13 +27,102 @@ PATIENCE = httpx.Timeout(None, connect=30.0)
 """Perceiving a scan takes as long as it takes, and a job may say nothing for long [s]."""
 
 
+class Answer(BaseModel):
+    """What a service answers, as far as it is read here: one of another version may say more."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class JobError(Answer):
+    """Why a job came to nothing."""
+
+    detail: str = ""
+
+
+class PlanLinks(Answer):
+    """Where a plan is found."""
+
+    self: str
+    document: str
+    events: str
+    view: str
+
+
+class PlanProgress(Answer):
+    """How far a job is."""
+
+    fraction: float
+    """Of the whole, 0 … 1."""
+
+
+class PlanJob(Answer):
+    """A plan that was posted, and how far its job is."""
+
+    state: str
+    progress: PlanProgress
+    error: JobError | None
+    links: PlanLinks
+
+
+class StudyLinks(Answer):
+    """Where a study is found."""
+
+    self: str
+    map: str
+    events: str
+
+
+class StudyJob(Answer):
+    """A study that was posted, and how far its job is."""
+
+    state: str
+    count: int
+    """Of its points."""
+    error: JobError | None
+    best_plan: str | None
+    """Where the plan of its best point is found."""
+    links: StudyLinks
+
+
+class SceneLinks(Answer):
+    """Where a scene is found."""
+
+    preview: str
+    view: str
+
+
+class KeptScene(Answer):
+    """A scan that was posted, and the scene it became."""
+
+    id: str
+    scene: SceneDocument
+    links: SceneLinks
+
+
+class _Report(PlanProgress):
+    stage: str
+
+
+class _Refusal(Answer):
+    title: str | None = None
+    detail: str | None = None
+    errors: tuple[Problem, ...] = ()
+
+
+Answered = TypeVar("Answered", bound=Answer)
+
+
 class ServiceRefused(LiftwrightError):
     """The service answered with a problem."""
 
-    def __init__(self, status: int, problem: Mapping[str, Any]) -> None:
+    def __init__(self, status: int, content: bytes) -> None:
+        try:
+            problem = _Refusal.model_validate_json(content)
+        except ValidationError:
+            problem = _Refusal()
         self.status = status
-        detail = problem.get("detail") or problem.get("title") or "no reason given"
-        self.problems = problem.get("errors") or [{"pointer": "", "detail": detail}]
+        detail = problem.detail or problem.title or "no reason given"
+        self.problems = problem.errors or (Problem("", detail),)
         super().__init__(f"the service answered {status}: {detail}")
 
     @property
@@ -56,18 +146,18 @@ class ServiceAway(LiftwrightError):
 
 
 class NotUnderstood(LiftwrightError):
-    """A service sent a plan document that cannot be read."""
+    """A service sent what cannot be read."""
 
-    def __init__(self, address: str, error: ValidationError) -> None:
+    def __init__(self, address: str, what: str, error: ValidationError) -> None:
         first = problems_of(error)[0]
-        super().__init__(f"the plan document of {address} is of another version: {first['pointer']} {first['detail']}")
+        super().__init__(f"the {what} of {address} is of another version: {first.pointer} {first.detail}")
 
 
 class JobWithoutDocument(LiftwrightError):
     """A job that a service had accepted came to no document."""
 
-    def __init__(self, job: Mapping[str, Any]) -> None:
-        super().__init__(f"the job {job['state']}: {(job['error'] or {}).get('detail', '')}")
+    def __init__(self, job: PlanJob) -> None:
+        super().__init__(f"the job {job.state}: {job.error.detail if job.error is not None else ''}")
 
 
 class ServiceClient:
@@ -80,14 +170,6 @@ class ServiceClient:
         self.address = address.rstrip("/")
         self._key = key or os.environ.get(KEY_VARIABLE)
 
-    def get(self, path: str) -> dict[str, Any]:
-        """Return the JSON at a path.
-
-        Raises:
-            KeyMissing, ServiceRefused, ServiceAway: There is none.
-        """
-        return json.loads(self.read(path))
-
     def plan(self, path: str) -> Plan:
         """Return the plan whose document is at a path.
 
@@ -98,7 +180,7 @@ class ServiceClient:
         try:
             return Plan.read(self.read(path))
         except ValidationError as error:
-            raise NotUnderstood(self.address, error) from error
+            raise NotUnderstood(self.address, "plan document", error) from error
 
     def read(self, path: str) -> bytes:
         """Return the bytes at a path.
@@ -109,14 +191,30 @@ class ServiceClient:
         with self._connected() as client:
             return self._accepted(client.get(path)).content
 
-    def post(self, path: str, content: bytes, media_type: str = "application/json") -> dict[str, Any]:
-        """Post a body, and return the JSON that it is answered with.
+    def post(self, path: str, content: bytes, media_type: str = "application/json") -> bytes:
+        """Post a body, and return what it is answered with.
 
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
         with self._connected() as client:
-            return self._accepted(client.post(path, content=content, headers={"Content-Type": media_type})).json()
+            return self._accepted(client.post(path, content=content, headers={"Content-Type": media_type})).content
+
+    def post_task(self, task: bytes) -> PlanJob:
+        """Post a task, as JSON, and return its job.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
+        """
+        return self._read(PlanJob, self.post("/v1/plans", task))
+
+    def post_study(self, study: bytes) -> StudyJob:
+        """Post a study, as JSON, and return its job.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
+        """
+        return self._read(StudyJob, self.post("/v1/studies", study))
 
     def delete(self, path: str) -> None:
         """Delete what is at a path.
@@ -127,33 +225,33 @@ class ServiceClient:
         with self._connected() as client:
             self._accepted(client.delete(path))
 
-    def follow_study(self, study: Mapping[str, Any]) -> dict[str, Any]:
+    def follow_study(self, study: StudyJob) -> StudyJob:
         """Show how many points of a study are known until it has ended, and return it as it is then.
 
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
-        known, count = 0, study["count"]
-        events = study["links"]["events"]
+        known, count, events = 0, study.count, study.links.events
         with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
             self._accepted(source.response)
             for event in source.iter_sse():
                 if event.event == "finished":
-                    return event.json()
+                    return self._read(StudyJob, event.data)
                 known += 1
                 bar.show(f"{known} of {count} points", known / count)
         raise ServiceAway(self.address, "it closed the event stream before the study ended")
 
-    def post_scene(self, description: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
+    def post_scene(self, description: bytes, files: Mapping[str, bytes]) -> KeptScene:
         """Post a scan, its description and its files by their parts, and return the scene it became.
 
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
         with self._connected() as client:
-            return self._accepted(client.post("/v1/scenes", files={"scan": description, **files})).json()
+            answer = self._accepted(client.post("/v1/scenes", files={"scan": description, **files}))
+        return self._read(KeptScene, answer.content)
 
-    def follow(self, plan: Mapping[str, Any], called: str = "") -> dict[str, Any]:
+    def follow(self, plan: PlanJob, called: str = "") -> PlanJob:
         """Show a job's progress until it has ended, and return the plan as it is then.
 
         Args:
@@ -163,16 +261,23 @@ class ServiceClient:
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
-        events = plan["links"]["events"]
+        events = plan.links.events
         with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar(called) as bar:
             self._accepted(source.response)
             for event in source.iter_sse():
-                data = event.json()
                 if event.event == "finished":
-                    bar.show("done", data["progress"]["fraction"])
-                    return data
-                bar.show(data["stage"], data["fraction"])
+                    job = self._read(PlanJob, event.data)
+                    bar.show("done", job.progress.fraction)
+                    return job
+                report = self._read(_Report, event.data)
+                bar.show(report.stage, report.fraction)
         raise ServiceAway(self.address, "it closed the event stream before the job ended")
+
+    def _read(self, kind: type[Answered], content: bytes | str) -> Answered:
+        try:
+            return kind.model_validate_json(content)
+        except ValidationError as error:
+            raise NotUnderstood(self.address, "answer", error) from error
 
     @contextmanager
     def _connected(self) -> Iterator[httpx.Client]:
@@ -190,7 +295,7 @@ class ServiceClient:
             return answer
         if answer.status_code == httpx.codes.UNAUTHORIZED and self._key is None:
             raise KeyMissing(self.address)
-        raise ServiceRefused(answer.status_code, _problem(answer.read()))
+        raise ServiceRefused(answer.status_code, answer.read())
 
 
 class ServicePlanner:
@@ -207,23 +312,15 @@ class ServicePlanner:
             KeyMissing, ServiceAway, ServiceRefused: The service cannot do it, and not because of the task.
         """
         try:
-            posted = self._client.post("/v1/plans", json.dumps(file.task).encode())
+            posted = self._client.post_task(json.dumps(file.task).encode())
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise
             raise Refused(error.problems) from error
         return lambda: self._wait(file, posted)
 
-    def _wait(self, file: TaskFile, posted: Mapping[str, Any]) -> Planned:
+    def _wait(self, file: TaskFile, posted: PlanJob) -> Planned:
         job = self._client.follow(posted, file.stem)
-        if job["state"] != "succeeded":
+        if job.state != "succeeded":
             raise JobWithoutDocument(job)
-        return Planned(self._client.plan(job["links"]["document"]), self._client.address + job["links"]["view"])
-
-
-def _problem(content: bytes) -> Mapping[str, Any]:
-    try:
-        problem = json.loads(content)
-    except ValueError:
-        return {}
-    return problem if isinstance(problem, dict) else {}
+        return Planned(self._client.plan(job.links.document), self._client.address + job.links.view)

@@ -7,7 +7,8 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,14 @@ from app.cli.plan_command import NO_PLAN, SOLVED
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.cli.task_file import TaskFile
 from app.pictures.study_picture import colour_of, draw_map, whole_percent
+from planners.contract.problems import Problem
 from planners.contract.uploads import named_uploads
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap, StudyPoint
 from workers.settings import STUDY_COMMAND, WorkerSettings
 from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import SolverCommand
-from workers.solver.protocol import HANDOVERS_VARIABLE
+from workers.solver.protocol import HANDOVERS_VARIABLE, StudyRequest
 from workers.solver.warm_up import is_warm
 from workers.stores.study_store import parts_of, points_of_part
 
@@ -42,7 +44,7 @@ MEANINGS = {
 
 def study_file(
     path: Path,
-    axes: Sequence[dict[str, Any]],
+    axes: Sequence[Axis],
     outputs: tuple[Path | None, Path | None],
     settings: WorkerSettings,
     *,
@@ -64,7 +66,7 @@ def study_file(
         SolverDied, SolverFault: A process ended without an answer.
         OSError: A file cannot be read or written.
     """
-    sent = {"task": TaskFile.read(str(path)).task, "axes": list(axes), "certify": certify}
+    sent = {"task": TaskFile.read(str(path)).task, "axes": [axis.document() for axis in axes], "certify": certify}
     try:
         study = Study.read(sent)
     except NotAStudy as refused:
@@ -86,7 +88,7 @@ def study_file(
 
 
 def post_study(
-    path: Path, axes: Sequence[dict[str, Any]], outputs: tuple[Path | None, Path | None], service: str, *, certify: bool
+    path: Path, axes: Sequence[Axis], outputs: tuple[Path | None, Path | None], service: str, *, certify: bool
 ) -> int:
     """Have a service examine the task in a file, print the map, and return the exit code.
 
@@ -95,29 +97,50 @@ def post_study(
         KeyMissing, ServiceAway, ServiceRefused: The service cannot do it, and not because of the study.
         OSError: A file cannot be read or written.
     """
-    body = json.dumps({"task": TaskFile.read(str(path)).task, "axes": list(axes), "certify": certify}).encode()
+    study = {"task": TaskFile.read(str(path)).task, "axes": [axis.document() for axis in axes], "certify": certify}
     client = ServiceClient(service)
     with written_whole(outputs[0]) as file:
         try:
-            study = client.follow_study(client.post("/v1/studies", body))
+            job = client.follow_study(client.post_study(json.dumps(study).encode()))
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise
             return refuse(_as_arguments(error.problems, axes), str(path))
-        if study["state"] != "succeeded":
-            sys.stderr.write(f"liftwright: the study {study['state']}: {(study['error'] or {}).get('detail', '')}\n")
+        if job.state != "succeeded":
+            why = job.error.detail if job.error is not None else ""
+            sys.stderr.write(f"liftwright: the study {job.state}: {why}\n")
             return JOB_FAILED
-        found = StudyMap.model_validate_json(client.read(study["links"]["map"]))
+        found = StudyMap.model_validate_json(client.read(job.links.map))
         if file is not None:
             file.write(found.model_dump_json())
     code = _tell(found, outputs[1])
-    sys.stdout.write(f"{'study:':<16}{client.address}{study['links']['self']}\n")
-    if study["best_plan"] is not None:
-        sys.stdout.write(f"{'best, certified:':<16} {client.address}{study['best_plan']}\n")
+    sys.stdout.write(f"{'study:':<16}{client.address}{job.links.self}\n")
+    if job.best_plan is not None:
+        sys.stdout.write(f"{'best, certified:':<16} {client.address}{job.best_plan}\n")
     return code
 
 
-def read_axis(text: str) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Axis:
+    """An axis as it was typed; whether the task has it is seen when the study is read."""
+
+    pointer: str
+    part: str | None
+    """Of what stands there; None: all of it."""
+    span: tuple[float, float, int] | None
+    """Least and greatest value, and how many there are."""
+    values: tuple[Any, ...] = ()
+    """Instead of a span, as JSON data."""
+
+    def document(self) -> dict[str, object]:
+        """Return the axis as a study has it, as JSON data."""
+        where = {"pointer": self.pointer} if self.part is None else {"pointer": self.pointer, "part": self.part}
+        if self.span is None:
+            return {**where, "values": list(self.values)}
+        return {**where, **dict(zip(("min", "max", "count"), self.span, strict=True))}
+
+
+def read_axis(text: str) -> Axis:
     """Return the axis that an argument says: `/cup/position/0=-0.12:0.12:12`, or `/lifter_model=paper,cable`.
 
     Raises:
@@ -127,14 +150,14 @@ def read_axis(text: str) -> dict[str, Any]:
     pointer, at, part = target.partition("@")
     if not sign or not values or not pointer.startswith("/"):
         raise ValueError(f"{text!r} is no axis: write /POINTER=MIN:MAX:COUNT, or /POINTER=VALUE,VALUE,…")
-    axis: dict[str, Any] = {"pointer": pointer, **({"part": part} if at else {})}
+    of = part if at else None
     bounds = values.split(":")
     if len(bounds) == 3 and not values.startswith(("[", "{", '"')):
         try:
-            return axis | {"min": float(bounds[0]), "max": float(bounds[1]), "count": int(bounds[2])}
+            return Axis(pointer, of, (float(bounds[0]), float(bounds[1]), int(bounds[2])))
         except ValueError:
             raise ValueError(f"{values!r} is no range: write MIN:MAX:COUNT, as -0.12:0.12:12") from None
-    return axis | {"values": list(_listed(values))}
+    return Axis(pointer, of, None, tuple(_listed(values)))
 
 
 def _listed(text: str) -> Iterator[Any]:
@@ -166,7 +189,7 @@ async def _examine(study: Study, settings: WorkerSettings, processes: int, show:
         if number > 0:
             await compiled.wait()
         while parts:
-            await pool.examine({"study": study.document(), "points": list(parts.pop(0))}, take)
+            await pool.examine(StudyRequest(study.document(), list(parts.pop(0))), take)
 
     try:
         async with asyncio.TaskGroup() as group:
@@ -178,16 +201,16 @@ async def _examine(study: Study, settings: WorkerSettings, processes: int, show:
         await pool.close()
 
 
-def _as_arguments(problems: Iterable[Mapping[str, Any]], axes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _as_arguments(problems: Iterable[Problem], axes: Sequence[Axis]) -> list[Problem]:
     """Tell problems of axes by what was typed."""
-    told: list[dict[str, Any]] = []
+    told: list[Problem] = []
     for problem in problems:
-        steps = problem["pointer"].split("/")
+        steps = problem.pointer.split("/")
         if steps[1:2] == ["axes"] and len(steps) > 2 and steps[2].isdecimal():
-            detail = problem["detail"]
-            told.append({**problem, "pointer": f"--axis {axes[int(steps[2])]['pointer']}", "detail": detail})
+            where = f"--axis {axes[int(steps[2])].pointer}"
         else:
-            told.append({**problem, "pointer": problem["pointer"].removeprefix("/task")})
+            where = problem.pointer.removeprefix("/task")
+        told.append(replace(problem, pointer=where))
     return told
 
 

@@ -23,7 +23,7 @@ from app.errors import (
 )
 from app.resources.queries import PlanQuery, page_of
 from app.resources.schemas import PlanResource, plan_address, plan_resource
-from planners.contract.task_spec import read_task, write_task
+from planners.contract.task_spec import TaskSpec, read_task, write_task
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job, JobOrder, JobState
 from workers.stores.plan_store import (
@@ -37,7 +37,7 @@ from workers.stores.plan_store import (
     fingerprint,
 )
 from workers.stores.plan_writer import PlanWriter
-from workers.stores.tables import Position
+from workers.stores.tables import AuditRow, Position
 
 NEW_JOB = Job(JobState.QUEUED, None, None)
 
@@ -61,7 +61,7 @@ class PlanCollection:
     async def submit(
         self,
         read: Callable[[], Any],
-        accepted: Callable[[Any], Mapping[str, Any]],
+        accepted: Callable[[Any], TaskSpec],
         idempotency_key: str | None,
         order: JobOrder = NO_ORDER,
         address: str | None = None,
@@ -94,10 +94,11 @@ class PlanCollection:
             if known is not None:
                 return sent, known
 
-            def audit(plan_id: str) -> dict[str, Any]:
+            def audit(plan_id: str) -> AuditRow:
                 return audit_row(self._caller, address, "POST", plan_address(plan_id), 202)
 
-            return sent, Submission.of(accepted(sent), owner, order, idempotency_key, fingerprint(sent), audit)
+            task = write_task(accepted(sent))
+            return sent, Submission.of(task, owner, order, idempotency_key, fingerprint(sent), audit)
 
         sent, prepared = await run_in_threadpool(prepare)
         if isinstance(prepared, Submission):
@@ -109,7 +110,7 @@ class PlanCollection:
             prepared = answer.record
         return await run_in_threadpool(self._again, prepared, sent, accepted), False
 
-    def _again(self, record: PlanRecord, sent: Any, accepted: Callable[[Any], Mapping[str, Any]]) -> PlanResource:
+    def _again(self, record: PlanRecord, sent: Any, accepted: Callable[[Any], TaskSpec]) -> PlanResource:
         """Return the plan that a key made before.
 
         Raises:
@@ -120,10 +121,10 @@ class PlanCollection:
             raise KeyUsedForAnotherTask
         return self._with_job(record)
 
-    def _asks_for(self, record: PlanRecord, task: Mapping[str, Any]) -> bool:
+    def _asks_for(self, record: PlanRecord, task: TaskSpec) -> bool:
         """Tell whether a plan's task is the same as another one, with the defaults of today filled in both."""
         stored = self.store.task(record.id)
-        return stored is not None and write_task(read_task(stored)) == task
+        return stored is not None and write_task(read_task(stored)) == write_task(task)
 
     def plan(self, plan_id: str) -> PlanResource:
         """Return one plan.

@@ -295,7 +295,7 @@ class StudyList(Resource):
 
 def warnings_of(sent: Any) -> list[ProblemItem]:
     """Return what of a task, as JSON data as it came, was most probably not meant."""
-    return [ProblemItem.model_validate(doubt) for doubt in doubts_of(sent)]
+    return [ProblemItem.model_validate(doubt, from_attributes=True) for doubt in doubts_of(sent)]
 
 
 class ProblemDocument(Resource):

@@ -18,7 +18,7 @@ from app.resources.scene_collection import SceneCollection
 from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.settings import ServiceSettings
-from app.task_intake import accept_task
+from app.task_intake import AcceptedTask, accept_task
 
 Dependency = TypeVar("Dependency")
 
@@ -53,7 +53,7 @@ def webhooks_of(connection: HTTPConnection) -> WebhookCollection:
     return connection.app.state.webhooks.seen_by(caller_of(connection))
 
 
-def intake_of(connection: HTTPConnection) -> Callable[[Any], dict[str, Any]]:
+def intake_of(connection: HTTPConnection) -> Callable[[Any], AcceptedTask]:
     """Return what turns a caller's JSON data into a task that can be begun, or raises what is wrong with it."""
     state, scenes = connection.app.state, scenes_of(connection).document
     found = {"cells": cells_of(connection), "uploads": state.meshes.get, "scenes": scenes, "tools": state.tools}
@@ -91,7 +91,7 @@ Cells = Annotated[CellCollection, Depends(_at_once(cells_of))]
 Scenes = Annotated[SceneCollection, Depends(_at_once(scenes_of))]
 Studies = Annotated[StudyCollection, Depends(_at_once(studies_of))]
 Webhooks = Annotated[WebhookCollection, Depends(_at_once(webhooks_of))]
-Intake = Annotated[Callable[[Any], dict[str, Any]], Depends(_at_once(intake_of))]
+Intake = Annotated[Callable[[Any], AcceptedTask], Depends(_at_once(intake_of))]
 Authentication = Annotated[Authenticator, Depends(_at_once(_authenticator))]
 Feed = Annotated[PlanFeed, Depends(_at_once(_feed))]
 StudyFeed = Annotated[PlanFeed, Depends(_at_once(_study_feed))]

@@ -30,6 +30,7 @@ from app.routes.dependencies import Cells, Feed, Plans, Settings, intake_of, web
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
+from planners.contract.task_spec import TaskSpec
 from planners.program import NotExportable, ProgramTarget, write_program
 from planners.program.urscript import Handshake
 from workers.stores.jobs import JobOrder
@@ -85,7 +86,7 @@ async def post_plan(
     body = await read_body(request, settings.max_body_bytes, settings)
     intake, webhooks = intake_of(request), webhooks_of(request)
 
-    def accepted(sent: Any) -> dict[str, Any]:
+    def accepted(sent: Any) -> TaskSpec:
         if order.webhook_id is not None:
             webhooks.require_usable(order.webhook_id)
         return intake(sent)

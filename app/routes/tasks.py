@@ -13,6 +13,7 @@ from app.routes.dependencies import Intake, Settings
 from app.uploads.body import read_body
 from planners.contract.problems import problems_of
 from planners.contract.strict_json import parse_json
+from planners.contract.task_spec import write_task
 from planners.errors import SceneError
 
 
@@ -61,7 +62,7 @@ async def check_task(request: Request, intake: Intake, settings: Settings) -> Ta
 def check(sent: Any, intake: Intake) -> TaskCheck:
     """Return what an intake says of a task, given as JSON data."""
     try:
-        return TaskCheck(accepted=True, errors=[], warnings=warnings_of(sent), task=intake(sent))
+        return TaskCheck(accepted=True, errors=[], warnings=warnings_of(sent), task=write_task(intake(sent)))
     except (ValidationError, SceneError) as error:
-        errors = [ProblemItem.model_validate(problem) for problem in problems_of(error)]
+        errors = [ProblemItem.model_validate(problem, from_attributes=True) for problem in problems_of(error)]
         return TaskCheck(accepted=False, errors=errors, warnings=warnings_of(sent), task=None)

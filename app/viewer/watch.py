@@ -5,7 +5,7 @@ from __future__ import annotations
 import uuid
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import anyio
 import numpy as np
@@ -111,6 +111,81 @@ class TellCamera(PageRequest):
     type: Literal["camera"]
 
 
+@dataclass(frozen=True)
+class PageAnswer:
+    """What a page is told by its websocket: members that are JSON data, and a type."""
+
+    type: ClassVar[str]
+
+    def document(self) -> dict[str, object]:
+        """Return it as JSON data."""
+        return {"type": self.type, **vars(self)}
+
+
+@dataclass(frozen=True)
+class Opened(PageAnswer):
+    """Whoever has connected has a scene."""
+
+    type = "scene"
+    scene: str
+    """Where it is, under the address of the page."""
+
+
+@dataclass(frozen=True)
+class Done(PageAnswer):
+    """Something was done."""
+
+    type = "done"
+    request: str
+    """Type of what was asked for."""
+
+
+@dataclass(frozen=True)
+class Refused(PageAnswer):
+    """Something cannot be done."""
+
+    type = "refused"
+    request: str
+    detail: str
+    plan: str | None = None
+    """That was asked for."""
+    scene: str | None = None
+
+
+@dataclass(frozen=True)
+class Faulted(PageAnswer):
+    """Something could not be done for an error of the service's own."""
+
+    type = "fault"
+    request: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class ShownPlan(PageAnswer):
+    """What the page tells of a plan that it shows."""
+
+    type = "plan"
+    description: Any
+
+
+@dataclass(frozen=True)
+class ShownScene(PageAnswer):
+    """What the page tells of a perceived scene that it shows."""
+
+    type = "perceived"
+    description: Any
+
+
+@dataclass(frozen=True)
+class ToldCamera(PageAnswer):
+    """Where the camera is."""
+
+    type = "camera"
+    camera: list[float] | None
+    """Place, point that it looks at and way up; None: nobody looks."""
+
+
 WatcherMessage = OpenPlan | OpenPerceived | ShowTime | SetLayer | SetDetail | Look | TellCamera
 WORDS = {
     "open": "show this plan",
@@ -154,13 +229,14 @@ async def watch(
         await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
         return
     try:
-        await socket.send_json({"type": "scene", "scene": f"scene/{server.key}/"})
+        await socket.send_json(Opened(f"scene/{server.key}/").document())
         while True:
             text = await receive_text(socket)
             if text is None:
                 await socket.close(UNSUPPORTED_DATA, "requests of this viewer are text")
                 return
-            await socket.send_json(await _answered(servers, server, visible_now, REQUESTS.validate_json(text)))
+            answer = await _answered(servers, server, visible_now, REQUESTS.validate_json(text))
+            await socket.send_json(answer.document())
     except WebSocketDisconnect:
         log.debug("a watcher left")
     except (KeyNeeded, ScopeNeeded):
@@ -182,7 +258,7 @@ async def receive_text(socket: WebSocket) -> str | None:
 
 async def _answered(
     servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: WatcherMessage
-) -> dict[str, Any]:
+) -> PageAnswer:
     """Return the answer to a request, or what went wrong: with it, or in the service itself."""
     try:
         return await or_fault(WORDS[request.type], _answer(servers, server, visible_now, request))
@@ -190,7 +266,7 @@ async def _answered(
         log.error("database cannot be used", error=said_by(error))
         return _refusal(request, "The database is away, or its disk is full; what was accepted is kept.")
     except WatcherFault as fault:
-        return {"type": "fault", "request": request.type, "detail": str(fault)}
+        return Faulted(request.type, str(fault))
 
 
 async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
@@ -212,21 +288,20 @@ async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
         raise fault from error
 
 
-def _refusal(request: WatcherMessage, detail: str) -> dict[str, Any]:
-    wanted = request.model_dump(include={"plan", "scene"})
-    return {"type": "refused", **wanted, "detail": detail}
+def _refusal(request: WatcherMessage, detail: str) -> Refused:
+    return Refused(request.type, detail, **request.model_dump(include={"plan", "scene"}))
 
 
 async def _answer(
     servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: WatcherMessage
-) -> dict[str, Any]:
+) -> PageAnswer:
     match request:
         case OpenPlan():
             try:
                 told = await run_in_threadpool(servers.open, server, (await visible_now()).plans, request.plan)
             except (PlanNotFound, DocumentNotReady, CellNotDrawn, TooManyRequests) as error:
                 return _refusal(request, str(error))
-            return {"type": "plan", "description": told.model_dump(mode="json", by_alias=True)}
+            return ShownPlan(told.model_dump(mode="json", by_alias=True))
         case OpenPerceived():
             try:
                 told = await run_in_threadpool(
@@ -234,7 +309,7 @@ async def _answer(
                 )
             except (SceneNotFound, CellNotDrawn, TooManyRequests) as error:
                 return _refusal(request, str(error))
-            return {"type": "perceived", "description": told.model_dump(mode="json")}
+            return ShownScene(told.model_dump(mode="json"))
         case ShowTime():
             await run_in_threadpool(server.show, request.source, request.time)
         case SetLayer():
@@ -246,8 +321,8 @@ async def _answer(
         case TellCamera():
             camera = server.camera
             told = None if camera is None else [round(float(each), CAMERA_DIGITS) for each in np.concatenate(camera)]
-            return {"type": "camera", "camera": told}
-    return {"type": "done", "request": request.type}
+            return ToldCamera(told)
+    return Done(request.type)
 
 
 async def relay_scene(socket: WebSocket, address: str) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
@@ -125,36 +126,35 @@ def fingerprint(contents: Iterable[bytes]) -> str:
 
 def read_cell_file(path: Path) -> CellFile:
     """Read cells/*.yaml."""
-    return _validated(CellFile, path, _read_mapping(path))
+    return _read(CellFile, path)
 
 
 def read_mount_file(path: Path) -> MountFile:
     """Read mounts/*.yaml."""
-    return _validated(MountFile, path, _read_mapping(path))
+    return _read(MountFile, path)
 
 
 def read_robot_file(path: Path) -> RobotFile:
     """Read robots/*.yaml."""
-    return _validated(RobotFile, path, _read_mapping(path))
+    return _read(RobotFile, path)
 
 
 def read_hand_file(path: Path) -> HandFile:
     """Read hands/*.yaml."""
-    data = _read_mapping(path)
-    kind = data.get("kind")
+    kind = _mapping_at(path).get("kind")
     if not isinstance(kind, str) or kind not in _HAND_KINDS:
         raise AssetError(AssetFault(f"must be one of {', '.join(sorted(_HAND_KINDS))}", str(path), "/kind"))
-    return _validated(_HAND_KINDS[kind], path, data)
+    return _read(_HAND_KINDS[kind], path)
 
 
 def read_sensor_file(path: Path) -> SensorFile:
     """Read sensors/*.yaml."""
-    return _validated(SensorFile, path, _read_mapping(path))
+    return _read(SensorFile, path)
 
 
 def read_tool_file(path: Path) -> ToolFile:
     """Read tools/*.yaml."""
-    return _validated(ToolFile, path, _read_mapping(path))
+    return _read(ToolFile, path)
 
 
 @cache
@@ -185,15 +185,18 @@ def read_mesh_asset(name: str) -> tuple[bytes, Literal["obj"]]:
         raise AssetError(AssetFault(f"cannot be read: {error.strerror}", str(path))) from error
 
 
-def _read_mapping(path: Path) -> dict[str, Any]:
+def mapping_in(content: bytes) -> dict[str, Any]:
+    """Return what the text of a file says.
+
+    Raises:
+        AssetError: It is no YAML, or no mapping; of which file, it does not tell.
+    """
     try:
-        data, _ = parse_yaml(path.read_bytes())
-    except OSError as error:
-        raise AssetError(AssetFault(f"cannot be read: {error.strerror}", str(path))) from error
+        data, _ = parse_yaml(content)
     except NotYaml as error:
-        raise AssetError(AssetFault(str(error), str(path))) from error
+        raise AssetError(str(error)) from error
     if not isinstance(data, dict):
-        raise AssetError(AssetFault("must be a mapping of fields", str(path)))
+        raise AssetError("must be a mapping of fields")
     return data
 
 
@@ -210,14 +213,23 @@ def validated(model: type[_File], data: Mapping[str, Any], called: str) -> _File
         raise AssetError(*(_fault(each, called) for each in error.errors(include_url=False))) from error
 
 
-def _validated(model: type[_File], path: Path, data: dict[str, Any]) -> _File:
-    file = validated(model, data, str(path))
+def _mapping_at(path: Path) -> dict[str, Any]:
+    try:
+        return mapping_in(path.read_bytes())
+    except OSError as error:
+        raise AssetError(AssetFault(f"cannot be read: {error.strerror}", str(path))) from error
+    except AssetError as error:
+        raise error.at(str(path)) from error
+
+
+def _read(model: type[_File], path: Path) -> _File:
+    file = validated(model, _mapping_at(path), str(path))
     if file.name != path.stem:
         raise AssetError(AssetFault(f"must be that of the file, {path.stem!r}", str(path), "/name"))
     return file
 
 
-def _fault(fault: Mapping[str, Any], file: str) -> AssetFault:
+def _fault(fault: ErrorDetails, file: str) -> AssetFault:
     """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
     pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
-    return AssetFault(problem_of(fault)["detail"].removeprefix("Value error, "), file, pointer)
+    return AssetFault(problem_of(fault).detail.removeprefix("Value error, "), file, pointer)

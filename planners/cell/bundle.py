@@ -30,10 +30,9 @@ from planners.cell.asset_files import (
     StickFile,
     UrdfRobotFile,
 )
-from planners.cell.asset_shelf import KINDS, AssetKind, AssetShelf, shipped_shelf, validated
+from planners.cell.asset_shelf import KINDS, AssetKind, AssetShelf, mapping_in, shipped_shelf, validated
 from planners.cell.cell import Cell, load_cell_file
 from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
-from planners.contract.strict_yaml import NotYaml, parse_yaml
 from planners.errors import AssetError, AssetFault, AssetFaults
 
 MOST_FILES = 500
@@ -251,7 +250,7 @@ class _Layout:
         return self._files
 
     def _take(self, kind: AssetKind, name: str, content: bytes, stem: str | None) -> None:
-        data = _mapping(content)
+        data = mapping_in(content)
         given = data.get("name")
         if not isinstance(given, str) or not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", given):
             raise AssetError(AssetFault("must be 1 to 64 letters, digits, underscores and hyphens", name, "/name"))
@@ -306,16 +305,6 @@ class _Layout:
                 AssetFault(f"describes {path.removesuffix('.yaml')} a second time, and differently", given)
             )
         self._files[path] = content
-
-
-def _mapping(content: bytes) -> dict[str, Any]:
-    try:
-        data, _ = parse_yaml(content)
-    except NotYaml as error:
-        raise AssetError(str(error)) from error
-    if not isinstance(data, dict):
-        raise AssetError("must be a mapping of fields")
-    return data
 
 
 def _written(data: Mapping[str, Any]) -> bytes:

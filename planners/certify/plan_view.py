@@ -106,6 +106,11 @@ class PlanView:
     segments: tuple[NumberedSegment, ...]
 
     @property
+    def plate(self) -> BodyView:
+        """What a lift moves."""
+        return self.bodies["plate"]
+
+    @property
     def cell(self) -> CellDocument:
         """Gravity, arms and hands."""
         return self.stated.cell
@@ -134,7 +139,7 @@ class PlanView:
         known = [name for name in ("table", "support") if name in self.bodies]
         if "plate" not in self.bodies or not known:
             return "table"
-        lowest = self.bodies["plate"].lowest
+        lowest = self.plate.lowest
         return min(known, key=lambda name: abs(self.bodies[name].top - lowest))
 
 

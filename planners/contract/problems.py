@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NotRequired, TypedDict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from planners.contract.known_members import known_members
 from planners.contract.task_spec import KINDS, UNION_TAGS
@@ -20,16 +21,26 @@ LONGEST_KEY = 200
 Location = Sequence[str | int]
 
 
-class Problem(TypedDict):
+@dataclass(frozen=True)
+class Problem:
     """One thing that is wrong."""
 
     pointer: str
     """RFC 6901, from the body's root."""
     detail: str
-    allowed: NotRequired[list[str]]
+    allowed: Sequence[str] | None = None
     """The valid choices, where they can be listed: values, or the members of the object that has an unknown one."""
-    file: NotRequired[str]
+    file: str | None = None
     """Of the body, where it holds several: the pointer is one into this file."""
+
+    @property
+    def place(self) -> str:
+        """File and pointer, as far as there are any."""
+        return ": ".join(part for part in (self.file, self.pointer) if part)
+
+    def document(self) -> dict[str, object]:
+        """Return the problem as JSON data."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def problems_of(error: ValidationError | SceneError) -> list[Problem]:
@@ -44,7 +55,7 @@ def problems_of(error: ValidationError | SceneError) -> list[Problem]:
     ]
     problems = [problem_of(fault) for fault in faults[:MAX_PROBLEMS]]
     if len(faults) > MAX_PROBLEMS:
-        problems.append(Problem(pointer="", detail=f"{len(faults) - MAX_PROBLEMS} more problems are not listed"))
+        problems.append(Problem("", f"{len(faults) - MAX_PROBLEMS} more problems are not listed"))
     return problems
 
 
@@ -60,7 +71,7 @@ def doubts_of(task: object) -> list[Problem]:
     detail = (
         "0, 0, 0, 1 is half a turn about z: a pose is [x, y, z, qw, qx, qy, qz], with w before x; no turn is 1, 0, 0, 0"
     )
-    return [Problem(pointer=json_pointer(path), detail=detail) for path, pose in poses if pose[3:] == [0, 0, 0, 1]]
+    return [Problem(json_pointer(path), detail) for path, pose in poses if pose[3:] == [0, 0, 0, 1]]
 
 
 def _poses(data: object, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], list[object]]]:
@@ -74,11 +85,7 @@ def _poses(data: object, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[st
 
 
 def _scene_problems(error: SceneError) -> list[Problem]:
-    problems = [Problem(pointer=pointer, detail=error.detail) for pointer in error.pointers]
-    if error.allowed is not None:
-        for problem in problems:
-            problem["allowed"] = list(error.allowed)
-    return problems
+    return [Problem(pointer, error.detail, error.allowed) for pointer in error.pointers]
 
 
 def json_pointer(path: Iterable[str | int]) -> str:
@@ -86,25 +93,28 @@ def json_pointer(path: Iterable[str | int]) -> str:
     return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in path)
 
 
-def problem_of(fault: Mapping[str, Any]) -> Problem:
+def problem_of(fault: ErrorDetails) -> Problem:
     """Return one of pydantic's faults as it is told."""
     kind, context = fault["type"], fault.get("ctx", {})
     path = _body_path(fault["loc"], keep_last=kind == "extra_forbidden")
     if kind == "extra_forbidden" and len(str(path[-1])) > LONGEST_KEY:
         detail = f"a member whose name has {len(str(path[-1]))} characters is not known here"
-        return Problem(pointer=json_pointer(path[:-1]), detail=detail)
+        return Problem(json_pointer(path[:-1]), detail)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         path = [*path, _quoted(context["discriminator"])[0]]
-    problem = Problem(pointer=json_pointer(path), detail=_detail(kind, context, fault["msg"], path))
-    if path == ["kind"]:
-        problem["allowed"] = list(KINDS)
-    if kind == "extra_forbidden" and fault["loc"][0] in KINDS and (known := known_members(fault["loc"][:-1])):
+    return Problem(json_pointer(path), _detail(fault, path), _choices(fault, path))
+
+
+def _choices(fault: ErrorDetails, path: Sequence[str | int]) -> list[str] | None:
+    """Return what could stand at a path in place of what is wrong there, where that can be listed."""
+    kind, context, location = fault["type"], fault.get("ctx", {}), fault["loc"]
+    expected = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
+    if expected:
+        return _quoted(expected)
+    if kind == "extra_forbidden" and location[0] in KINDS and (known := known_members(location[:-1])):
         # A member that is known only beside others is none of the choices.
-        problem["allowed"] = [name for name in known if name != path[-1]]
-    choices = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
-    if choices:
-        problem["allowed"] = _quoted(choices)
-    return problem
+        return [name for name in known if name != path[-1]]
+    return list(KINDS) if path == ["kind"] else None
 
 
 def _body_path(location: Location, *, keep_last: bool) -> list[str | int]:
@@ -138,7 +148,8 @@ _POSES = frozenset({"plate_pose", "pose", "goal_pose", "tool_pose"})
 """Members whose first three numbers are."""
 
 
-def _detail(kind: str, context: Mapping[str, Any], message: str, path: Sequence[str | int]) -> str:
+def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
+    kind, context, message = fault["type"], fault.get("ctx", {}), fault["msg"]
     if kind in _SENTENCES:
         return _SENTENCES[kind]
     if kind in ("union_tag_invalid", "literal_error"):

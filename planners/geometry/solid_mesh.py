@@ -7,9 +7,8 @@ are turned over, and whole meshes inside out. Everything else would be a guess.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,15 @@ from planners.geometry.convex_cover import CoverSettings, cover
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, read_mesh_file
 from planners.geometry.pose import Array
 from planners.geometry.surface import Faces, centroid, shared_sides, triangle_normals, volume, winding_numbers
+
+
+class MeshDocument(TypedDict):
+    """A solid mesh as JSON data; members as of `SolidMesh`."""
+
+    vertices: list[list[float]]
+    faces: list[list[int]]
+    parts: list[list[list[float]]]
+    excess: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +58,7 @@ class SolidMesh:
         parts = tuple(factor * part for part in self.parts)
         return SolidMesh(factor * self.vertices, self.faces, parts, factor * self.excess)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> MeshDocument:
         """Return the mesh as JSON data."""
         return {
             "vertices": self.vertices.tolist(),
@@ -60,7 +68,7 @@ class SolidMesh:
         }
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> Self:
+    def from_document(cls, document: MeshDocument) -> Self:
         """Read what `document` wrote."""
         return cls(
             np.array(document["vertices"], dtype=float).reshape(-1, 3),

@@ -7,15 +7,16 @@ what else is there. An object of the task is found by its `detection`, or by its
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from planners.cell.cell import Cell
 from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart
+from planners.contract.shapes import Box, Cylinder
 from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform, from_pose7, rotation_z, to_pose7, transform
@@ -61,11 +62,11 @@ class UprightObject:
         return float(self.T_world_object[2, 3] + 0.5 * self.size[2])
 
     @property
-    def shape(self) -> dict[str, Any]:
+    def shape(self) -> Box | Cylinder:
         """As a task names it."""
         if self.part.shape.type == "box":
-            return {"type": "box", "size": list(self.size)}
-        return {"type": "cylinder", "radius": 0.5 * self.size[0], "height": self.size[2]}
+            return Box(type="box", size=self.size)
+        return Cylinder(type="cylinder", radius=0.5 * self.size[0], height=self.size[2])
 
 
 def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> dict[str, Any]:
@@ -83,7 +84,9 @@ def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -
     Raises:
         SceneError: The scene does not fit the task or the cell, or has no such object.
     """
-    _check_fit(body, scene, cell)
+    _check_fit(body.get("cell", scene.cell), scene, cell)
+    if scene.table is None and _needs_objects(body.get("objects")):
+        raise SceneError("/scene_id", "the scene was perceived without depth or cloud: it has no objects")
     standing = stand_up(scene, cell)
     filled = dict(body)
     filled.setdefault("cell", scene.cell)
@@ -121,12 +124,11 @@ def stand_up(scene: SceneDocument, cell: Cell) -> list[UprightObject]:
     return [done[part.name] for part in scene.objects]
 
 
-def _check_fit(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> None:
-    if body.get("cell", scene.cell) != scene.cell:
+def _check_fit(wanted: object, scene: SceneDocument, cell: Cell) -> None:
+    """Refuse another cell than the one that is wanted, or a camera whose pose is wrong."""
+    if wanted != scene.cell:
         raise SceneError("/cell", f"the scene was perceived in the cell {scene.cell}", [scene.cell])
     if scene.table is None:
-        if _needs_objects(body):
-            raise SceneError("/scene_id", "the scene was perceived without depth or cloud: it has no objects")
         return
     off = abs(scene.table.height - cell.table_top)
     lean = math.acos(min(1.0, abs(scene.table.normal[2])))
@@ -138,12 +140,11 @@ def _check_fit(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -> Non
         )
 
 
-def _needs_objects(body: Mapping[str, Any]) -> bool:
-    given = body.get("objects")
+def _needs_objects(given: object) -> bool:
     return isinstance(given, list) and any(isinstance(each, dict) and _is_perceived(each) for each in given)
 
 
-def _is_perceived(given: Mapping[str, Any]) -> bool:
+def _is_perceived(given: Collection[str]) -> bool:
     return "detection" in given or not all(name in given for name in NAMED)
 
 
@@ -161,21 +162,17 @@ def _filled_object(index: int, given: Any, standing: Sequence[UprightObject], us
     used.add(found.part.name)
     filled = {name: value for name, value in given.items() if name != "detection"}
     filled.setdefault("name", found.part.name)
-    filled.setdefault("shape", found.shape)
+    filled.setdefault("shape", found.shape.model_dump(mode="json"))
     filled.setdefault("pose", to_pose7(found.T_world_object))
     return filled
 
 
 def _with_goals_put_down(objects: Sequence[Any], table_top: float) -> list[Any]:
     """Put the goals of boxes and cylinders that stand upright onto what is just below them, from the bottom up."""
-    outlines = {i: _goal_outline(each) for i, each in enumerate(objects)}
+    goals = {i: goal for i, each in enumerate(objects) if (goal := _standing_goal(each)) is not None}
     tops: list[tuple[Array, float]] = []
     settled = list(objects)
-    upright = [i for i, outline in outlines.items() if outline is not None]
-    for i in sorted(upright, key=lambda i: objects[i]["goal_pose"][2]):
-        outline = outlines[i]
-        assert outline is not None
-        pose, height = list(objects[i]["goal_pose"]), _height(objects[i]["shape"])
+    for i, (outline, pose, height) in sorted(goals.items(), key=lambda each: each[1].pose[2]):
         below = [table_top, *(top for other, top in tops if len(polygon.overlap(outline, other)) > 2)]
         near = [z for z in below if abs(pose[2] - 0.5 * height - z) <= GOAL_REACH]
         if near:
@@ -185,8 +182,16 @@ def _with_goals_put_down(objects: Sequence[Any], table_top: float) -> list[Any]:
     return settled
 
 
-def _goal_outline(given: Any) -> Array | None:
-    """Return the (n, 2) outline of an object at its goal; None if it is none of ours, or does not stand upright."""
+class _Goal(NamedTuple):
+    outline: Array
+    """(n, 2) [m]."""
+    pose: list[float]
+    height: float
+    """Of the object [m]."""
+
+
+def _standing_goal(given: Any) -> _Goal | None:
+    """Return where an object stands at its goal; None if it is none of ours, or does not stand upright."""
     shape, pose = (given.get("shape"), given.get("goal_pose")) if isinstance(given, dict) else (None, None)
     if not isinstance(pose, list | tuple) or len(pose) != 7 or not all(_is_number(value) for value in pose):
         return None
@@ -197,20 +202,16 @@ def _goal_outline(given: Any) -> Array | None:
         return None
     match shape:
         case {"type": "box", "size": [x, y, z]} if all(_is_number(side) for side in (x, y, z)):
-            corners = polygon.rectangle(x, y)
+            corners, height = polygon.rectangle(x, y), float(z)
         case {"type": "cylinder", "radius": r, "height": h} if _is_number(r) and _is_number(h):
-            corners = polygon.circle(r, 24)
+            corners, height = polygon.circle(r, 24), float(h)
         case _:
             return None
-    return corners @ T[:2, :2].T + T[:2, 3]
+    return _Goal(corners @ T[:2, :2].T + T[:2, 3], list(pose), height)
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) < 1e3
-
-
-def _height(shape: Mapping[str, Any]) -> float:
-    return float(shape["size"][2] if shape["type"] == "box" else shape["height"])
 
 
 def _settled_tool(tool: SeenToolPart, cell: Cell) -> Transform:
@@ -274,7 +275,10 @@ def _beyond(outline: Array, points: Array) -> float:
 
 
 def _obstacles(left: Sequence[UprightObject], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
-    obstacles = [{"name": each.part.name, "shape": each.shape, "pose": to_pose7(each.T_world_object)} for each in left]
+    obstacles: list[dict[str, Any]] = [
+        {"name": each.part.name, "shape": each.shape.model_dump(mode="json"), "pose": to_pose7(each.T_world_object)}
+        for each in left
+    ]
     for i, piece in enumerate(scene.unrecognised):
         height = max(LOWEST_OBSTACLE, piece.top - cell.table_top)
         outline = np.array(piece.outline)

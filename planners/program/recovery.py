@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import takewhile
-from typing import Any
 
 import numpy as np
 from pydantic_core import to_jsonable_python
@@ -120,8 +119,8 @@ def task_from(schedule: Schedule, reached: float, positions: Array) -> TaskSpec:
     return _changed(task, **start, objects=left, obstacles=[*task.obstacles, *put])
 
 
-def _at(body: ObjectToMove, pose: Array | None) -> dict[str, Any]:
-    return body.model_dump() if pose is None else {**body.model_dump(), "pose": pose.tolist()}
+def _at(body: ObjectToMove, pose: Array | None) -> ObjectToMove:
+    return body if pose is None else body.model_copy(update={"pose": tuple(pose.tolist())})
 
 
 def _changed(task: TaskSpec, **members: object) -> TaskSpec:

@@ -93,7 +93,8 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
         significant(np.array(rows))
         for rows in zip(*((force.point, force.normal, force.wrench) for _, force in stated), strict=True)
     )
-    of_cup = iter(_cup_members([entry for entry in stated if entry[1].kind == "suction"], segment, places, scene))
+    of_cup = [entry for entry in stated if entry[1].kind == "suction"]
+    cup, pulls = scene.tool.cup, _cup_pulls(of_cup, segment, places)
     for (contact_set, force), point, normal, wrench in zip(stated, points, normals, wrenches, strict=True):
         where = {"sample": contact_set.sample, "body": contact_set.body}
         if force.kind == "inertia":
@@ -104,7 +105,11 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
         }  # fmt: skip
         match force.kind:
             case "suction":
-                yield SuctionContact(**common, kind="suction", **next(of_cup))
+                pull, axis = next(pulls)
+                yield SuctionContact(
+                    **common, kind="suction", mu=cup.mu, radius=cup.radius, kappa=cup.kappa, limit=cup.max_force,
+                    suction_force=pull, x_axis=axis,
+                )  # fmt: skip
             case "soft_finger":
                 limit, mu = scene.finger_limit(force.by), scene.friction.grip
                 yield SoftFingerContact(
@@ -116,16 +121,13 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
                 raise AssertionError(force.kind)
 
 
-def _cup_members(
-    stated: Sequence[tuple[ToolContactSet, ExertedForce]],
-    segment: ToolSegment,
-    places: Mapping[str, Array],
-    scene: SuctionToolScene,
-) -> Iterator[dict[str, Any]]:
-    """Yield what limits the cup in each of its contacts, and how hard it pulls."""
+def _cup_pulls(
+    stated: Sequence[tuple[ToolContactSet, ExertedForce]], segment: ToolSegment, places: Mapping[str, Array]
+) -> Iterator[tuple[float, Array]]:
+    """Yield how hard the cup pulls in each of its contacts [N], and the x axis (3,) of its pad there."""
     if not stated:
         return
-    cup, moving = scene.tool.cup, segment.body_poses
+    moving = segment.body_poses
     normals = np.array([force.normal for _, force in stated])
     forces = np.array([force.wrench[:3] for _, force in stated])
     T_world_bodies = np.array(
@@ -133,6 +135,4 @@ def _cup_members(
     )
     pulls = significant(-np.einsum("ij,ij->i", forces, normals)).tolist()
     axes = significant(pad_axes(T_world_bodies, normals))
-    limits = {"mu": cup.mu, "radius": cup.radius, "kappa": cup.kappa, "limit": cup.max_force}
-    for pull, axis in zip(pulls, axes, strict=True):
-        yield {**limits, "suction_force": pull, "x_axis": axis}
+    yield from zip(pulls, axes, strict=True)

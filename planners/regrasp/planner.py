@@ -154,7 +154,7 @@ class SuctionToolPlanner:
             still = self.choreographer.motion.writer.still(pile.state, SegmentKind.TRANSIT, _STILL, {})
             pile = replace(pile, state=still)
             return self._plan(PlanningOutcome.SOLVED, "Every object is at its goal already: nothing moves.", (), pile)
-        handovers = sum(report.counts["handovers"] for report in reports)
+        handovers = sum(report.counts.handovers for report in reports)
         summary = f"{self._order_told(order)}, with {_counted(handovers, 'handover') if handovers else 'no handover'}"
         for why in Stopover:
             names = [report.name for report in reports if report.stopover is why]
@@ -191,13 +191,13 @@ class SuctionToolPlanner:
                 causes.include(report.rejections)
         names, counts = sorted({report.name for report in failed}), self.pile.counts
         tried = (
-            f"{_counted(counts['suction poses'], 'suction pose')} and {_counted(counts['tries'], 'grasp sequence')} "
+            f"{_counted(counts.suction_poses, 'suction pose')} and {_counted(counts.tries, 'grasp sequence')} "
             "were tried"
         )
         stages = {rejection.stage for rejection, _ in everything.most_common()}
         if "fall" in stages and stages <= {"fall", "order"}:
             tried, causes = "in no order does everything stand after every step", everything
-        elif not counts["suction poses"]:
+        elif not counts.suction_poses:
             tried = "the cup has no place that it can hold, with room for the tool, both at the start and at the goal"
         return self._plan(
             PlanningOutcome.NOT_FOUND, f"No way was found to move {' or '.join(names)}: {tried}.", _causes(causes), None
@@ -246,8 +246,8 @@ class SuctionToolPlanner:
             "grasps": len(base.grasps),
             "handover_pairs": int(base.partners.sum()),
             "handover_orientations": len(base.T_world_tool),
-            "nodes": self.pile.counts["nodes"],
-            "edges": self.pile.counts["edges"],
+            "nodes": self.pile.counts.nodes,
+            "edges": self.pile.counts.edges,
         }
 
     def _search_figures(self, reports: tuple[ObjectReport, ...]) -> dict[str, int | float | str | None]:
@@ -255,11 +255,11 @@ class SuctionToolPlanner:
         return {
             "objects_planned": self.pile.planned,
             "put_aside": sum(report.stopover is not None for report in reports),
-            "suction_poses": counts["suction poses"],
-            "sequences": counts["tries"],
-            "edges_deleted": counts["edges deleted"],
+            "suction_poses": counts.suction_poses,
+            "sequences": counts.tries,
+            "edges_deleted": counts.edges_deleted,
             "motion_queries": self.choreographer.motion.free.searches,
-            "handovers": sum(report.counts["handovers"] for report in reports),
+            "handovers": sum(report.counts.handovers for report in reports),
         }
 
 

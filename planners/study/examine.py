@@ -57,7 +57,7 @@ class PointExaminer:
         try:
             found = solver.solve(_without_remedies(study.task_at(index)), uploads=uploads, on_progress=progress)
         except (ValidationError, SceneError) as error:
-            why = "; ".join(f"{each['pointer']}: {each['detail']}" for each in problems_of(error))
+            why = "; ".join(f"{each.pointer}: {each.detail}" for each in problems_of(error))
             return StudyPoint.without_plan(study, index, "refused", why, clock() - begun)
         except CertificateFailed as failure:
             return StudyPoint.without_plan(study, index, "failed", str(failure), clock() - begun)

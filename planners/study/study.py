@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -23,7 +23,7 @@ class NotAStudy(LiftwrightError):
 
     def __init__(self, problems: list[Problem]) -> None:
         self.problems = problems
-        super().__init__("; ".join(f"{each['pointer'] or '/'}: {each['detail']}" for each in problems))
+        super().__init__("; ".join(f"{each.pointer or '/'}: {each.detail}" for each in problems))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +53,12 @@ class Study:
         count = math.prod(len(axis.places) for axis in spec.axes)
         if most is not None and count > most:
             detail = f"the axes make {count} points; 1 to {most} are allowed, so take fewer values"
-            raise NotAStudy([Problem(pointer="/axes", detail=detail)])
+            raise NotAStudy([Problem("/axes", detail)])
         try:
             task = write_task(read_task(fill(spec.task)))
         except (ValidationError, SceneError) as error:
-            raise NotAStudy(
-                [_moved(problem, f"/task{problem['pointer']}") for problem in problems_of(error)]
-            ) from error
+            problems = [replace(problem, pointer=f"/task{problem.pointer}") for problem in problems_of(error)]
+            raise NotAStudy(problems) from error
         study = cls(spec.model_copy(update={"task": task}))
         problems = [problem for number in range(len(spec.axes)) for problem in study._strange_values(number)]
         if problems:
@@ -127,30 +126,20 @@ class Study:
         try:
             operations = [self._operation(axis, value) for value in axis.places]
         except _NotAPose as error:
-            return [Problem(pointer=f"{pointer}/{error.member}", detail=str(error))]
+            return [Problem(f"{pointer}/{error.member}", str(error))]
         problems: list[Problem] = []
         for place, operation in enumerate(operations):
             where = f"{pointer}/values/{place}" if axis.values is not None else pointer
             try:
                 read_task(changed(self.spec.task, [operation]))
             except CannotBeChanged:
-                missing = Problem(pointer=f"{pointer}/pointer", detail=f"the task has no member {axis.pointer}")
-                if allowed := _members_beside(self.spec.task, axis.pointer):
-                    missing["allowed"] = allowed
-                return [missing]
+                allowed = _members_beside(self.spec.task, axis.pointer) or None
+                return [Problem(f"{pointer}/pointer", f"the task has no member {axis.pointer}", allowed)]
             except (ValidationError, SceneError) as error:
                 first = problems_of(error)[0]
-                told = f"{axis.places[place]!r} is not valid there: {first['pointer']} {first['detail']}"
-                problems.append(_moved(first, where, told))
+                told = f"{axis.places[place]!r} is not valid there: {first.pointer} {first.detail}"
+                problems.append(replace(first, pointer=where, detail=told))
         return problems[:1] if axis.values is None else problems
-
-
-def _moved(problem: Problem, pointer: str, detail: str | None = None) -> Problem:
-    """Return a problem as it is told elsewhere, in other words if there are any."""
-    moved = problem.copy()
-    moved["pointer"] = pointer
-    moved["detail"] = problem["detail"] if detail is None else detail
-    return moved
 
 
 class _NotAPose(LiftwrightError):

@@ -9,10 +9,12 @@ from time import perf_counter, process_time
 from typing import Any
 
 from planners.certify import Certificate
+from planners.contract.task_spec import write_task
 from planners.planning import CertificateFailed
 from planners.progress import silent
 from tests.benchmarks.tasks import SOLVABLE, TOO_HEAVY, Note, median_of, task_body
 from workers.solver.pipeline import Pipeline, reference_task
+from workers.solver.protocol import SolverRequest
 
 
 @dataclass(frozen=True)
@@ -64,13 +66,13 @@ def measure(
 ) -> list[TaskFigures]:
     """Plan and certify each task `runs` times, after one run that loads the compiled kernels."""
     note("warming up")
-    _run(pipeline, reference_task())
+    _run(pipeline, write_task(reference_task()))
     return [_task(pipeline, name, note, runs) for name in names]
 
 
 def measure_body(pipeline: Pipeline, body: dict[str, Any]) -> dict[str, Any]:
     """Plan one task once, after one run that loads the compiled kernels; return seconds, outcome and sizes."""
-    _run(pipeline, reference_task())
+    _run(pipeline, write_task(reference_task()))
     certifier, seconds = _run(pipeline, body)
     document = certifier.document
     sizes = {name: document["statistics"]["graph"].get(name, 0) for name in ("poses", "nodes", "edges")}
@@ -103,7 +105,7 @@ def _run(pipeline: Pipeline, body: dict[str, Any]) -> tuple[TimedCertifier, dict
     begun = clocks()
     try:
         timed = replace(pipeline, solver=replace(pipeline.solver, certify=certifier))
-        timed.solve({"id": "benchmark", "task": body}, silent)
+        timed.solve(SolverRequest("benchmark", body), silent)
     except CertificateFailed:
         assert certifier.certificate is not None
     return certifier, {

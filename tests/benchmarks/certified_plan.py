@@ -11,6 +11,7 @@ from planners.planning import CertificateFailed
 from planners.progress import silent
 from tests.benchmarks.bench_tasks import TimedCertifier, clocks
 from workers.solver.pipeline import Pipeline
+from workers.solver.protocol import SolverRequest
 
 SOLVED, UNCERTIFIED, BROKEN = "solved", "certificate failed", "broken"
 
@@ -39,7 +40,7 @@ def certified_plan(pipeline: Pipeline, body: Mapping[str, Any]) -> CertifiedPlan
     pipeline = replace(pipeline, solver=replace(pipeline.solver, certify=certifier, clock=process_time))
     begun, reason, outcome = clocks(), "", ""
     try:
-        plan = pipeline.solve({"id": "benchmark", "task": task}, silent)
+        plan = pipeline.solve(SolverRequest("benchmark", task), silent)
     except CertificateFailed as failure:
         plan, outcome, reason = failure.plan, UNCERTIFIED, str(failure)
     document = plan.document()

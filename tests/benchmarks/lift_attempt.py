@@ -10,6 +10,7 @@ from planners.progress import silent
 from tests.benchmarks.certified_plan import BROKEN, SOLVED, certified_plan
 from tests.benchmarks.random_lifts import drawn
 from workers.solver.pipeline import Pipeline
+from workers.solver.protocol import SolverRequest
 
 NOT_FOUND, INFEASIBLE = "not_found", "infeasible"
 DENSITIES = (3.0, 2.5, 2.0, 1.5)
@@ -73,7 +74,7 @@ def attempt(pipeline: Pipeline, seed: int) -> LiftAttempt:
     if found.outcome not in (NOT_FOUND, INFEASIBLE):
         return found
     body = {**drawn(seed), "options": {"simulate": False}}
-    plan = pipeline.solve({"id": "benchmark", "task": body}, silent)
+    plan = pipeline.solve(SolverRequest("benchmark", body), silent)
     count, seconds = len(plan.explanation.remedies or ()), dict(plan.statistics.times).get("remedies", 0.0)
     return replace(found, remedies=count, remedies_seconds=seconds)
 

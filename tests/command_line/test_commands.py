@@ -328,7 +328,7 @@ def test_a_scan_is_perceived_by_a_service_whose_scene_a_task_then_names(
     assert main(["scene", str(SCAN), "--service", service]) == 0
     told = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     client = ServiceClient(service)
-    assert len(client.get(f"/v1/scenes/{told['scene_id']}")["scene"]["objects"]) == 3
+    assert len(json.loads(client.read(f"/v1/scenes/{told['scene_id']}"))["scene"]["objects"]) == 3
     assert told["viewer"].startswith(service)
     task = {**json.loads((SCAN / "task.json").read_text()), "external_id": "fail", "scene_id": told["scene_id"]}
     file = tmp_path / "task.json"

@@ -31,7 +31,7 @@ WEAK = str(TASKS / "pb1_weak_cup.json")
     ],
 )
 def test_an_axis_is_read_as_it_is_typed(text: str, axis: dict) -> None:
-    assert read_axis(text) == axis
+    assert read_axis(text).document() == axis
 
 
 @pytest.mark.parametrize("text", ["/cup/max_force", "/cup/max_force=", "cup=1,2", "/cup/max_force=1:2:x", "/a=1:y:3"])

@@ -68,7 +68,7 @@ def test_the_demo_posts_a_scan_and_the_task_of_its_scene(
     told = capsys.readouterr().out
     assert all(each["name"] in told for each in scene["scene"]["objects"])
     with httpx.Client(base_url=address) as client:
-        assert client.get(plan["links"]["self"]).json()["external_id"] == TASK["external_id"]
+        assert client.get(plan.links.self).json()["external_id"] == TASK["external_id"]
         for line in ("viewer:", "picture:", "posted:"):
             where = next(words.split()[1] for words in told.splitlines() if words.startswith(line))
             assert client.get(where.removeprefix(address), follow_redirects=True).status_code == 200

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from planners.contract.problems import MAX_PROBLEMS, doubts_of, problems_of
+from planners.contract.problems import MAX_PROBLEMS, Problem, doubts_of, problems_of
 from planners.contract.task_spec import UNION_TAGS, read_task, task_schema
 
 ROOT = Path(__file__).parents[2]
@@ -44,24 +44,24 @@ def problems(body):
 @pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
 def test_each_fault_is_pointed_at(case):
     found = problems(changed(case.get("with", {}), case.get("without", ())))
-    assert sorted(problem["pointer"] for problem in found) == sorted(each["pointer"] for each in case["problems"])
-    assert all(problem["detail"] for problem in found)
+    assert sorted(problem.pointer for problem in found) == sorted(each["pointer"] for each in case["problems"])
+    assert all(problem.detail for problem in found)
     choices = {each["pointer"]: each["allowed"] for each in case["problems"] if "allowed" in each}
-    listed = {problem["pointer"]: problem["allowed"] for problem in found if "allowed" in problem}
+    listed = {problem.pointer: problem.allowed for problem in found if problem.allowed is not None}
     assert {
         pointer: names for pointer, names in listed.items() if pointer in choices or not unknown(found, pointer)
     } == choices
 
 
 def unknown(found, pointer):
-    return any(problem["pointer"] == pointer and problem["detail"] == "is not known here" for problem in found)
+    return any(problem.pointer == pointer and problem.detail == "is not known here" for problem in found)
 
 
 def refused_as_unknown(body):
     try:
         read_task(body)
     except ValidationError as error:
-        return {problem["pointer"] for problem in problems_of(error) if problem["detail"] == "is not known here"}
+        return {problem.pointer for problem in problems_of(error) if problem.detail == "is not known here"}
     return set()
 
 
@@ -71,14 +71,14 @@ def test_an_unknown_member_comes_with_those_that_are_known_there(place):
     given = changed({})
     for step in place.split("/")[1:]:
         given = given[step]
-    assert set(given) <= set(problem["allowed"])
-    for name in problem["allowed"]:
+    assert set(given) <= set(problem.allowed)
+    for name in problem.allowed:
         assert f"{place}/{name}" not in refused_as_unknown(changed({f"{place}/{name}": None}))
 
 
 @pytest.mark.parametrize("body", [None, 3, "plate", [], [AB1], True])
 def test_a_body_that_is_no_object_is_pointed_at_as_a_whole(body):
-    assert [problem["pointer"] for problem in problems(body)] == [""]
+    assert [problem.pointer for problem in problems(body)] == [""]
 
 
 def numbers_in(value, pointer=""):
@@ -121,14 +121,12 @@ def test_strings_and_booleans_and_infinities_are_numbers_nowhere(pointer):
         body = copy.deepcopy(FULL)
         container, key = step_to(body, pointer)
         container[key] = wrong
-        assert [problem["pointer"] for problem in problems(body)] == [pointer]
+        assert [problem.pointer for problem in problems(body)] == [pointer]
 
 
 def test_a_length_out_of_range_is_told_its_unit():
     (problem,) = problems(changed({"/plate/shape": {"type": "box", "size": [300, 0.15, 0.02]}}))
-    assert problem == {
-        "pointer": "/plate/shape/size/0", "detail": "must be less than or equal to 10 (metres)"
-    }  # fmt: skip
+    assert problem == Problem("/plate/shape/size/0", "must be less than or equal to 10 (metres)")
 
 
 AWAY = [0.7, 300, 1.2, 1, 0, 0, 0]
@@ -144,21 +142,21 @@ AWAY = [0.7, 300, 1.2, 1, 0, 0, 0]
 )
 def test_a_position_out_of_range_is_told_its_unit(change, pointer):
     (problem,) = problems(changed(change))
-    assert problem["pointer"] == pointer
-    assert problem["detail"].endswith("(metres)")
+    assert problem.pointer == pointer
+    assert problem.detail.endswith("(metres)")
 
 
 def test_a_component_of_a_quaternion_has_no_unit():
     (problem,) = problems(changed({"/plate_pose/4": 300}))
-    assert "metres" not in problem["detail"]
+    assert "metres" not in problem.detail
 
 
 def test_a_refused_name_is_none_of_the_choices():
     shape = {"type": "box", "size": [0.1, 0.1, 0.1]}
     given = {"name": "lid", "shape": shape, "mass": 0.1, "pose": [0, 0, 1, 1, 0, 0, 0], "detection": "object_1"}
     (problem,) = problems({"kind": "suction_tool", "objects": [{**given, "goal_pose": given["pose"]}]})
-    assert problem["pointer"] == "/objects/0/detection"
-    choices = problem.get("allowed", [])
+    assert problem.pointer == "/objects/0/detection"
+    choices = problem.allowed or []
     assert "goal_pose" in choices
     assert "detection" not in choices
 
@@ -213,7 +211,7 @@ NO_TURN, HALF_TURN, QUARTER_TURN = [1, 0, 0, 0], [0, 0, 0, 1], [0.5**0.5, 0, 0, 
 )
 def test_half_a_turn_is_doubted_unless_its_writer_knows_how_no_turn_is_written(pose, goal, pointers):
     body = {"kind": "suction_tool", "objects": [{"name": "lid", "pose": PLACE + pose, "goal_pose": PLACE + goal}]}
-    assert [doubt["pointer"] for doubt in doubts_of(body)] == pointers
+    assert [doubt.pointer for doubt in doubts_of(body)] == pointers
 
 
 @pytest.mark.parametrize("body", [None, [], "pose", {"pose": HALF_TURN}, {"pose": {"pose": "x"}}])

@@ -105,7 +105,7 @@ def test_a_value_that_a_default_needs_is_reported_once():
     body = {"kind": "suction_tool", "tool": tool, "objects": [object_of({"type": "ball"})]}
     with pytest.raises(ValidationError) as caught:
         read_task(body)
-    pointers = [problem["pointer"] for problem in problems_of(caught.value)]
+    pointers = [problem.pointer for problem in problems_of(caught.value)]
     assert pointers == ["/tool/cup/max_force", "/objects/0/shape/type"]
 
 
@@ -200,7 +200,7 @@ def test_garbage_is_refused_with_pointers_into_the_body(body, kind):
         read_task(body)
     found = problems_of(caught.value)
     assert found
-    assert all(problem["detail"] and resolves(problem["pointer"], body) for problem in found)
+    assert all(problem.detail and resolves(problem.pointer, body) for problem in found)
 
 
 @given(st.lists(st.text(max_size=5), max_size=4))

@@ -10,7 +10,7 @@ from support.service import task
 from workers.stores.database import Database
 from workers.stores.job_queue import APPLICATION_VERSION, Depth, JobQueue
 from workers.stores.jobs import JobOrder, workflow_table
-from workers.stores.plan_store import PackedDocument, PlanStore
+from workers.stores.plan_store import PackedDocument, PlanEvent, PlanStore
 from workers.stores.tables import now_us
 from workers.stores.totals import DOCUMENT, STAGE, TAKEOVER
 
@@ -77,8 +77,8 @@ def test_what_an_earlier_attempt_still_writes_is_dropped(store: PlanStore, queue
     assert first is not None
     assert second is not None
     assert (first.attempts, second.attempts) == (1, 2)
-    store.add_event(plan_id, {"attempt": 2, "stage": "search", "fraction": 0.5})
-    store.add_event(plan_id, {"attempt": 1, "stage": "scene", "fraction": 0.1})
+    store.add_event(plan_id, PlanEvent(attempt=2, stage="search", fraction=0.5))
+    store.add_event(plan_id, PlanEvent(attempt=1, stage="scene", fraction=0.1))
     assert len(store.events_after(plan_id, 0)) == 1
     assert not store.save_document(plan_id, 1, DOCUMENT_MADE)
     assert not store.mark_failed(plan_id, 1, "time")

@@ -6,6 +6,7 @@ import base64
 import gzip
 import itertools
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from workers.solver.pipeline import Pipeline
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest
 
 CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
-REQUEST: SolverRequest = {"id": "p1", "task": task()}
+REQUEST = SolverRequest("p1", task())
 
 
 def a_plan(*_: Any) -> Plan:
@@ -40,7 +41,7 @@ def a_plan(*_: Any) -> Plan:
     return Plan.model_construct(outcome="solved", cell=cell, segments=[], statistics=statistics)
 
 
-NO_REMEDIES: SolverRequest = {"id": "p1", "task": task(options={"remedies": False})}
+NO_REMEDIES = SolverRequest("p1", task(options={"remedies": False}))
 
 
 def nothing(*_: Any) -> Plan:
@@ -89,7 +90,7 @@ def test_each_stage_of_each_object_is_told_apart_and_without_the_name_that_its_c
         return a_plan().model_copy(update=stated)
 
     solver = TaskSolver({body["cell"]: load_cell(body["cell"])}, load_tools(), plan=plan, certify=lambda *_: None)
-    stages = Pipeline(solver).answer({"id": "p1", "task": body}, silent).stages
+    stages = Pipeline(solver).answer(SolverRequest("p1", body), silent).stages
     assert [name for name, _ in stages] == ["scene", *["first regrasp"] * len(names), "certify"]
     assert [each for name, each in stages if name == "first regrasp"] == list(seconds.values())
 
@@ -125,7 +126,7 @@ def test_stages_are_reported_in_order() -> None:
 
 
 def test_a_simulation_that_fails_is_told_and_the_plan_is_delivered() -> None:
-    simulation = pipeline(passed=True).solve({"id": "p1", "task": {**task(), "seed": 7}}, silent).simulation
+    simulation = pipeline(passed=True).solve(SolverRequest("p1", {**task(), "seed": 7}), silent).simulation
     assert isinstance(simulation, LiftSimulation)
     assert (simulation.outcome, simulation.seed) == ("slipped", 7)
 
@@ -141,13 +142,13 @@ def test_uploaded_meshes_come_with_the_request() -> None:
     body = {**task(), "obstacles": [{"name": "bin", "shape": bin_shape, "pose": [0.7, 0.6, 1.25, 1, 0, 0, 0]}]}
     content = trimesh.creation.box((100, 200, 300)).export(file_type="stl")
     mesh = take_mesh(content, "stl").document()
-    request: SolverRequest = {"id": "p1", "task": body, "meshes": {"bin": json.loads(json.dumps(mesh))}}
+    request = SolverRequest("p1", body, {"bin": json.loads(json.dumps(mesh))})
     pipeline(passed=True, plan=plan).solve(request, silent)
     (scene,) = scenes
     vertices, _ = scene.obstacles[0].solid.surface()
     assert np.ptp(vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
     with pytest.raises(SceneError, match="there is no upload bin"):
-        pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
+        pipeline(passed=True).solve(SolverRequest("p1", body), silent)
 
 
 def test_what_is_handed_over_before_the_simulation_is_simulated_later_as_it_would_have_been_then() -> None:
@@ -167,12 +168,12 @@ def test_what_is_handed_over_before_the_simulation_is_simulated_later_as_it_woul
     planning: list[str] = []
     handed: list[Answer] = []
     solver = pipeline(passed=True, plan=planned_once, simulate=simulate)
-    request: SolverRequest = {"id": "p1", "task": planned.document()["task"]}
+    request = SolverRequest("p1", planned.document()["task"])
     at_once = json.loads(solver.answer(request, silent, handed.append).document)
     (before,) = handed
     assert json.loads(before.document)["simulation"] is None
     kept = base64.b64encode(gzip.compress(before.document)).decode()
-    later = json.loads(solver.answer({**request, "certified": kept}, silent, handed.append).document)
+    later = json.loads(solver.answer(replace(request, certified=kept), silent, handed.append).document)
     assert later == at_once
     assert later["simulation"] is not None
     assert (len(handed), planning, len(set(seeds)), len(seeds)) == (1, ["planned"], 1, 2)
@@ -180,7 +181,7 @@ def test_what_is_handed_over_before_the_simulation_is_simulated_later_as_it_woul
 
 def test_a_task_may_leave_the_simulation_out() -> None:
     body = {**task(), "options": {"simulate": False}}
-    plan = pipeline(passed=True).solve({"id": "p1", "task": body}, silent)
+    plan = pipeline(passed=True).solve(SolverRequest("p1", body), silent)
     assert not hasattr(plan, "simulation")
     assert [name for name, _ in plan.statistics.times] == ["scene", "search", "certify"]
     assert plan.statistics.total_seconds == 3.0

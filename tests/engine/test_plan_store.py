@@ -13,7 +13,7 @@ from workers.settings import WorkerSettings
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import JobState
-from workers.stores.plan_store import PackedDocument, PlanStore
+from workers.stores.plan_store import PackedDocument, PlanEvent, PlanStore
 
 
 def packed(content: bytes) -> PackedDocument:
@@ -60,7 +60,7 @@ def test_events_are_numbered_from_one_and_shown_as_progress(desk: tuple[PlanStor
     store, queue = desk
     plan_id = store.accept(task(), None, queue).id
     for fraction in (0.1, 0.2, 0.3):
-        store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": fraction})
+        store.add_event(plan_id, PlanEvent(attempt=0, stage="search", fraction=fraction))
     assert [number for number, _ in store.events_after(plan_id, 0)] == [1, 2, 3]
     assert [event["fraction"] for _, event in store.events_after(plan_id, 1)] == [0.2, 0.3]
     record = store.get(plan_id)
@@ -73,7 +73,7 @@ def test_what_is_written_for_a_deleted_plan_is_dropped(desk: tuple[PlanStore, Jo
     plan_id = store.accept(task(), None, queue).id
     store.save_document(plan_id, 0, packed(b"first"))
     store.delete(plan_id)
-    store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": 0.5})
+    store.add_event(plan_id, PlanEvent(attempt=0, stage="search", fraction=0.5))
     store.save_document(plan_id, 0, packed(b"first"))
     assert store.get(plan_id) is None
     assert store.events_after(plan_id, 0) == []

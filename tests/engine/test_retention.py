@@ -13,7 +13,7 @@ from workers.engine.housekeeping import BATCH, US_PER_DAY, delete_old
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
-from workers.stores.plan_store import PackedDocument, PlanStore, now_us
+from workers.stores.plan_store import PackedDocument, PlanEvent, PlanStore, now_us
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
 from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, SCENES
@@ -23,7 +23,7 @@ def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: fl
     """Accept a plan so many days ago, which ended so many days ago or has not ended."""
     store, jobs = PlanStore(database), workflow_table("sqlite")
     plan_id = store.accept(task(), None, queue).id
-    store.add_event(plan_id, {"attempt": 0, "stage": "search", "fraction": 0.5})
+    store.add_event(plan_id, PlanEvent(attempt=0, stage="search", fraction=0.5))
     store.save_document(plan_id, 0, PackedDocument("solved", "0" * 64, b"x"))
     with database.engine.begin() as transaction:
         accepted = now_us() - round(age_days * US_PER_DAY)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
 from workers.stores.mesh_store import MeshStore
-from workers.stores.plan_store import PackedDocument, PlanStore
+from workers.stores.plan_store import PackedDocument, PlanEvent, PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.tables import METADATA, StoredText
 from workers.stores.task_parts import TaskParts
@@ -51,7 +51,7 @@ def test_progress_of_an_object_with_the_longest_name_is_kept(database: Database,
     store = PlanStore(database)
     plan_id = store.accept(task(), None, queue).id
     stage = f"second regrasp {LONGEST_NAME}"
-    store.add_event(plan_id, {"attempt": 0, "stage": stage, "fraction": 0.5})
+    store.add_event(plan_id, PlanEvent(attempt=0, stage=stage, fraction=0.5))
     record = store.get(plan_id)
     assert record is not None
     assert (record.stage, record.fraction) == (stage, 0.5)
@@ -99,7 +99,7 @@ def test_every_column_of_text_takes_what_any_other_takes() -> None:
 class ForgetfulStore(PlanStore):
     """A store that takes no progress."""
 
-    def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
+    def add_event(self, plan_id: str, event: PlanEvent) -> None:
         raise DataError("INSERT …", {}, ValueError(f"too long: {event['stage']} of {plan_id}"))
 
 

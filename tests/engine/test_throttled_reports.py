@@ -14,8 +14,8 @@ class Sent(Channel):
         self.stages: list[str] = []
 
     def send(self, message: Message, block: bytes = b"") -> None:
-        assert "progress" in message
-        self.stages.append(message["progress"].stage)
+        assert message.progress is not None
+        self.stages.append(message.progress.stage)
 
 
 def test_two_stages_in_turns_are_reported_once_each_until_time_has_passed() -> None:

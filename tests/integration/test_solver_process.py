@@ -33,7 +33,7 @@ COMMAND = SolverCommand(FAKE_SOLVER, {})
 
 
 def request(wish: str) -> SolverRequest:
-    return {"id": "a", "task": {"external_id": wish}}
+    return SolverRequest("a", {"external_id": wish})
 
 
 async def ignore(_: Report) -> None: ...

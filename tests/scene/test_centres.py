@@ -11,7 +11,7 @@ from geometry.mesh_shapes import angle, file_of
 from app.task_intake import accept_task
 from planners.cell.cell import load_cells
 from planners.contract.shapes import Box, Cylinder, Prism
-from planners.contract.task_spec import read_task
+from planners.contract.task_spec import read_task, write_task
 from planners.geometry.pose import from_pose7, rotation_x, to_pose7, transform
 from planners.geometry.solid_mesh import take_mesh
 from planners.planning import stated_bodies
@@ -33,7 +33,7 @@ def cells():
 @pytest.fixture(scope="module")
 def accept(cells):
     meshes = {"angle": take_mesh(file_of(angle(), "stl"), "stl")}
-    return lambda body: accept_task(body, cells, meshes.get)
+    return lambda body: write_task(accept_task(body, cells, meshes.get))
 
 
 def task(name, **changes):

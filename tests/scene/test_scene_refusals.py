@@ -45,7 +45,7 @@ def test_what_cannot_stand_is_pointed_at(case, cells):
     with pytest.raises(SceneError) as caught:
         build_scene(task, cells)
     problems = problems_of(caught.value)
-    assert [problem["pointer"] for problem in problems] == case["pointers"]
+    assert [problem.pointer for problem in problems] == case["pointers"]
     for problem in problems:
-        assert case.get("says", "") in problem["detail"]
+        assert case.get("says", "") in problem.detail
         assert problem.get("allowed") == case.get("allowed")

@@ -17,8 +17,8 @@ from workers.solver.protocol import Answer, SolverRequest
 
 
 def solve(request: SolverRequest, _: object, certified: Callable[[Answer], None]) -> Answer:
-    folder, name = Path(sys.argv[1]), request["task"]["external_id"]
-    document = {**json.loads((folder / f"{name}.json").read_text()), "id": request["id"]}
+    folder, name = Path(sys.argv[1]), request.task["external_id"]
+    document = {**json.loads((folder / f"{name}.json").read_text()), "id": request.id}
     simulating = folder / f"{name}.simulating"
     if simulating.exists():
         certified(answer({**document, "simulation": None}))

@@ -28,10 +28,10 @@ STEP_SECONDS = 0.05
 
 
 def solve(request: SolverRequest, progress: Progress, certified: Callable[[Answer], None]) -> Answer:
-    if "certified" in request:
-        return simulated(json.loads(gzip.decompress(base64.b64decode(request["certified"]))), progress, again=True)
+    if request.certified is not None:
+        return simulated(json.loads(gzip.decompress(base64.b64decode(request.certified))), progress, again=True)
     document = planned(request, progress)
-    if str(request["task"].get("external_id")).startswith("simulate-"):
+    if str(request.task.get("external_id")).startswith("simulate-"):
         certified(Answer("solved", json.dumps({**document, "simulation": None}).encode()))
         return simulated(document, progress, again=False)
     return Answer(document["outcome"], json.dumps(document).encode())
@@ -39,7 +39,7 @@ def solve(request: SolverRequest, progress: Progress, certified: Callable[[Answe
 
 def planned(request: SolverRequest, progress: Progress) -> dict[str, Any]:
     """Do what the task tells, and return a document."""
-    wish = "fail" if "fail" in sys.argv else str(request["task"].get("external_id"))
+    wish = "fail" if "fail" in sys.argv else str(request.task.get("external_id"))
     progress(Report("scene", 1, 1))
     if wish == "die":
         os.kill(os.getpid(), signal.SIGKILL)
@@ -61,11 +61,11 @@ def planned(request: SolverRequest, progress: Progress) -> dict[str, Any]:
             time.sleep(STEP_SECONDS)
     return {
         "schema_version": "1.0",
-        "id": request["id"],
+        "id": request.id,
         "outcome": "infeasible" if wish == "infeasible" else "solved",
         "process": os.getpid(),
-        "task": request["task"],
-        "meshes": sorted(request.get("meshes", {})),
+        "task": request.task,
+        "meshes": sorted(request.meshes or {}),
         "noise": "x" * 5000,
     }
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,20 +47,20 @@ class PlanShelf:
 
     def document(self, task: Mapping[str, Any]) -> dict[str, Any]:
         """Return what comes of a task by all that the product does, certificate and simulation too."""
-        return json.loads(self.take({"id": NOBODY, "task": dict(task)}, silent))
+        return json.loads(self.take(SolverRequest(NOBODY, dict(task)), silent))
 
     def take(self, request: SolverRequest, progress: Progress) -> bytes:
         """Return the document of a request; where another process is making it, wait for that."""
         # A service passes a task on with all that it left to defaults.
-        task = read_task(request["task"])
+        task = read_task(request.task)
         stated = with_centres(task, build_scene(task)).model_dump_json()
         name = hashlib.sha256(stated.encode()).hexdigest()
         path = self._folder / f"{name}.json"
         with (self._folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not path.exists():
-                path.write_bytes(self._pipeline.answer({**request, "id": NOBODY}, progress).document)
-        return path.read_bytes().replace(NOBODY.encode(), request["id"].encode())
+                path.write_bytes(self._pipeline.answer(replace(request, id=NOBODY), progress).document)
+        return path.read_bytes().replace(NOBODY.encode(), request.id.encode())
 
     def answer(self, request: SolverRequest, progress: Progress, _: Callable[[Answer], None]) -> Answer:
         """Answer as a solver."""

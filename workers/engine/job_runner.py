@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import base64
+from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import sqlalchemy as sa
 import structlog
@@ -21,7 +21,7 @@ from workers.solver.protocol import SolverRequest
 from workers.stores.database_loss import once_it_is_there, said_by
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import JobState
-from workers.stores.plan_store import PackedDocument, PlanRecord, PlanStore
+from workers.stores.plan_store import PackedDocument, PlanEvent, PlanRecord, PlanStore
 from workers.stores.task_parts import TaskParts
 from workers.stores.webhook_store import tell_certified
 from workers.webhooks.runner import message
@@ -95,7 +95,7 @@ class JobRunner:
         if task is None:
             raise JobLeft(plan_id)
         parts = await once_it_is_there(self._parts.named_by, task)
-        request: SolverRequest = {"id": plan_id, "task": task, **parts}
+        request = SolverRequest(plan_id, task, parts.meshes, cell_folder=parts.cell_folder)
         async with self._slots:
             return await self._solve_despite_crashes(plan_id, request)
 
@@ -109,7 +109,7 @@ class JobRunner:
             certified = await once_it_is_there(self._store.certified, plan_id)
             if certified is not None:
                 # Somebody may have begun to follow that plan: it is simulated, and no other one takes its place.
-                request = {**request, "certified": base64.b64encode(certified).decode()}
+                request = replace(request, certified=base64.b64encode(certified).decode())
             try:
                 document = await self._attempt(record, request)
             except JobFailed as failure:
@@ -125,11 +125,13 @@ class JobRunner:
 
     async def _attempt(self, record: PlanRecord, request: SolverRequest) -> PackedDocument | None:
         """Have a solver process try; None if it died and another one may try."""
-        plan_id, scale = record.id, ProgressScale.of(request["task"], record.fraction)
+        plan_id, scale = record.id, ProgressScale.of(request.task, record.fraction)
 
-        def event(report: Report) -> dict[str, Any]:
-            counts = {"stage": report.name, "done": report.done, "total": report.total}
-            return {"attempt": record.attempts, **counts, "fraction": round(scale.advance(report), 4)}
+        def event(report: Report) -> PlanEvent:
+            fraction = round(scale.advance(report), 4)
+            return PlanEvent(
+                attempt=record.attempts, stage=report.name, done=report.done, total=report.total, fraction=fraction
+            )
 
         async def show(report: Report) -> None:
             try:
@@ -139,7 +141,7 @@ class JobRunner:
                 log.warning("progress not kept", job_id=plan_id, error=said_by(loss))
 
         async def show_certified(document: PackedDocument) -> None:
-            told = {"event": CERTIFIED, **event(Report("certify", 1, 1)), "outcome": document.outcome}
+            told = replace(event(Report("certify", 1, 1)), event=CERTIFIED, outcome=document.outcome)
             body = message(record, CERTIFIED, JobState.RUNNING, document.outcome)
             tell = partial(tell_certified, plan_id, body, partial(self._enqueue_message, plan_id))
             try:

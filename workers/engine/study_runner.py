@@ -70,7 +70,7 @@ class StudyRunner:
             while missing := await self._missing(record, part):
                 if await once_it_is_there(self._queue.not_with, self._settings.executor_name, [job_id]):
                     raise JobLeft(job_id)
-                request: StudyRequest = {"study": study.document(), "points": missing, **parts}
+                request = StudyRequest(study.document(), missing, parts.meshes, parts.cell_folder)
                 await self._examine(job_id, record, study, request, deaths)
         await self._plan_best(record, study)
         return "examined"
@@ -83,7 +83,7 @@ class StudyRunner:
         self, job_id: str, record: StudyRecord, study: Study, request: StudyRequest, deaths: Counter[int]
     ) -> None:
         """Have points examined one after the other; of one at which that fails too often it is told, and no more."""
-        left, limit = list(request["points"]), self._settings.solver_seconds
+        left, limit = list(request.points), self._settings.solver_seconds
         try:
             async with asyncio.timeout(limit) as time:
 

@@ -7,14 +7,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, Any, TextIO
 
 import numpy as np
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from planners.contract.arrays import ArmName
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
-from planners.plan.scenery import ARMS
 from workers.robot.arm_link import ArmState
 
 SAMPLE_STEP = 0.02
@@ -46,6 +46,42 @@ class ExecutionLog:
     def _write(self, line: Mapping[str, Any]) -> None:
         self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
         self._file.flush()
+
+
+class _LoggedArm(BaseModel):
+    positions: Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
+    force: tuple[float, float, float]
+
+
+class _LoggedArms(BaseModel):
+    left: _LoggedArm
+    right: _LoggedArm
+
+
+class _Sample(BaseModel):
+    """A line that says where the arms were."""
+
+    time: float
+    clock: float
+    arms: _LoggedArms
+
+    def row(self) -> list[float]:
+        """Return time, clock, both arms' positions and both forces: (16,)."""
+        both = (self.arms.left, self.arms.right)
+        forces = (float(np.linalg.norm(arm.force)) for arm in both)
+        return [self.time, self.clock, *(q for arm in both for q in arm.positions), *forces]
+
+
+class _Event(BaseModel):
+    """A line that says what happened."""
+
+    event: str
+    digest: str | None = None
+    done: bool = False
+    words: str = ""
+
+
+_LINE: TypeAdapter[_Sample | _Event] = TypeAdapter(_Sample | _Event)
 
 
 class NotALog(LiftwrightError):
@@ -81,14 +117,14 @@ class ExecutedMotion:
         samples, begun, ended = [], None, None
         for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
             try:
-                told = json.loads(line)
-                if "arms" in told:
-                    samples.append(_sample(told))
-                elif told["event"] == "begin":
+                told = _LINE.validate_json(line)
+                if isinstance(told, _Sample):
+                    samples.append(told.row())
+                elif told.event == "begin":
                     begun = told
-                elif told["event"] == "stop" or (told["event"] == "end" and told["done"]):
+                elif told.event == "stop" or (told.event == "end" and told.done):
                     ended = told
-            except (ValueError, KeyError, TypeError) as error:
+            except ValidationError as error:
                 if begun is not None and samples:
                     break
                 raise NotALog(f"{path}:{number}: this is no log of an execution") from error
@@ -97,33 +133,20 @@ class ExecutedMotion:
         rows = np.array(samples)
         rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 0.0])]
         return cls(
-            digest=begun.get("digest"),
+            digest=begun.digest,
             time=rows[:, 0] - rows[0, 0],
             clock=rows[:, 1],
             positions=rows[:, 2:14],
             force=rows[:, 14:],
             ending=_ending(ended),
-            is_done=ended is not None and ended["event"] == "end",
+            is_done=ended is not None and ended.event == "end",
         )
 
 
-def _sample(told: Mapping[str, Any]) -> list[float]:
-    arms = [told["arms"][arm] for arm in ARMS]
-    positions = [float(q) for arm in arms for q in arm["positions"]]
-    if len(positions) != 12:
-        raise ValueError(positions)
-    return [
-        float(told["time"]),
-        float(told["clock"]),
-        *positions,
-        *(float(np.linalg.norm(arm["force"])) for arm in arms),
-    ]
-
-
-def _ending(ended: Mapping[str, Any] | None) -> str:
+def _ending(ended: _Event | None) -> str:
     if ended is None:
         return "the log ends before the execution does"
-    return "executed to its end" if ended["event"] == "end" else f"stopped: {ended['words']}"
+    return "executed to its end" if ended.event == "end" else f"stopped: {ended.words}"
 
 
 def _told(state: ArmState) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from planners.cell.cell import Cell, load_cell_file, load_cells
-from planners.contract.task_spec import read_task
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Progress, silent
@@ -57,7 +57,7 @@ class Pipeline:
 
     def warm_up(self) -> Self:
         """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
-        self.solve({"id": "warm-up", "task": {**reference_task(), "options": FEW_HOLDS}}, silent)
+        self.solve(SolverRequest("warm-up", write_task(reference_task(**FEW_HOLDS))), silent)
         return self
 
     def compile(self, *kinds: str) -> None:
@@ -67,21 +67,21 @@ class Pipeline:
         after that.
         """
         if "plate_lift" in kinds:
-            self.solve({"id": "compile", "task": reference_task()}, silent)
+            self.solve(SolverRequest("compile", write_task(reference_task())), silent)
         if "suction_tool" in kinds:
             for task in reference_tool_tasks():
-                self.solve({"id": "compile", "task": task}, silent)
+                self.solve(SolverRequest("compile", write_task(task)), silent)
             for cell, tool, settings in self.shipped_handovers():
                 self.solver.handovers(cell, tool, settings, silent)
             # Whoever asks the service what a cell can do does not wait for a compiler.
-            map_reach(self.solver.cells[reference_tool_tasks()[0]["cell"]])
+            map_reach(self.solver.cells[reference_tool_tasks()[0].cell])
 
     def shipped_handovers(self) -> Iterator[tuple[Cell, SuctionTool, HandoverSettings]]:
         """Yield what handovers are asked for in tasks of paper A: of each tool standing, and lying.
 
         Those of other tools and cells are computed for the first task that asks for them, and kept.
         """
-        cell, standing = self.solver.cells[reference_tool_tasks()[0]["cell"]], ToolPlannerSettings()
+        cell, standing = self.solver.cells[reference_tool_tasks()[0].cell], ToolPlannerSettings()
         for name in PREPARED_TOOLS:
             tool = self.solver.tools[name]
             for settings in (standing, standing.with_fingertips()):
@@ -105,13 +105,13 @@ class Pipeline:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
             CertificateFailed: The plan must not be delivered.
         """
-        task, uploads = read_task(request["task"]), uploads_of(request)
+        task, uploads = read_task(request.task), uploads_of(request)
         solver = replace(self.solver, cells=cells_of(request, task.cell, self.solver.cells))
-        if "certified" in request:
-            plan = Plan.read(gzip.decompress(base64.b64decode(request["certified"])))
+        if request.certified is not None:
+            plan = Plan.read(gzip.decompress(base64.b64decode(request.certified)))
             return solver.simulated(plan, uploads, progress)
         try:
-            return solver.solve(task, request["id"], uploads, progress, certified)
+            return solver.solve(task, request.id, uploads, progress, certified)
         except CertificateFailed as failure:
             _keep_rejected(failure.plan)
             raise
@@ -130,8 +130,9 @@ def _answer(plan: Plan) -> Answer:
 
 def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:
     """Return the cells that a request may name: the shipped ones, and its own as its task names it."""
-    folder = request.get("cell_folder")
-    return shipped if folder is None else {**shipped, task_cell: _unpacked_cell(Path(folder))}
+    if request.cell_folder is None:
+        return shipped
+    return {**shipped, task_cell: _unpacked_cell(Path(request.cell_folder))}
 
 
 @lru_cache(maxsize=4)
@@ -140,22 +141,24 @@ def _unpacked_cell(folder: Path) -> Cell:
     return load_cell_file(path)
 
 
-def reference_task() -> dict[str, Any]:
-    """Return the body of the plate lift that is used to warm up."""
-    return _shipped_task(REFERENCE_TASK)
+def reference_task(**options: float) -> PlateLiftTask:
+    """Return the plate lift that is used to warm up, with other options than its own."""
+    task = PlateLiftTask.model_validate(_shipped_task(REFERENCE_TASK))
+    return task.model_copy(update={"options": task.options.model_copy(update=options)})
 
 
-def reference_tool_tasks() -> list[dict[str, Any]]:
-    """Return bodies of suction-tool tasks with one object each: a flat one and a round one; the first is simulated."""
-    flat, curved = (_shipped_task(name) for name in REFERENCE_TOOL_TASKS)
+def reference_tool_tasks() -> list[SuctionToolTask]:
+    """Return suction-tool tasks with one object each: a flat one and a round one; the first is simulated."""
+    flat, curved = (SuctionToolTask.model_validate(_shipped_task(name)) for name in REFERENCE_TOOL_TASKS)
+    unsimulated = curved.options.model_copy(update={"simulate": False})
     return [
-        {**flat, "objects": flat["objects"][:1]},
-        {**curved, "objects": curved["objects"][:1], "options": {"simulate": False}},
+        flat.model_copy(update={"objects": flat.objects[:1]}),
+        curved.model_copy(update={"objects": curved.objects[:1], "options": unsimulated}),
     ]
 
 
-def _shipped_task(name: str) -> dict[str, Any]:
-    return json.loads(resources.files("assets").joinpath("tasks", name).read_text())
+def _shipped_task(name: str) -> Any:
+    return json.loads(resources.files("assets").joinpath("tasks", name).read_bytes())
 
 
 def _keep_rejected(plan: Plan) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import resource
 import signal
@@ -136,14 +135,14 @@ class SolverProcess:
         await self._send(request)
         while True:
             message = await self._receive()
-            if "progress" in message:
-                await on_report(Report(*message["progress"]))
-            elif "certified" in message:
-                certified = await self._receive_document(message["certified"])
+            if message.progress is not None:
+                await on_report(message.progress)
+            elif message.certified is not None:
+                certified = await self._receive_document(message.certified)
                 if on_certified is not None:
                     await on_certified(certified)
-            elif "document" in message:
-                return await self._receive_document(message["document"])
+            elif message.document is not None:
+                return await self._receive_document(message.document)
 
     async def examine(self, request: StudyRequest, on_point: OnPoint) -> None:
         """Hand over a request and wait until all of its points were passed on; the process can be asked again.
@@ -156,14 +155,14 @@ class SolverProcess:
         await self._send(request)
         while True:
             message = await self._receive()
-            if "point" in message:
-                await on_point(message["point"])
-            elif "examined" in message:
+            if message.point is not None:
+                await on_point(message.point)
+            elif message.examined:
                 return
 
     async def _send(self, request: SolverRequest | StudyRequest) -> None:
         try:
-            self._stdin.write(json.dumps(request).encode() + b"\n")
+            self._stdin.write(request.line())
             await self._stdin.drain()
         except ConnectionError:
             raise SolverDied.with_code(await self._process.wait()) from None
@@ -189,22 +188,20 @@ class SolverProcess:
         if not line.endswith(b"\n"):
             raise SolverDied.with_code(await self._process.wait())
         try:
-            message: Message | None = json.loads(line)
-        except ValueError:
-            message = None
-        if not isinstance(message, dict):
+            message = Message.read(line)
+        except (ValueError, TypeError):
             # Last words of what runs under it, rather than of the solver.
-            raise SolverDied("the solver process sent what is no message")
-        if "fault" in message:
-            raise SolverFault(message["fault"])
+            raise SolverDied("the solver process sent what is no message") from None
+        if message.fault is not None:
+            raise SolverFault(message.fault)
         return message
 
     async def _receive_document(self, header: DocumentHeader) -> PackedDocument:
         try:
-            packed = await self._stdout.readexactly(header["size"])
+            packed = await self._stdout.readexactly(header.size)
         except asyncio.IncompleteReadError:
             raise SolverDied.with_code(await self._process.wait()) from None
-        return PackedDocument(header["outcome"], header["sha256"], packed, header["stages"])
+        return PackedDocument(header.outcome, header.sha256, packed, header.stages)
 
 
 class SolverPool:

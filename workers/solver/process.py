@@ -66,7 +66,7 @@ class Channel:
     def send(self, message: Message, block: bytes = b"") -> None:
         """Send one line and the bytes that follow it."""
         try:
-            self._stream.write(json.dumps(message).encode() + b"\n" + block)
+            self._stream.write(message.line() + block)
             self._stream.flush()
         except BrokenPipeError:
             _die_with_the_worker()
@@ -87,7 +87,7 @@ class ThrottledReports:
             return
         self._begun.add(report.name)
         self._next = now + REPORT_SECONDS
-        self._channel.send({"progress": report})
+        self._channel.send(Message(progress=report))
 
 
 class ReportedFaults:
@@ -107,7 +107,7 @@ class ReportedFaults:
         if not isinstance(error, Exception):
             return False
         _log(error)
-        self._channel.send({"fault": _sentence(error)})
+        self._channel.send(Message(fault=_sentence(error)))
         return True
 
 
@@ -148,12 +148,12 @@ def main(prepare: Callable[[], Solve]) -> None:
             if status != 0:
                 # The worker sees an end without an answer, as it was.
                 _end_as(status)
-            channel.send({"ready": True})
+            channel.send(Message(ready=True))
 
 
 def _answer_one(solve: Solve, request: bytes, channel: Channel) -> None:
     with ReportedFaults(channel):
-        _answer(solve, json.loads(request), channel)
+        _answer(solve, SolverRequest.read(request), channel)
 
 
 def _forked(work: Callable[[], None]) -> int:
@@ -269,7 +269,7 @@ def tell_ready(channel: Channel) -> None:
     # What is loaded stays: to look through all of it for garbage would cost the job a tenth of a second at a time.
     gc.collect()
     gc.freeze()
-    channel.send({"ready": True})
+    channel.send(Message(ready=True))
 
 
 def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
@@ -277,21 +277,16 @@ def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
 
     def send_certified(answer: Answer) -> None:
         header, packed = _packed(answer)
-        channel.send({"certified": header}, packed)
+        channel.send(Message(certified=header), packed)
 
     header, packed = _packed(solve(request, ThrottledReports(channel), send_certified))
-    channel.send({"document": header}, packed)
+    channel.send(Message(document=header), packed)
 
 
 def _packed(answer: Answer) -> tuple[DocumentHeader, bytes]:
     packed = gzip.compress(answer.document, GZIP_LEVEL, mtime=0)
-    header: DocumentHeader = {
-        "outcome": answer.outcome,
-        "sha256": hashlib.sha256(answer.document).hexdigest(),
-        "size": len(packed),
-        "stages": list(answer.stages),
-    }
-    return header, packed
+    sha256 = hashlib.sha256(answer.document).hexdigest()
+    return DocumentHeader(answer.outcome, sha256, len(packed), answer.stages), packed
 
 
 def listen_to_the_worker() -> SimpleQueue[bytes]:

@@ -3,7 +3,7 @@
 Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folder"}`. Stdin then stays open; that it closes
 means the parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
-`{"document": {outcome, sha256, size, stages}}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`. Then the
+`{"document": [outcome, sha256, size, stages]}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`. Then the
 child is ready for the next request, and says so, or it ends. A plan that is certified and still to be simulated is sent
 in between, as a document is, but as `{"certified": …}`. A request may bring it back as `certified`: then it is only
 simulated.
@@ -14,10 +14,12 @@ A process that examines points of studies is asked `{"study", "points", "meshes"
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NotRequired, TypedDict
+from typing import Literal, NamedTuple, Self
 
-from planners.geometry.solid_mesh import SolidMesh
+from planners.geometry.solid_mesh import MeshDocument, SolidMesh
 from planners.progress import Report
 from planners.scene.shape_source import Uploads
 
@@ -31,65 +33,95 @@ HANDOVERS_VARIABLE = "LIFTWRIGHT_HANDOVERS_DIR"
 """Names the directory where handover databases are kept; without it each process computes its own."""
 
 
-class SolverRequest(TypedDict):
+class Line:
+    """What is sent as one line: an object of the members that are something."""
+
+    def line(self) -> bytes:
+        """Return it as it is sent."""
+        return json.dumps({name: value for name, value in vars(self).items() if value is not None}).encode() + b"\n"
+
+    @classmethod
+    def read(cls, line: bytes) -> Self:
+        """Return what `line` wrote.
+
+        Raises:
+            ValueError, TypeError: It wrote something else.
+        """
+        return cls(**json.loads(line))
+
+
+@dataclass(frozen=True)
+class SolverRequest(Line):
     """What is to be solved."""
 
     id: str
     task: dict[str, object]
-    meshes: NotRequired[dict[str, dict[str, object]]]
-    """The uploads that the task names, by id, as `SolidMesh.document` gives them."""
-    certified: NotRequired[str]
+    meshes: Mapping[str, MeshDocument] | None = None
+    """The uploads that the task names, by id."""
+    certified: str | None = None
     """The plan of an earlier attempt that is only to be simulated: its document, as gzip in base64."""
-    cell_folder: NotRequired[str]
+    cell_folder: str | None = None
     """Where the files of the task's cell are unpacked, unless that is a shipped one."""
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What a request is answered with."""
-
-    outcome: Literal["solved", "infeasible", "not_found"]
-    """As in the document."""
-    document: bytes
-    """The plan, as it is stored and sent."""
-    stages: tuple[tuple[str, float], ...] = ()
-    """Name and seconds of each, without names of objects: one that several objects go through is there for each."""
-
-
-class DocumentHeader(TypedDict):
-    """Announces the bytes of a document."""
-
-    outcome: Literal["solved", "infeasible", "not_found"]
-    sha256: str
-    size: int
-    stages: list[tuple[str, float]]
-    """As in the answer."""
-
-
-class StudyRequest(TypedDict):
+class StudyRequest(Line):
     """Which points are to be examined."""
 
     study: dict[str, object]
     """As accepted."""
     points: list[int]
     """Numbers of its points, in the order in which they are wanted."""
-    meshes: NotRequired[dict[str, dict[str, object]]]
-    cell_folder: NotRequired[str]
+    meshes: Mapping[str, MeshDocument] | None = None
+    cell_folder: str | None = None
 
 
 def uploads_of(request: SolverRequest | StudyRequest) -> Uploads:
     """Return how the scene finds the meshes that came with a request."""
-    documents = request.get("meshes", {})
+    documents = request.meshes or {}
     return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 
 
-class Message(TypedDict):
+Outcome = Literal["solved", "infeasible", "not_found"]
+"""As in the document."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a request is answered with."""
+
+    outcome: Outcome
+    document: bytes
+    """The plan, as it is stored and sent."""
+    stages: tuple[tuple[str, float], ...] = ()
+    """Name and seconds of each, without names of objects: one that several objects go through is there for each."""
+
+
+class DocumentHeader(NamedTuple):
+    """Announces the bytes of a document."""
+
+    outcome: Outcome
+    sha256: str
+    size: int
+    """Of what follows [bytes]."""
+    stages: Sequence[tuple[str, float]]
+    """As in the answer."""
+
+
+@dataclass(frozen=True)
+class Message(Line):
     """A line from the child: exactly one of its members."""
 
-    ready: NotRequired[bool]
-    progress: NotRequired[Report]
-    certified: NotRequired[DocumentHeader]
-    document: NotRequired[DocumentHeader]
-    point: NotRequired[dict[str, object]]
-    examined: NotRequired[bool]
-    fault: NotRequired[str]
+    ready: bool | None = None
+    progress: Report | None = None
+    certified: DocumentHeader | None = None
+    document: DocumentHeader | None = None
+    point: dict[str, object] | None = None
+    examined: bool | None = None
+    fault: str | None = None
+
+    def __post_init__(self) -> None:
+        """Read what JSON has as arrays."""
+        for name, kind in (("progress", Report), ("certified", DocumentHeader), ("document", DocumentHeader)):
+            if isinstance(value := getattr(self, name), list):
+                object.__setattr__(self, name, kind(*value))

@@ -7,13 +7,12 @@ more than a fresh start.
 from __future__ import annotations
 
 import gc
-import json
 from collections.abc import Callable
 
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
 from workers.solver.process import Channel, ReportedFaults, listen_to_the_worker, load_pipeline, tell_ready
-from workers.solver.protocol import StudyRequest, uploads_of
+from workers.solver.protocol import Message, StudyRequest, uploads_of
 
 Examine = Callable[[Study, int, StudyRequest], StudyPoint]
 """Examines one point, by its number, with what came with the request."""
@@ -27,12 +26,12 @@ def main(prepare: Callable[[], Examine]) -> None:
         examine = prepare()
         tell_ready(channel)
         while True:
-            request: StudyRequest = json.loads(requests.get())
-            study = Study.of_document(request["study"])
-            for index in request["points"]:
-                channel.send({"point": examine(study, index, request).model_dump(mode="json")})
+            request = StudyRequest.read(requests.get())
+            study = Study.of_document(request.study)
+            for index in request.points:
+                channel.send(Message(point=examine(study, index, request).model_dump(mode="json")))
                 gc.collect()
-            channel.send({"examined": True})
+            channel.send(Message(examined=True))
 
 
 def _load_examiner() -> Examine:

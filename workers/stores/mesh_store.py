@@ -5,12 +5,11 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Iterable
-from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 
-from planners.geometry.solid_mesh import SolidMesh
+from planners.geometry.solid_mesh import MeshDocument, SolidMesh
 from workers.stores.database import Database
 from workers.stores.tables import MESHES, now_us
 
@@ -37,7 +36,7 @@ class MeshStore:
         document = self.documents([mesh_id]).get(mesh_id)
         return None if document is None else SolidMesh.from_document(document)
 
-    def documents(self, mesh_ids: Iterable[str]) -> dict[str, dict[str, Any]]:
+    def documents(self, mesh_ids: Iterable[str]) -> dict[str, MeshDocument]:
         """Return those meshes of some ids that there are, as JSON data, by id."""
         query = sa.select(MESHES.c.id, MESHES.c.gzip).where(MESHES.c.id.in_(sorted(mesh_ids)))
         return {row.id: json.loads(gzip.decompress(row.gzip)) for row in self._database.rows(query)}

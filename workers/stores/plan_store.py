@@ -34,6 +34,7 @@ from workers.stores.tables import (
     EVENTS,
     PLANS,
     TOTALS,
+    AuditRow,
     Position,
     newest_first,
     now_us,
@@ -141,6 +142,26 @@ class StoredDocument:
     """Of the uncompressed JSON."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanEvent:
+    """What became of a plan's job, as whoever follows it is told."""
+
+    event: str | None = None
+    """None: progress."""
+    attempt: int
+    stage: str
+    done: int | None = None
+    """Parts of the stage, of `total`."""
+    total: int | None = None
+    fraction: float
+    """Of the whole, 0 … 1."""
+    outcome: str | None = None
+
+    def text(self) -> str:
+        """Return it as JSON."""
+        return json.dumps({name: value for name, value in vars(self).items() if value is not None})
+
+
 @dataclass(frozen=True, eq=False)
 class Submission:
     """A task that was checked, with all that is to be stored of it."""
@@ -150,7 +171,7 @@ class Submission:
     row: Mapping[str, Any]
     """Of the table of plans."""
     order: JobOrder
-    audit: Mapping[str, Any] | None
+    audit: AuditRow | None
     """Row of the audit log; None: nothing is kept there."""
     delayed: bool
     """Whether its job may not be begun yet."""
@@ -163,7 +184,7 @@ class Submission:
         order: JobOrder = NO_ORDER,
         idempotency_key: str | None = None,
         sent_fingerprint: str | None = None,
-        audit: Callable[[str], Mapping[str, Any]] | None = None,
+        audit: Callable[[str], AuditRow] | None = None,
     ) -> Self:
         """Put together what is stored of a task; `audit` makes the row of the audit log, given the plan's id."""
         plan_id, now = uuid.uuid4().hex, now_us()
@@ -328,7 +349,7 @@ class PlanStore:
             transaction.execute(sa.insert(PLANS), [each.row for each in new])
             queue.enqueue(transaction, [each.job for each in new])
             expect_deliveries(transaction, [(each.plan_id, each.owner, each.order.webhook_id) for each in new])
-            audited = [dict(each.audit) for each in new if each.audit is not None]
+            audited = [each.audit for each in new if each.audit is not None]
             if audited:
                 transaction.execute(sa.insert(AUDIT), audited)
         due = [each.plan_id for each in new if not each.delayed]
@@ -426,7 +447,7 @@ class PlanStore:
             transaction.execute(sa.update(PLANS).where(PLANS.c.id == plan_id).values(crashes=PLANS.c.crashes + 1))
             return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
 
-    def add_event(self, plan_id: str, event: Mapping[str, Any]) -> None:
+    def add_event(self, plan_id: str, event: PlanEvent) -> None:
         """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
         with self._database.engine.begin() as transaction:
             _add_event(transaction, plan_id, event)
@@ -454,7 +475,7 @@ class PlanStore:
         self,
         plan_id: str,
         document: PackedDocument,
-        event: Mapping[str, Any],
+        event: PlanEvent,
         tell: Callable[[sa.Connection], None],
     ) -> None:
         """Store the document of a certified plan that is still to be simulated, until `save_document` replaces it.
@@ -471,8 +492,8 @@ class PlanStore:
             if not _add_event(transaction, plan_id, event):
                 return
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
-            row = _document_row(plan_id, document) | {"certified_us": now_us(), "awaits_simulation": True}
-            transaction.execute(sa.insert(DOCUMENTS).values(row))
+            stored = _document(plan_id, document).values(certified_us=now_us(), awaits_simulation=True)
+            transaction.execute(stored)
             tell(transaction)
 
     def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
@@ -490,8 +511,7 @@ class PlanStore:
             before = transaction.execute(known).one_or_none()
             transaction.execute(sa.delete(DOCUMENTS).where(mine))
             certified_us = before.certified_us if before else now_us() if document.outcome == "solved" else None
-            row = _document_row(plan_id, document) | {"certified_us": certified_us}
-            transaction.execute(sa.insert(DOCUMENTS).values(row))
+            transaction.execute(_document(plan_id, document).values(certified_us=certified_us))
             if before is None or before.awaits_simulation:
                 count_document(transaction, document.outcome, document.stages)
         return True
@@ -619,18 +639,20 @@ def stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     return hashlib.sha256(f"{owner}\0{idempotency_key}".encode()).hexdigest()
 
 
-def _document_row(plan_id: str, document: PackedDocument) -> dict[str, Any]:
-    return {"plan_id": plan_id, "outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
+def _document(plan_id: str, document: PackedDocument) -> sa.Insert:
+    """Return what stores a document, with values to be added."""
+    packed = {"outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
+    return sa.insert(DOCUMENTS).values(plan_id=plan_id, **packed)
 
 
-def _add_event(transaction: sa.Connection, plan_id: str, event: Mapping[str, Any]) -> bool:
+def _add_event(transaction: sa.Connection, plan_id: str, event: PlanEvent) -> bool:
     """Do what `PlanStore.add_event` says; False if nothing happened."""
-    shown = _attempt(plan_id, event["attempt"]).values(stage=event["stage"], fraction=event["fraction"])
+    shown = _attempt(plan_id, event.attempt).values(stage=event.stage, fraction=event.fraction)
     if transaction.execute(shown).rowcount == 0:
         return False
     next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
     sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
-    row = {"plan_id": plan_id, "sequence": sequence, "event": json.dumps(event)}
+    row = {"plan_id": plan_id, "sequence": sequence, "event": event.text()}
     transaction.execute(sa.insert(EVENTS).values(row))
     return True
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, TypedDict
 
 import sqlalchemy as sa
 
@@ -202,6 +202,19 @@ AUDIT = sa.Table(
     sa.Column("target", StoredText(300), nullable=False),
     sa.Column("status", sa.Integer, nullable=False),
 )
+
+
+class AuditRow(TypedDict):
+    """A row of `AUDIT` before it has its number."""
+
+    at_us: int
+    key_id: str | None
+    owner: str | None
+    address: str | None
+    action: str
+    target: str
+    status: int
+
 
 WEBHOOKS = sa.Table(
     "liftwright_webhooks",

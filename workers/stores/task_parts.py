@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NotRequired, TypedDict
+from typing import Any, NamedTuple
 
 from planners.cell.cell import known_cells
 from planners.contract.uploads import named_uploads
+from planners.geometry.solid_mesh import MeshDocument
 from workers.stores.cell_store import CellStore
 from workers.stores.mesh_store import MeshStore
 
 
-class NamedParts(TypedDict):
+class NamedParts(NamedTuple):
     """As a solver process is sent them, see `workers.solver.protocol`."""
 
-    meshes: dict[str, dict[str, object]]
-    cell_folder: NotRequired[str]
+    meshes: Mapping[str, MeshDocument]
+    """By id."""
+    cell_folder: str | None
+    """None: its cell is shipped, or not kept any more."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +31,7 @@ class TaskParts:
 
     def named_by(self, task: Mapping[str, Any]) -> NamedParts:
         """Return what a task, as accepted, names. One transaction each."""
-        parts = NamedParts(meshes=self.meshes.documents(named_uploads(task)))
-        cell = task.get("cell")
+        cell, folder = task.get("cell"), None
         if isinstance(cell, str) and cell not in known_cells():
             folder = self.cells.unpacked(cell)
-            if folder is not None:
-                parts["cell_folder"] = str(folder)
-        return parts
+        return NamedParts(self.meshes.documents(named_uploads(task)), None if folder is None else str(folder))

@@ -40,8 +40,13 @@ from app.viewer.watch import (
     POLICY_VIOLATION,
     TRY_AGAIN_LATER,
     UNSUPPORTED_DATA,
+    Done,
+    Faulted,
     Look,
+    Opened,
+    PageAnswer,
     PageRequest,
+    Refused,
     SetDetail,
     Visible,
     WatcherFault,
@@ -103,6 +108,42 @@ class Judge(PageRequest):
     task: Any
 
 
+@dataclass(frozen=True)
+class Begun(PageAnswer):
+    """A task to begin with, as JSON data."""
+
+    type = "draft"
+    task: Any
+
+
+@dataclass(frozen=True)
+class Judged(PageAnswer):
+    """Whether the last path would hold; None: there is none."""
+
+    type = "judged"
+    feasibility: Any
+
+
+@dataclass(frozen=True)
+class Result(PageAnswer):
+    """What the page tells of a plan that was made of the task, and whose path is shown."""
+
+    type = "result"
+    plan: str | None
+    description: Any
+
+
+@dataclass(frozen=True)
+class News(PageAnswer):
+    """What somebody did in the scene."""
+
+    what: Moved | Chosen
+
+    def document(self) -> dict[str, object]:
+        """Return it as JSON data."""
+        return {"type": type(self.what).__name__.lower(), **asdict(self.what)}
+
+
 EditorMessage = StartFrom | DrawDraft | Nudge | ShowPath | Judge | SetDetail | Look
 WORDS = {
     "start": "begin with that",
@@ -142,7 +183,7 @@ async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None
         await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
         return
     # What is answered and what was dragged goes out in one order, by one task.
-    outbox, sent = anyio.create_memory_object_stream[dict[str, Any]](max_buffer_size=float("inf"))
+    outbox, sent = anyio.create_memory_object_stream[PageAnswer](max_buffer_size=float("inf"))
     try:
         async with outbox, sent, anyio.create_task_group() as tasks:
             tasks.start_soon(_send_on, sent, socket)
@@ -153,17 +194,17 @@ async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None
             await workshop.servers.leave(server)
 
 
-async def _send_on(sent: MemoryObjectReceiveStream[dict[str, Any]], socket: WebSocket) -> None:
+async def _send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocket) -> None:
     try:
-        async for message in sent:
-            await socket.send_json(message)
+        async for answer in sent:
+            await socket.send_json(answer.document())
     except (WebSocketDisconnect, RuntimeError):
         log.debug("somebody left the editor")
 
 
 async def _serve(socket: WebSocket, editing: _Editing) -> None:
     try:
-        editing.send({"type": "scene", "scene": f"scene/{editing.server.key}/"})
+        editing.send(Opened(f"scene/{editing.server.key}/"))
         while True:
             text = await receive_text(socket)
             if text is None:
@@ -184,7 +225,7 @@ class _Editing:
 
     workshop: Workshop
     server: SceneServer
-    outbox: MemoryObjectSendStream[dict[str, Any]]
+    outbox: MemoryObjectSendStream[PageAnswer]
     loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.get_running_loop)
     scene: DraftScene | None = None
     cell: str | None = None
@@ -195,10 +236,10 @@ class _Editing:
     def __post_init__(self) -> None:
         self.shapes = ShapeSource(self.workshop.uploads)
 
-    def send(self, message: dict[str, Any]) -> None:
+    def send(self, answer: PageAnswer) -> None:
         """Send something to the page; from the event loop only."""
         try:
-            self.outbox.send_nowait(message)
+            self.outbox.send_nowait(answer)
         except (anyio.BrokenResourceError, anyio.ClosedResourceError):
             log.debug("nobody listens any more")
 
@@ -208,29 +249,29 @@ class _Editing:
             self.send(await or_fault(WORDS[request.type], self._answered(request)))
         except DATABASE_GONE as error:
             log.error("database cannot be used", error=said_by(error))
-            self.send(_refusal(request, "The database is away, or its disk is full; what was accepted is kept."))
+            self.send(Refused(request.type, "The database is away, or its disk is full; what was accepted is kept."))
         except WatcherFault as fault:
-            self.send({"type": "fault", "request": request.type, "detail": str(fault)})
+            self.send(Faulted(request.type, str(fault)))
 
-    async def _answered(self, request: EditorMessage) -> dict[str, Any]:
+    async def _answered(self, request: EditorMessage) -> PageAnswer:
         try:
             match request:
                 case StartFrom():
                     visible = await self.workshop.visible_now()
-                    return {"type": "draft", "task": await run_in_threadpool(self._start, request, visible)}
+                    return Begun(await run_in_threadpool(self._start, request, visible))
                 case ShowPath():
                     return await run_in_threadpool(self._show_path, request, await self.workshop.visible_now())
                 case Judge():
-                    return {"type": "judged", "feasibility": await run_in_threadpool(self._judge, request.task)}
+                    return Judged(await run_in_threadpool(self._judge, request.task))
                 case _:
                     await run_in_threadpool(self._change_scene, request)
         except (PlanNotFound, DocumentNotReady, SceneNotFound, NoSuchExample, CellNotDrawn, TooManyRequests) as error:
-            return _refusal(request, str(error))
+            return Refused(request.type, str(error))
         except SceneError as error:
-            return _refusal(request, error.detail)
-        return {"type": "done", "request": request.type}
+            return Refused(request.type, error.detail)
+        return Done(request.type)
 
-    def _start(self, request: StartFrom, visible: Visible) -> dict[str, Any]:
+    def _start(self, request: StartFrom, visible: Visible) -> Any:
         match request.of:
             case "example":
                 return example_task(request.name)
@@ -261,7 +302,7 @@ class _Editing:
         with self.server.together():
             self.scene.show(draft, request.chosen, frozenset(request.wrong), request.moves)
 
-    def _show_path(self, request: ShowPath, visible: Visible) -> dict[str, Any]:
+    def _show_path(self, request: ShowPath, visible: Visible) -> PageAnswer:
         plan = None if request.plan is None else self.workshop.servers.load(visible.plans, request.plan)
         # Where nothing was found the last path that was stays.
         if self.scene is not None and (plan is None or plan.segments):
@@ -269,20 +310,16 @@ class _Editing:
                 self.scene.show_path(lines_of(plan))
         if plan is None:
             self.path = None
-            return {"type": "done", "request": request.type}
+            return Done(request.type)
         if LastPath.can_be_of(plan):
             self.path = LastPath(plan, self.workshop.servers.cells)
         told = describe_plan(plan).model_dump(mode="json", by_alias=True, include=RESULT)
-        return {"type": "result", "plan": request.plan, "description": told}
+        return Result(request.plan, told)
 
-    def _judge(self, task: Any) -> dict[str, Any] | None:
+    def _judge(self, task: Any) -> Any:
         judged = None if self.path is None else self.path.judge(task)
         return None if judged is None else judged.model_dump()
 
     def _told(self, news: Moved | Chosen) -> None:
         """Pass on what somebody did in the scene, from a thread of viser's."""
-        self.loop.call_soon_threadsafe(self.send, {"type": type(news).__name__.lower(), **asdict(news)})
-
-
-def _refusal(request: EditorMessage, detail: str) -> dict[str, Any]:
-    return {"type": "refused", "request": request.type, "detail": detail}
+        self.loop.call_soon_threadsafe(self.send, News(news))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
@@ -176,7 +176,7 @@ def _cell(plan: Plan, reference: CellReference, settings: CertifySettings) -> Ch
     return finding.check()
 
 
-def _members(stated: CellDocument | BodyDocument) -> dict[str, Any]:
+def _members(stated: CellDocument | BodyDocument) -> JsonValue:
     return stated.model_dump(mode="json", exclude_unset=True)
 
 

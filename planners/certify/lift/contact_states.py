@@ -50,7 +50,7 @@ def contact_state_checks(evidence: Evidence, goal_height: float) -> list[Check]:
 def _heights(evidence: Evidence, motion: SegmentMotion, finding: Finding) -> None:
     """The stated vertices are at the support's height, no vertex is below."""
     plan, segment, poses = evidence.plan, motion.segment, motion.body_poses["plate"]
-    plate, top, tolerance = plan.bodies["plate"].shape.vertices, support_height(plan), evidence.settings.element_height
+    plate, top, tolerance = plan.plate.shape.vertices, support_height(plan), evidence.settings.element_height
     finding.note_all(
         tolerance + heights(poses, plate) - top,
         lambda i, k: f"{segment.place(i)}: vertex {k} of plate is below its support",
@@ -79,7 +79,7 @@ def _unstated(evidence: Evidence, motion: SegmentMotion, state: ContactState, fi
     longest way that one is taken from there, whichever is more. A plate that rests has no such ends.
     """
     plan, settings, segment, poses = evidence.plan, evidence.settings, motion.segment, motion.body_poses["plate"]
-    plate = plan.bodies["plate"].shape.vertices
+    plate = plan.plate.shape.vertices
     to_stated = np.linalg.norm(plate[:, None] - state.vertices[None], axis=2).min(axis=1, initial=np.inf)
     others = np.flatnonzero(to_stated > _CORNER)
     if np.ptp(poses, axis=0).max() <= settings.join:
@@ -116,7 +116,7 @@ def _goal(evidence: Evidence, goal_height: float) -> list[Check]:
     height, hold, plan = Finding("goal_height", "m"), Finding("goal_hold", "1"), evidence.plan
     motion = evidence.motions[-1]
     segment, last = motion.segment, motion.samples - 1
-    lowest = float(heights(motion.body_poses["plate"][-1:], plan.bodies["plate"].shape.vertices).min())
+    lowest = float(heights(motion.body_poses["plate"][-1:], plan.plate.shape.vertices).min())
     height.note(lowest - support_height(plan) - goal_height + evidence.settings.goal_slack, segment.place(last))
     where = segment.place(last)
     gripped = segment.grip is not None and segment.grip.body == "plate" and segment.kind != "release"

@@ -36,7 +36,7 @@ def lift_infeasibility_check(evidence: Evidence, task: LiftTask) -> Check:
     """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers."""
     plan, shape = evidence.plan, task.plate.shape
     assert shape is not None
-    plate, widths = plan.bodies["plate"], face_distances(shape)
+    plate, widths = plan.plate, face_distances(shape)
     opening = Bound(min(widths), widths, plan.opening)
     reach = reach_bound(evidence, plate.T_world_start[:3, 3], body_radius(plate))
     return proof_check(evidence, {"N": (_weight_bound(plan, task),), "m": (opening, reach)})

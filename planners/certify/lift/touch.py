@@ -46,7 +46,7 @@ class LiftContactPlaces(ContactPlaceChecks):
             self._points.require(False, where, "only the cup sucks, and only at the plate")
             return
         T = contact_set.T_world_body
-        top = float(self._plan.bodies["plate"].shape.vertices[:, 2].max())
+        top = float(self._plan.plate.shape.vertices[:, 2].max())
         point = T[:3, :3] @ np.append(self._cup_position, top) + T[:3, 3]
         self._meets(contact, point, -T[:3, 2], f"{where}: at the cup")
         error = x_axis_error(contact, T)
@@ -100,12 +100,12 @@ def _lifter(evidence: Evidence) -> Check:
     plan, settings, finding = evidence.plan, evidence.settings, Finding("lifter", "m")
     if not {"plate", "cup", "cable"} <= set(plan.bodies):
         return finding.check()
-    start = {name: plan.bodies[name].T_world_start for name in ("plate", "cup", "cable")}
-    T_plate_cup = np.linalg.inv(start["plate"]) @ start["cup"]
-    rim = plan.bodies["cup"].shape.vertices
-    axis = plan.bodies["cable"].shape.vertices[:, 2]
+    plate_body, cup_body, cable_body = (plan.bodies[name] for name in ("plate", "cup", "cable"))
+    T_plate_cup = np.linalg.inv(plate_body.T_world_start) @ cup_body.T_world_start
+    rim = cup_body.shape.vertices
+    axis = cable_body.shape.vertices[:, 2]
     foot, top = (np.array([0.0, 0.0, axis.min(), 1.0]), np.array([0.0, 0.0, axis.max(), 1.0]))
-    anchor = np.linalg.inv(start["cup"]) @ start["cable"] @ foot
+    anchor = np.linalg.inv(cup_body.T_world_start) @ cable_body.T_world_start @ foot
     for motion in evidence.motions:
         segment = motion.segment
         plate, cup, cable = (motion.body_poses[name] for name in ("plate", "cup", "cable"))

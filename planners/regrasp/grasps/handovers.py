@@ -10,10 +10,9 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -106,25 +105,24 @@ class HandoverDatabase:
         """Write the database; the same database gives the same bytes."""
         grasps = self.grasps
         fallen_reasons = list({fallen.rejection.reason: None for fallen in grasps.fallen})
-        arrays = {
-            "key": np.frombuffer(self.key.encode(), np.uint8),
-            "T_tool_tcp": grasps.T_tool_tcp,
-            "widths": grasps.widths,
-            "open_widths": grasps.open_widths,
-            "fallen_T_tool_tcp": np.array([fallen.T_tool_tcp for fallen in grasps.fallen]).reshape(-1, 4, 4),
-            "fallen_widths": np.array([fallen.width for fallen in grasps.fallen], dtype=float),
-            "fallen_reason": np.array(
-                [fallen_reasons.index(f.rejection.reason) for f in grasps.fallen], dtype=np.uint8
-            ),
-            "fallen_reasons": np.frombuffer("\n".join(fallen_reasons).encode(), np.uint8),
-            "place": self.place,
-            "T_world_tool": self.T_world_tool,
-            "left": self.left,
-            "right": self.right,
-            "codes": self.codes,
-        }
+        reason_numbers = [fallen_reasons.index(fallen.rejection.reason) for fallen in grasps.fallen]
+        stored = _Stored(
+            key=np.frombuffer(self.key.encode(), np.uint8),
+            T_tool_tcp=grasps.T_tool_tcp,
+            widths=grasps.widths,
+            open_widths=grasps.open_widths,
+            fallen_T_tool_tcp=np.array([fallen.T_tool_tcp for fallen in grasps.fallen]).reshape(-1, 4, 4),
+            fallen_widths=np.array([fallen.width for fallen in grasps.fallen], dtype=float),
+            fallen_reason=np.array(reason_numbers, dtype=np.uint8),
+            fallen_reasons=np.frombuffer("\n".join(fallen_reasons).encode(), np.uint8),
+            place=self.place,
+            T_world_tool=self.T_world_tool,
+            left=self.left,
+            right=self.right,
+            codes=self.codes,
+        )
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, **arrays)
+        np.savez_compressed(buffer, **stored._asdict())
         content = buffer.getvalue()
         return hashlib.sha256(content).digest() + content
 
@@ -143,10 +141,10 @@ class HandoverDatabase:
         if hashlib.sha256(content).digest() != digest:
             raise HandoverDataError("the handovers are damaged")
         try:
-            with np.load(io.BytesIO(content), allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            return _from_arrays(arrays, key)
-        except (ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
+            with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+                stored = _Stored(**{name: arrays[name] for name in arrays.files})
+            return stored.database(key)
+        except (ValueError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
             raise HandoverDataError(f"these are no handovers: {error}") from error
 
     def branches(self, orientation: int, left_grasp: int, right_grasp: int) -> tuple[int, int]:
@@ -154,19 +152,40 @@ class HandoverDatabase:
         return divmod(int(self.codes[orientation, left_grasp, right_grasp]) - 1, 8)
 
 
-def _from_arrays(arrays: Mapping[str, NDArray[Any]], key: str) -> HandoverDatabase:
-    if arrays["key"].tobytes() != key.encode():
-        raise HandoverDataError("these are the handovers of another cell, tool or setting")
-    reasons = arrays["fallen_reasons"].tobytes().decode().split("\n")
-    fallen = [
-        FallenGrasp(T, float(width), Rejection("grasp", reasons[int(reason)]))
-        for T, width, reason in zip(
-            arrays["fallen_T_tool_tcp"], arrays["fallen_widths"], arrays["fallen_reason"], strict=True
+class _Stored(NamedTuple):
+    """The arrays of a file."""
+
+    key: NDArray[np.uint8]
+    T_tool_tcp: Array
+    widths: Array
+    open_widths: Array
+    fallen_T_tool_tcp: Array  # noqa: N815 - so it is called in files
+    fallen_widths: Array
+    fallen_reason: NDArray[np.uint8]
+    """Which of the reasons."""
+    fallen_reasons: NDArray[np.uint8]
+    """A line of text each."""
+    place: Array
+    T_world_tool: Array
+    left: Branches
+    right: Branches
+    codes: NDArray[np.uint8]
+
+    def database(self, key: str) -> HandoverDatabase:
+        """Return what was stored.
+
+        Raises:
+            HandoverDataError: it has another key.
+        """
+        if self.key.tobytes() != key.encode():
+            raise HandoverDataError("these are the handovers of another cell, tool or setting")
+        reasons = self.fallen_reasons.tobytes().decode().split("\n")
+        fallen = tuple(
+            FallenGrasp(T, float(width), Rejection("grasp", reasons[int(reason)]))
+            for T, width, reason in zip(self.fallen_T_tool_tcp, self.fallen_widths, self.fallen_reason, strict=True)
         )
-    ]
-    grasps = ToolGrasps(arrays["T_tool_tcp"], arrays["widths"], arrays["open_widths"], tuple(fallen))
-    names = ("place", "T_world_tool", "left", "right", "codes")
-    return HandoverDatabase(key, grasps, *(arrays[name] for name in names))
+        grasps = ToolGrasps(self.T_tool_tcp, self.widths, self.open_widths, fallen)
+        return HandoverDatabase(key, grasps, self.place, self.T_world_tool, self.left, self.right, self.codes)
 
 
 def handover_key(cell: Cell, tool: SuctionTool, settings: HandoverSettings) -> str:
@@ -223,15 +242,15 @@ def build_handovers(
     place = handover_place(cell, grasps, settings.place)
     pairing = _Pairing(ToolWorkcell(cell, tool, settings=settings.clearance), grasps, settings)
     T_world_tools = tool_poses_at(place, grasps, settings.axis_rolls)
-    reached = {arm: np.zeros((orientations, count), np.uint8) for arm in ("left", "right")}
+    left, right = (np.zeros((orientations, count), np.uint8) for _ in range(2))
     codes = np.zeros((orientations, count, count), np.uint8)
     for o, T_world_tool in enumerate(T_world_tools):
         progress(Report("handovers", o, orientations))
-        for arm, reach in pairing.reaches.items():
-            reached[arm][o] = reach.branches(T_world_tool)
-        codes[o] = pairing.codes(T_world_tool, reached["left"][o], reached["right"][o])
+        for reached, reach in zip((left, right), pairing.reaches, strict=True):
+            reached[o] = reach.branches(T_world_tool)
+        codes[o] = pairing.codes(T_world_tool, left[o], right[o])
     progress(Report("handovers", orientations, orientations))
-    return HandoverDatabase(key, grasps, place, T_world_tools, reached["left"], reached["right"], codes)
+    return HandoverDatabase(key, grasps, place, T_world_tools, left, right, codes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,15 +263,15 @@ class _Pairing:
     _arms_queries: dict[tuple[int, int], CollisionQuery] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def reaches(self) -> dict[str, GraspReach]:
-        """Each arm without the other."""
+    def reaches(self) -> tuple[GraspReach, ...]:
+        """The left arm's and the right arm's, each without the other."""
         alone = {
             arm: GraspSurroundings({}, None, self.workcell.gripper(other).width_max)
             for arm, other in (("left", "right"), ("right", "left"))
         }
-        return {
-            arm: GraspReach(self.workcell, arm, self.grasps, each, self.settings.grasps) for arm, each in alone.items()
-        }
+        return tuple(
+            GraspReach(self.workcell, arm, self.grasps, each, self.settings.grasps) for arm, each in alone.items()
+        )
 
     @cached_property
     def hands_apart(self) -> NDArray[np.bool_]:

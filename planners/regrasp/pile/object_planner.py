@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from itertools import islice
 
@@ -40,6 +40,26 @@ class Stopover(StrEnum):
     TAKEN_ANEW = "put down on the way, to be taken at another place"
 
 
+@dataclass
+class SearchCounts:
+    """How much was searched for one move, or for several."""
+
+    suction_poses: int = 0
+    nodes: int = 0
+    """Grasps that were asked for."""
+    edges: int = 0
+    """Of the regrasp graphs with all grasps."""
+    edges_deleted: int = 0
+    tries: int = 0
+    """Sequences of grasps whose motion was tried."""
+    handovers: int = 0
+
+    def include(self, other: SearchCounts) -> None:
+        """Add what was counted elsewhere."""
+        for each in fields(self):
+            setattr(self, each.name, getattr(self, each.name) + getattr(other, each.name))
+
+
 @dataclass(eq=False)
 class ObjectReport:
     """Filled while an object is planned, and read when the plan is told."""
@@ -50,7 +70,7 @@ class ObjectReport:
     suctions: list[ConsideredSuction] = field(default_factory=list)
     steps: list[GraspStep] = field(default_factory=list)
     rejections: Rejections = field(default_factory=Rejections)
-    counts: Counter[str] = field(default_factory=Counter)
+    counts: SearchCounts = field(default_factory=SearchCounts)
     figures: RegraspFigures | None = None
     """None where no regrasp graph was made."""
 
@@ -115,7 +135,7 @@ class ObjectPlanner:
             if done is not None:
                 self._tell(state, tried, done[1], report)
                 return done[0], report
-            if report.counts["tries"] >= self.settings.tries:
+            if report.counts.tries >= self.settings.tries:
                 break
         self._tell(state, tried, None, report)
         return None, report
@@ -147,7 +167,7 @@ class ObjectPlanner:
         for number, sequence in islice(self._sequences(routes), self.settings.group_tries):
             route = routes[number]
             route.sequences += 1
-            report.counts["tries"] += 1
+            report.counts.tries += 1
             done = self._realise(state, target, route, sequence, realised, (number,), report)
             route.tell(ObjectStage.GRAPH)
             if done is not None:
@@ -160,8 +180,8 @@ class ObjectPlanner:
                     break
                 second_thoughts -= 1
                 route.delete(edge, Rejection("transit", f"A motion of {seconds:.1f} s: a shorter way was looked for"))
-                report.counts["edges deleted"] += 1
-            if report.counts["tries"] >= self.settings.tries:
+                report.counts.edges_deleted += 1
+            if report.counts.tries >= self.settings.tries:
                 break
         return best
 
@@ -207,7 +227,7 @@ class ObjectPlanner:
                     realised[key] = self._step(state, target, route, goal, edge, following)
                 except Stuck as stuck:
                     report.rejections.add(stuck.rejection)
-                    report.counts["edges deleted"] += 1
+                    report.counts.edges_deleted += 1
                     route.delete(edge, stuck.rejection)
                     return None
                 route.passed(edge)
@@ -257,9 +277,9 @@ class ObjectPlanner:
         report: ObjectReport,
     ) -> None:
         """Write down all that was tried."""
-        report.counts["suction poses"] += len(routes)
-        report.counts["nodes"] += sum(route.asked for route in routes)
-        report.counts["edges"] += max((route.edge_count for route in routes), default=0)
+        report.counts.suction_poses += len(routes)
+        report.counts.nodes += sum(route.asked for route in routes)
+        report.counts.edges += max((route.edge_count for route in routes), default=0)
         chosen, sequence = done or (None, None)
         for route in routes:
             rejection = None if route is chosen else self._given_up(route, done is not None)
@@ -289,7 +309,7 @@ class ObjectPlanner:
             elif isinstance(edge, Pick):
                 held = self.routes.held(edge.node)
                 report.steps.append(GraspStep(report.name, 0, held.arm, held.grasp, by))
-        report.counts["handovers"] += sequence.handovers
+        report.counts.handovers += sequence.handovers
 
 
 def _slowest(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -11,7 +10,7 @@ from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress, Report
 from planners.regrasp.motion.scene_state import SceneState
 from planners.regrasp.pile.object_order import ObjectOrder
-from planners.regrasp.pile.object_planner import Following, ObjectPlanner, ObjectReport, Stopover
+from planners.regrasp.pile.object_planner import Following, ObjectPlanner, ObjectReport, SearchCounts, Stopover
 from planners.regrasp.pile.stopover import Stopovers
 from planners.regrasp.suction.suction_poses import SuctionLoad, SuctionPoses, SuctionSettings, suction_poses
 from planners.scene.body import Body
@@ -108,7 +107,7 @@ class PilePlanner:
         self.most_plans, self.most_tries = most_plans, most_tries
         self.failed: list[ObjectReport] = []
         """Of moves that were not found, and of those that led nowhere."""
-        self.counts = Counter[str]()
+        self.counts = SearchCounts()
         self.planned = 0
 
     def plan(self, pile: PileState) -> PileState | None:
@@ -117,7 +116,7 @@ class PilePlanner:
             return pile
         order = ObjectOrder.of(tuple(pile.objects.values()))
         for target, stopover in self._moves(pile, order):
-            if self.planned >= self.most_plans or self.counts["tries"] >= self.most_tries:
+            if self.planned >= self.most_plans or self.counts.tries >= self.most_tries:
                 return None
             after = self._moved(pile, target, stopover)
             found = None if after is None else self.plan(after)
@@ -130,7 +129,7 @@ class PilePlanner:
         suctions = self.suctions.between(target)
         state, report = self.objects.plan(pile.state, target, suctions, self._following(pile, target, stopover))
         report.stopover = stopover
-        self.counts.update(report.counts)
+        self.counts.include(report.counts)
         if state is None:
             self.failed.append(report)
             return None
@@ -215,7 +214,7 @@ class PilePlanner:
     def _is_hopeless(self, name: str) -> bool:
         """Tell whether an object was asked for often enough where no sequence of grasps leads anywhere."""
         counts = [report.counts for report in self.failed if report.name == name]
-        return sum(bool(each["suction poses"] and not each["tries"]) for each in counts) >= _HOPELESS
+        return sum(bool(each.suction_poses and not each.tries) for each in counts) >= _HOPELESS
 
     def _leading_on(self, pile: PileState, target: MovedObject, stopover: MovedObject) -> list[Transform]:
         """Return the poses at a stopover from which the cup can take an object to its goal.
