@@ -185,7 +185,7 @@ def test_the_names_of_union_branches_are_members_of_nothing():
 def test_hostile_bodies_get_a_short_answer(name, body):
     found = problems(body)
     assert len(found) <= MAX_PROBLEMS + 1
-    assert len(json.dumps(found)) < 100_000
+    assert len(json.dumps([problem.document() for problem in found])) < 100_000
 
 
 def test_a_deeply_nested_member_is_refused_without_a_recursion_error():

@@ -48,4 +48,4 @@ def test_what_cannot_stand_is_pointed_at(case, cells):
     assert [problem.pointer for problem in problems] == case["pointers"]
     for problem in problems:
         assert case.get("says", "") in problem.detail
-        assert problem.get("allowed") == case.get("allowed")
+        assert problem.allowed == case.get("allowed")
