@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -59,6 +60,8 @@ class PageRequest(BaseModel):
     """What a page asks for by its websocket."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    type: str
 
 
 class OpenPlan(PageRequest):
@@ -219,36 +222,56 @@ async def watch(
         owner: of the key that the watcher has shown; None where no keys are asked for.
         visible_now: tells what the watcher may see, whenever it wants to see something else; raises what `admit` does.
     """
+    async with scene_for(socket, servers, owner) as server:
+        if server is None:
+            return
+
+        async def answer(text: str) -> None:
+            request = REQUESTS.validate_json(text)
+            told = await or_told(request, WORDS[request.type], _answer(servers, server, visible_now, request))
+            await socket.send_json(told.document())
+
+        await answer_requests(socket, answer, "viewer")
+
+
+@asynccontextmanager
+async def scene_for(socket: WebSocket, servers: SceneServers, owner: str | None) -> AsyncIterator[SceneServer | None]:
+    """Give a scene to whoever connects, and tell them; None where there is none, or they have left already."""
     await socket.accept()
     try:
         server = await or_fault("open a scene", servers.enter(owner))
-    except TooManyWatchers as error:
-        await socket.close(TRY_AGAIN_LATER, str(error))
-        return
-    except WatcherFault as fault:
-        await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
+    except (TooManyWatchers, WatcherFault) as error:
+        code = TRY_AGAIN_LATER if isinstance(error, TooManyWatchers) else INTERNAL_ERROR
+        await socket.close(code, str(error)[:LONGEST_REASON])
+        yield None
         return
     try:
-        await socket.send_json(Opened(f"scene/{server.key}/").document())
-        while True:
-            text = await receive_text(socket)
-            if text is None:
-                await socket.close(UNSUPPORTED_DATA, "requests of this viewer are text")
-                return
-            answer = await _answered(servers, server, visible_now, REQUESTS.validate_json(text))
-            await socket.send_json(answer.document())
-    except WebSocketDisconnect:
-        log.debug("a watcher left")
-    except (KeyNeeded, ScopeNeeded):
-        await socket.close(POLICY_VIOLATION, "the key that opened this page opens nothing any more: log in again")
-    except ValidationError:
-        await socket.close(BAD_DATA, "not a request of this viewer")
+        try:
+            await socket.send_json(Opened(f"scene/{server.key}/").document())
+        except WebSocketDisconnect:
+            yield None
+        else:
+            yield server
     finally:
         with anyio.CancelScope(shield=True):
             await servers.leave(server)
 
 
-async def receive_text(socket: WebSocket) -> str | None:
+async def answer_requests(socket: WebSocket, answer: Callable[[str], Awaitable[None]], page: str) -> None:
+    """Have what a page asks for be answered until it goes away, or asks for what nobody knows."""
+    try:
+        while (text := await _receive_text(socket)) is not None:
+            await answer(text)
+        await socket.close(UNSUPPORTED_DATA, f"requests of this {page} are text")
+    except WebSocketDisconnect:
+        log.debug("somebody left", page=page)
+    except (KeyNeeded, ScopeNeeded):
+        await socket.close(POLICY_VIOLATION, "the key that opened this page opens nothing any more: log in again")
+    except ValidationError:
+        await socket.close(BAD_DATA, f"not a request of this {page}")
+
+
+async def _receive_text(socket: WebSocket) -> str | None:
     """Return the next message; None if it is a binary one."""
     message = await socket.receive()
     if message["type"] == "websocket.disconnect":
@@ -256,15 +279,17 @@ async def receive_text(socket: WebSocket) -> str | None:
     return message.get("text")
 
 
-async def _answered(
-    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: WatcherMessage
-) -> PageAnswer:
-    """Return the answer to a request, or what went wrong: with it, or in the service itself."""
+async def or_told(request: PageRequest, deed: str, work: Awaitable[PageAnswer]) -> PageAnswer:
+    """Return the answer to a request, or what went wrong in the service itself.
+
+    Raises:
+        KeyNeeded, ScopeNeeded: Nothing is answered any more.
+    """
     try:
-        return await or_fault(WORDS[request.type], _answer(servers, server, visible_now, request))
+        return await or_fault(deed, work)
     except DATABASE_GONE as error:
         log.error("database cannot be used", error=said_by(error))
-        return _refusal(request, "The database is away, or its disk is full; what was accepted is kept.")
+        return refusal(request, "The database is away, or its disk is full; what was accepted is kept.")
     except WatcherFault as fault:
         return Faulted(request.type, str(fault))
 
@@ -288,7 +313,8 @@ async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
         raise fault from error
 
 
-def _refusal(request: WatcherMessage, detail: str) -> Refused:
+def refusal(request: PageRequest, detail: str) -> Refused:
+    """Return that something cannot be done, and what was asked for."""
     return Refused(request.type, detail, **request.model_dump(include={"plan", "scene"}))
 
 
@@ -300,7 +326,7 @@ async def _answer(
             try:
                 told = await run_in_threadpool(servers.open, server, (await visible_now()).plans, request.plan)
             except (PlanNotFound, DocumentNotReady, CellNotDrawn, TooManyRequests) as error:
-                return _refusal(request, str(error))
+                return refusal(request, str(error))
             return ShownPlan(told.model_dump(mode="json", by_alias=True))
         case OpenPerceived():
             try:
@@ -308,7 +334,7 @@ async def _answer(
                     servers.open_perceived, server, (await visible_now()).scenes, request.scene
                 )
             except (SceneNotFound, CellNotDrawn, TooManyRequests) as error:
-                return _refusal(request, str(error))
+                return refusal(request, str(error))
             return ShownScene(told.model_dump(mode="json"))
         case ShowTime():
             await run_in_threadpool(server.show, request.source, request.time)

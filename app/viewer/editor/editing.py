@@ -10,19 +10,16 @@ from typing import Annotated, Any, Literal
 import anyio
 import structlog
 from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.errors import (
     CellNotDrawn,
     DocumentNotReady,
-    KeyNeeded,
     PlanNotFound,
     SceneNotFound,
-    ScopeNeeded,
     TooManyRequests,
-    TooManyWatchers,
 )
 from app.viewer.camera import VIEWS
 from app.viewer.editor.draft import cell_of, read_draft
@@ -34,29 +31,20 @@ from app.viewer.link_meshes import FULL, LIGHT
 from app.viewer.page import describe_plan
 from app.viewer.scene_servers import SceneServer, SceneServers
 from app.viewer.watch import (
-    BAD_DATA,
-    INTERNAL_ERROR,
-    LONGEST_REASON,
-    POLICY_VIOLATION,
-    TRY_AGAIN_LATER,
-    UNSUPPORTED_DATA,
     Done,
-    Faulted,
     Look,
-    Opened,
     PageAnswer,
     PageRequest,
-    Refused,
     SetDetail,
     Visible,
-    WatcherFault,
-    or_fault,
-    receive_text,
+    answer_requests,
+    or_told,
+    refusal,
+    scene_for,
 )
 from planners.errors import SceneError
 from planners.scene.shape_source import ShapeSource, Uploads
 from planners.scene.suction_tool import SuctionTool
-from workers.stores.database_loss import DATABASE_GONE, said_by
 
 MOST_MOVES = 2**53
 MOST_THINGS = 1000
@@ -173,25 +161,15 @@ class Workshop:
 
 async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None:
     """Give somebody of an owner a scene with a draft in it; do with it what the page asks for until it goes away."""
-    await socket.accept()
-    try:
-        server = await or_fault("open a scene", workshop.servers.enter(owner))
-    except TooManyWatchers as error:
-        await socket.close(TRY_AGAIN_LATER, str(error))
-        return
-    except WatcherFault as fault:
-        await socket.close(INTERNAL_ERROR, str(fault)[:LONGEST_REASON])
-        return
-    # What is answered and what was dragged goes out in one order, by one task.
-    outbox, sent = anyio.create_memory_object_stream[PageAnswer](max_buffer_size=float("inf"))
-    try:
+    async with scene_for(socket, workshop.servers, owner) as server:
+        if server is None:
+            return
+        # What is answered and what was dragged goes out in one order, by one task.
+        outbox, sent = anyio.create_memory_object_stream[PageAnswer](max_buffer_size=float("inf"))
         async with outbox, sent, anyio.create_task_group() as tasks:
             tasks.start_soon(_send_on, sent, socket)
-            await _serve(socket, _Editing(workshop, server, outbox))
+            await answer_requests(socket, _Editing(workshop, server, outbox).answer, "editor")
             tasks.cancel_scope.cancel()
-    finally:
-        with anyio.CancelScope(shield=True):
-            await workshop.servers.leave(server)
 
 
 async def _send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocket) -> None:
@@ -200,23 +178,6 @@ async def _send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocke
             await socket.send_json(answer.document())
     except (WebSocketDisconnect, RuntimeError):
         log.debug("somebody left the editor")
-
-
-async def _serve(socket: WebSocket, editing: _Editing) -> None:
-    try:
-        editing.send(Opened(f"scene/{editing.server.key}/"))
-        while True:
-            text = await receive_text(socket)
-            if text is None:
-                await socket.close(UNSUPPORTED_DATA, "requests of this editor are text")
-                return
-            await editing.answer(REQUESTS.validate_json(text))
-    except WebSocketDisconnect:
-        log.debug("somebody left the editor")
-    except (KeyNeeded, ScopeNeeded):
-        await socket.close(POLICY_VIOLATION, "the key that opened this page opens nothing any more: log in again")
-    except ValidationError:
-        await socket.close(BAD_DATA, "not a request of this editor")
 
 
 @dataclass
@@ -243,15 +204,10 @@ class _Editing:
         except (anyio.BrokenResourceError, anyio.ClosedResourceError):
             log.debug("nobody listens any more")
 
-    async def answer(self, request: EditorMessage) -> None:
+    async def answer(self, text: str) -> None:
         """Do what is asked for, and say so, or what went wrong."""
-        try:
-            self.send(await or_fault(WORDS[request.type], self._answered(request)))
-        except DATABASE_GONE as error:
-            log.error("database cannot be used", error=said_by(error))
-            self.send(Refused(request.type, "The database is away, or its disk is full; what was accepted is kept."))
-        except WatcherFault as fault:
-            self.send(Faulted(request.type, str(fault)))
+        request = REQUESTS.validate_json(text)
+        self.send(await or_told(request, WORDS[request.type], self._answered(request)))
 
     async def _answered(self, request: EditorMessage) -> PageAnswer:
         try:
@@ -266,9 +222,9 @@ class _Editing:
                 case _:
                     await run_in_threadpool(self._change_scene, request)
         except (PlanNotFound, DocumentNotReady, SceneNotFound, NoSuchExample, CellNotDrawn, TooManyRequests) as error:
-            return Refused(request.type, str(error))
+            return refusal(request, str(error))
         except SceneError as error:
-            return Refused(request.type, error.detail)
+            return refusal(request, error.detail)
         return Done(request.type)
 
     def _start(self, request: StartFrom, visible: Visible) -> Any:
