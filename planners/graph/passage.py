@@ -49,7 +49,7 @@ def passable_path(
         # An examination may also have taken the goal away.
         if not unknown and goal[nodes[0]]:
             cost = float(graph.cost[arcs].sum()) * RESOLUTION
-            return GraphPath(tuple(reversed(nodes)), tuple(int(graph.edge[arc]) for arc in reversed(arcs)), cost, 0)
+            return GraphPath(tuple(reversed(nodes)), tuple(int(graph.edge[arc]) for arc in reversed(arcs)), cost)
 
 
 @njit(cache=True, nogil=True)

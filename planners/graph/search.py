@@ -75,12 +75,11 @@ class Knowledge(NamedTuple):
 
 @dataclass(frozen=True)
 class GraphPath:
-    """A cheapest path: its nodes and edges, its cost, and how many nodes were expanded to find it."""
+    """A cheapest path: its nodes and edges, and its cost."""
 
     nodes: tuple[int, ...]
     edges: tuple[int, ...]
     cost: float
-    expanded: int
 
 
 def graph_from_edges(
@@ -184,7 +183,7 @@ class _SearchState(NamedTuple):
             edges.append(int(graph.edge[self.parent[node, 1]]))
             node = int(self.parent[node, 0])
             nodes.append(node)
-        return GraphPath(tuple(reversed(nodes)), tuple(reversed(edges)), cost, int(self.counters[1]))
+        return GraphPath(tuple(reversed(nodes)), tuple(reversed(edges)), cost)
 
 
 @njit(cache=True, nogil=True)

@@ -126,10 +126,6 @@ class StudyMap(StrictModel):
             points=known,
         )
 
-    def values_at(self, point: StudyPoint) -> list[JsonValue]:
-        """Return the values of the axes at a point."""
-        return [axis.values[place] for axis, place in zip(self.axes, point.at, strict=True)]
-
 
 def best_of(points: Iterable[StudyPoint]) -> StudyPoint | None:
     """Return the solved point that keeps most back, of equal ones that with the least force; None if none is solved."""

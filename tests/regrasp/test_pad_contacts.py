@@ -10,7 +10,7 @@ import trimesh
 from trimesh.ray.ray_triangle import ray_triangle_id
 
 from planners.geometry.pose import rotation_from_vector
-from planners.regrasp.grasps.pad_contacts import PadContacts, PadContactSettings, pad_contacts
+from planners.regrasp.grasps.pad_contacts import PadContacts, PadContactSettings, all_pad_contacts, spread
 
 SETTINGS = PadContactSettings()
 STROKE = 0.085
@@ -20,7 +20,8 @@ def contacts_of(*meshes: trimesh.Trimesh, settings: PadContactSettings = SETTING
     """Contacts on closed meshes that are put together without being merged."""
     offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     faces = np.vstack([mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)])
-    return pad_contacts(np.vstack([mesh.vertices for mesh in meshes]), faces, STROKE, settings)
+    vertices = np.vstack([mesh.vertices for mesh in meshes])
+    return spread(all_pad_contacts(vertices, faces, STROKE, settings), settings)
 
 
 def box(size: list[float], center: list[float] | None = None) -> trimesh.Trimesh:

@@ -25,8 +25,6 @@ from workers.settings import WorkerSettings
 from workers.stores.database import Database, server_database
 from workers.stores.database_loss import DATABASE_GONE, said_by
 
-NOTICED_SECONDS = 15
-"""A machine that vanishes without closing its connections is noticed by the other side after about this long [s]."""
 CHECK_CONNECT_SECONDS = 2
 CHECK_SECONDS = 5.0
 """So long it is asked whether a worker lives [s]; who watches containers gives up after fifteen."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import area, side_directions
 from planners.geometry.polyhedron import ConvexPrism, Element, ElementKind
-from planners.geometry.pose import Array, Transform, rotation_z, transform
+from planners.geometry.pose import Array, Transform
 from planners.manipulation.contacts.contact_states import (
     ENVIRONMENT_FACE,
     NO_CONTACT,
@@ -340,11 +340,6 @@ class DenseContactStateGraph:
         ways = corners[self.edges[:, 0]] - corners[self.edges[:, 1]]
         return np.max(np.linalg.norm(ways, axis=2), axis=1)
 
-    @property
-    def com_threshold(self) -> float:
-        """Poses are joined below this displacement of the centre of mass [m]."""
-        return _thresholds(self.plate.shape, self.sampling)[0]
-
     def motion_between(self, i: int, j: int) -> PlateMotion:
         """Return the straight motion from pose i to pose j; they need not be joined, only related.
 
@@ -360,13 +355,6 @@ class DenseContactStateGraph:
         contact = self.contacts.weaker(start.contact, end.contact)
         points = start.contact_points if contact == start.contact else end.contact_points
         return PlateMotion(self.plate, start, end, contact, points)
-
-
-def rest_pose(T_world_plate: Transform, shape: ConvexPrism, support_height: float) -> Transform:
-    """Return the exactly flat pose nearest to a nearly flat one: place and yaw kept, bottom at `support_height` [m]."""
-    yaw = math.atan2(T_world_plate[1, 0], T_world_plate[0, 0])
-    position = [*T_world_plate[:2, 3], support_height + 0.5 * shape.height]
-    return transform(rotation_z(yaw), position)
 
 
 def _samples(plate: RestingPlate, contact: PrincipalContact, sampling: ContactSampling) -> list[PlatePose]:

@@ -135,16 +135,6 @@ class _Lines:
     """(m, 2) line of each stretch."""
 
 
-def pad_contacts(
-    vertices: Array, faces: NDArray[np.integer], width_max: float, settings: PadContactSettings
-) -> PadContacts:
-    """Find pairs of contacts of two parallel pads on a closed surface that keep their distance, the best centred first.
-
-    The arguments are those of `all_pad_contacts`.
-    """
-    return spread(all_pad_contacts(vertices, faces, width_max, settings), settings)
-
-
 def spread(contacts: PadContacts, settings: PadContactSettings) -> PadContacts:
     """Return those of many pairs that keep their distance; those that come first are kept."""
     spacing, cosine = settings.spacing - 1e-6, math.cos(settings.axis_spacing)
