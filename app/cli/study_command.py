@@ -21,7 +21,7 @@ from app.cli.service_client import ServiceClient, ServiceRefused
 from app.cli.task_file import TaskFile
 from app.pictures.study_picture import colour_of, draw_map, whole_percent
 from planners.contract.problems import Problem
-from planners.contract.uploads import named_uploads
+from planners.contract.shapes import named_uploads
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap, StudyPoint
 from workers.settings import STUDY_COMMAND, WorkerSettings

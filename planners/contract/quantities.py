@@ -1,4 +1,4 @@
-"""Numbers with a unit and a sane range, and the small arrays made of them.
+"""Numbers with a unit and a sane range, the small arrays made of them, and lists of a sane length.
 
 Strings and booleans are not numbers, integers are; NaN and the infinities are refused. The ranges only keep out
 what cannot be meant: a plate of 1e300 m gets a clear error instead of a strange plan.
@@ -7,10 +7,12 @@ what cannot be meant: a plate of 1e300 m gets a clear error instead of a strange
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, Strict, StringConstraints
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, Strict, StringConstraints
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 UNIT_TOLERANCE = 1e-3
 """How far from 1 the length of a given quaternion or direction may be; it is normalised afterwards."""
@@ -91,3 +93,28 @@ JointPositions = tuple[
     Angle, Angle, Angle, Angle, Angle, Angle, Angle, Angle, Angle, Angle, Angle, Angle
 ]  # fmt: skip
 """Twelve joint positions, the left arm's six first [rad]."""
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Annotation of a list: one that is too long or too short is refused at once, whatever its items are."""
+
+    least: int
+    most: int
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Put the check before the list's own validation."""
+        return core_schema.no_info_before_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """State the limits in the JSON schema."""
+        return {**handler(schema), "minItems": self.least, "maxItems": self.most}
+
+    def _check(self, items: Any) -> Any:
+        if isinstance(items, list | tuple) and not self.least <= len(items) <= self.most:
+            raise PydanticCustomError(
+                "count",
+                "has {count} items; between {least} and {most} are allowed",
+                {"count": len(items), "least": self.least, "most": self.most},
+            )
+        return items

@@ -7,8 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, TypeAdapter, model_validator
 from pydantic_core import PydanticCustomError
 
-from planners.contract.counted import Counted
-from planners.contract.quantities import Length, Name, Pose
+from planners.contract.quantities import Counted, Length, Name, Pose
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import ToolName
 

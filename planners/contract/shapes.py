@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -10,8 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from planners.contract.arrays import Rows
-from planners.contract.counted import Counted
-from planners.contract.quantities import Length, Name, Point2, Scale
+from planners.contract.quantities import Counted, Length, Name, Point2, Scale
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
 
@@ -127,3 +127,14 @@ def _turn(before: tuple[float, float], after: tuple[float, float]) -> float:
     """Return the angle from one edge to the next, in (-pi, pi], positive to the left [rad]."""
     cross = before[0] * after[1] - before[1] * after[0]
     return math.atan2(cross, before[0] * after[0] + before[1] * after[1])
+
+
+def named_uploads(task: object) -> frozenset[str]:
+    """Return the ids of all uploaded meshes in a task as JSON data, as accepted."""
+    if isinstance(task, Mapping):
+        upload = task.get("upload") if task.get("type") == "mesh" else None
+        own = frozenset() if upload is None else frozenset({str(upload)})
+        return own.union(*map(named_uploads, task.values()))
+    if isinstance(task, Sequence) and not isinstance(task, str):
+        return frozenset().union(*map(named_uploads, task))
+    return frozenset()

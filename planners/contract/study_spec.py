@@ -8,8 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, JsonValue, StringConstraints, model_validator
 from pydantic_core import PydanticCustomError
 
-from planners.contract.counted import Counted
-from planners.contract.quantities import ExternalId
+from planners.contract.quantities import Counted, ExternalId
 from planners.contract.strict_model import StrictModel
 
 MOST_VALUES = 1000

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter
 
-from planners.contract.counted import Counted
 from planners.contract.quantities import (
     SOFT_FINGER_EPS,
+    Counted,
     Direction,
     Eccentricity,
     ExternalId,

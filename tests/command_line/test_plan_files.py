@@ -17,9 +17,9 @@ from support.lift_documents import lift_document, segment
 from support.service import ROOT, task
 
 from app.cli.main import main
+from app.cli.output import stage_words
 from app.cli.service_client import NotUnderstood, ServiceClient
 from app.cli.task_file import TaskFile
-from app.stage_words import stage_words
 from planners.cell.cell import load_cell
 from planners.errors import LiftwrightError
 from planners.plan.plan import Plan

@@ -1,6 +1,6 @@
 """The uploads that a task names."""
 
-from planners.contract.uploads import named_uploads
+from planners.contract.shapes import named_uploads
 
 
 def test_uploads_are_found_wherever_a_task_names_meshes() -> None:

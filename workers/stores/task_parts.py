@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from planners.cell.cell import known_cells
-from planners.contract.uploads import named_uploads
+from planners.contract.shapes import named_uploads
 from planners.geometry.solid_mesh import MeshDocument
 from workers.stores.cell_store import CellStore
 from workers.stores.mesh_store import MeshStore
