@@ -32,6 +32,8 @@ from .translator import Program, ProgramFault, translate
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORT = 30004, 29999, 30002
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 """RTDE's `runtime_state`."""
+REPEATED = 0.1
+"""After which a controller that is held tells again what it told last [s]."""
 RESENT = 0.2
 """After which TCP sends again what was lost, at the least (RFC 6298, as Linux has it) [s]."""
 
@@ -129,9 +131,14 @@ class Controller:
         self._time = self._clock()
         print("ready", flush=True)
         while True:
-            pause = None if self._is_held else max(0.0, self._time + cycle - time.monotonic())
-            for key, _ in self._selector.select(pause):
+            pause = REPEATED if self._is_held else max(0.0, self._time + cycle - time.monotonic())
+            ready = self._selector.select(pause)
+            for key, _ in ready:
                 key.data()
+            if self._is_held and not ready and not self.faults.silent:
+                # Clients have clocks of their own, and leave where nothing has come for long.
+                for session in list(self._rtde):
+                    self._guarded(session.connection, session.repeat)
             if not self._is_held and self._clock() >= self._time + cycle:
                 # A process that waited for the processor catches up, so that its clock is that of the world.
                 self._time += cycle

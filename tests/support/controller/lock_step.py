@@ -57,16 +57,22 @@ class LockStep:
         """Return a link to a controller that goes by this clock; connecting takes none of its time."""
         arm = next(arm for arm in ARMS if hosts()[arm] == host)
         with self.let_go():
-            self._links[arm] = ArmLink(host, clock=self)
+            self._links[arm] = _Link(host, clock=self)
         return self._links[arm]
+
+    def forget(self, link: ArmLink) -> None:
+        """Wait for this link no more."""
+        self._links = {arm: each for arm, each in self._links.items() if each is not link}
 
     @contextmanager
     def let_go(self) -> Iterator[None]:
-        """Have controllers go by the wall's clock until the block ends, as clients do while they connect."""
+        """Have controllers go by the wall's clock until the block ends, as clients do while they connect or leave."""
         for arm in self._alive:
             self.stand_ins[arm].tell(held=False)
-        yield
-        self.hold()
+        try:
+            yield
+        finally:
+            self.hold()
 
     def hold(self) -> None:
         """Have controllers wait for this clock from now on."""
@@ -79,9 +85,8 @@ class LockStep:
         """Let go of the links: controllers answer them while they leave."""
         for arm in self._alive:
             self.stand_ins[arm].tell(held=False, silent=False, delay=0.0, jitter=0.0, loss=0.0)
-        for link in self._links.values():
+        for link in list(self._links.values()):
             link.close()
-        self._links.clear()
 
     @property
     def _alive(self) -> list[ArmName]:
@@ -101,6 +106,17 @@ class LockStep:
         wait_for(self._links, self.told)
         if self.physics is not None:
             self._done = self.physics(self._time, told)
+
+
+class _Link(ArmLink):
+    """A link whose controller goes by the wall's clock while it leaves, as it waits for that."""
+
+    clock: LockStep
+
+    def close(self) -> None:
+        self.clock.forget(self)
+        with self.clock.let_go():
+            super().close()
 
 
 def wait_for(links: Mapping[ArmName, ArmLink], told: Mapping[ArmName, float]) -> None:

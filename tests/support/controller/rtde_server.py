@@ -46,6 +46,7 @@ class RtdeSession:
         self._sent: list[Variable] = []
         self._format = struct.Struct(">B")
         self._every, self._cycle = 1, 0
+        self._last = b""
         self.started = False
 
     def take(self, data: bytes) -> None:
@@ -86,6 +87,13 @@ class RtdeSession:
         """
         if self.connection.send(package) != len(package):
             raise BlockingIOError("the client does not read")
+        if package[2:3] == b"U":
+            self._last = package
+
+    def repeat(self) -> None:
+        """Send once more what was told last, if anything was."""
+        if self._last:
+            self.send(self._last)
 
     def _send(self, letter: str, body: bytes) -> None:
         self.send(_package(letter, body))
