@@ -8,7 +8,6 @@ import re
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -29,7 +28,7 @@ from planners.program.schedule import ProgramStep
 from planners.program.urscript import JOINT_TOLERANCE, SITE_FUNCTIONS
 from workers.robot.arm_link import NORMAL_MODES, ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
-from workers.robot.executor import Clock, Execution, ExecutionSettings, Executor
+from workers.robot.executor import Execution, ExecutionSettings, Executor
 
 EXECUTED, REFUSED = 0, 2
 _LIFT = "both hands rise as the lifter takes load off them; Enter ends it"
@@ -56,12 +55,12 @@ class ExecuteRequest:
     """URScript for fingers and vacuum that are mounted; None: as they are exported."""
 
 
-def execute_file(request: ExecuteRequest, clock: Clock = time.monotonic) -> int:
+def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] = ArmLink) -> int:
     """Execute a plan, or tell what executing it would be; returns the exit code.
 
     Args:
         request: what is executed, where and how.
-        clock: of the controllers, in seconds; another than the wall's where they run in slow motion.
+        connect: makes the link to a controller, given its host.
 
     Raises:
         BadInput: A file cannot be made sense of.
@@ -74,7 +73,7 @@ def execute_file(request: ExecuteRequest, clock: Clock = time.monotonic) -> int:
         try:
             schedule = Schedule.of(exportable(document, cell))
             check_urscript(cell)
-            links = {arm: ArmLink(host, clock=clock) for arm, host in request.hosts.items()}
+            links = {arm: connect(host) for arm, host in request.hosts.items()}
         except (NotExportable, NoLink) as why:
             sys.stderr.write(f"liftwright: {request.plan}: {why}\n")
             return REFUSED
@@ -89,7 +88,7 @@ def execute_file(request: ExecuteRequest, clock: Clock = time.monotonic) -> int:
         if faults or not request.moves:
             return REFUSED if faults else EXECUTED
         with request.log.open("w") as file:
-            return _Session(request, links, ExecutionLog(file), functions, clock).run(schedule)
+            return _Session(request, links, ExecutionLog(file, links[ARMS[0]].clock), functions).run(schedule)
 
 
 def _functions(path: Path) -> str:
@@ -183,9 +182,8 @@ class _Session:
         links: Mapping[ArmName, ArmLink],
         log: ExecutionLog,
         functions: str | None,
-        clock: Clock,
     ) -> None:
-        self._request, self._links, self._log, self._clock = request, links, log, clock
+        self._request, self._links, self._log = request, links, log
         self._settings = ExecutionSettings(speed=request.speed, functions=functions)
         self._keyboard = _Keyboard()
 
@@ -212,7 +210,7 @@ class _Session:
             # Nothing follows a lifter unasked, and nobody goes on when there is nobody to say so.
             return self._keyboard.ask(f"{words}. Enter begins it, q stops: ") == ""
 
-        executor = Executor(schedule, self._links, self._log, confirm, self._settings, self._clock)
+        executor = Executor(schedule, self._links, self._log, confirm, self._settings)
         self._keyboard.on_line = executor.end_lift
         try:
             with _interrupted(executor.ask_to_stop):

@@ -7,8 +7,6 @@ import json
 import os
 import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -16,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.controller.site import configurations
-from support.controller.stand_in import StandIn, hosts, stand_ins
+from support.controller.lock_step import LockStep, lock_step
+from support.controller.stand_in import hosts
 from support.moving_plan import DURATION, moving_plan
 
 from app.cli import execute_command
@@ -27,13 +25,7 @@ from planners.plan.scenery import ARMS
 from planners.program.schedule import Schedule
 from planners.program.urscript import write_urscript
 
-SLOWNESS = 5.0
-"""As in test_execution."""
 SCHEDULE = Schedule.of(moving_plan())
-
-
-def clock() -> float:
-    return time.monotonic() / SLOWNESS
 
 
 class Terminal(io.StringIO):
@@ -71,13 +63,11 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Terminal
 
 
 @pytest.fixture
-def controllers(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[StandIn]]:
+def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[LockStep]:
     """Have controllers for a plan that is not certified, which the tests of `exportable` are for."""
     monkeypatch.setattr(execute_command, "exportable", lambda document, cell: SCHEDULE.plan)
-    with stand_ins(*configurations(SCHEDULE, SLOWNESS)) as controllers:
-        yield controllers
-        for controller in controllers:
-            controller.hear()
+    with lock_step(SCHEDULE) as clock:
+        yield clock
 
 
 @pytest.fixture
@@ -92,36 +82,35 @@ def request(plan: Path, *, moves: bool = True, continuous: bool = False) -> Exec
 
 
 def test_without_run_all_is_told_and_nothing_moves(
-    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+    clock: LockStep, plan: Path, terminal: Callable[..., Terminal]
 ) -> None:
     screen = terminal()
-    assert execute_file(request(plan, moves=False), clock) == 0
+    assert execute_file(request(plan, moves=False), clock.connect) == 0
     for step in SCHEDULE.steps:
         assert step.words in screen.getvalue()
     assert "nothing was moved" in screen.getvalue()
-    for controller in controllers:
+    for controller in clock.stand_ins.values():
         assert np.ptp(controller.recording().q, axis=0).max() == 0.0
 
 
 def test_arms_that_are_elsewhere_are_named_with_their_joints(
-    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal], capsys: pytest.CaptureFixture[str]
+    clock: LockStep, plan: Path, terminal: Callable[..., Terminal], capsys: pytest.CaptureFixture[str]
 ) -> None:
     terminal()
     joints = SCHEDULE.start["right"].copy()
     joints[2] += 0.05
-    controllers[1].tell(joints=joints.tolist())
-    time.sleep(0.1 * SLOWNESS)
-    assert execute_file(request(plan), clock) == 2
+    clock.stand_ins["right"].tell(joints=joints.tolist())
+    assert execute_file(request(plan), clock.connect) == 2
     said = capsys.readouterr().err
     assert f"{SCHEDULE.plan.joint_names[8]} by 0.050 rad" in said
     assert "left" not in said
 
 
 def test_each_step_is_asked_for_and_whoever_is_not_there_moves_nothing(
-    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+    clock: LockStep, plan: Path, terminal: Callable[..., Terminal]
 ) -> None:
     assert_done = terminal("", "", "", "")
-    assert execute_file(request(plan), clock) == 0
+    assert execute_file(request(plan), clock.connect) == 0
     assert assert_done.getvalue().count("Enter begins it") == len(SCHEDULE.steps)
     log = [json.loads(line) for line in plan.with_suffix(".log.jsonl").read_text().splitlines()]
     assert [line["number"] for line in log if line.get("event") == "step"] == [1, 2, 3, 4]
@@ -129,39 +118,33 @@ def test_each_step_is_asked_for_and_whoever_is_not_there_moves_nothing(
 
 
 @pytest.mark.slow
-def test_after_a_stop_one_goes_back_and_on(
-    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
-) -> None:
+def test_after_a_stop_one_goes_back_and_on(clock: LockStep, plan: Path, terminal: Callable[..., Terminal]) -> None:
     """Ctrl-C in the second step; back to the begin; then all of it, with a task written on the way."""
 
     def interrupted_later() -> str:
-        def interrupt() -> None:
-            time.sleep(0.4 * DURATION * SLOWNESS)
-            signal.raise_signal(signal.SIGINT)
-
-        threading.Thread(target=interrupt).start()
+        clock.at(clock.now() + 0.4 * DURATION, lambda: signal.raise_signal(signal.SIGINT))
         return ""
 
     screen = terminal("", interrupted_later, "b", "p", "c", "", "", "", "")
-    assert execute_file(request(plan), clock) == 0
+    assert execute_file(request(plan), clock.connect) == 0
     said = screen.getvalue()
     assert "stopped: somebody asked to stop, in step 2" in said
     assert "back to the begin of step 1" in said
     assert "done; the log is" in said.rstrip().splitlines()[-1]
     written = json.loads(plan.with_suffix(".from_here.json").read_text())
     np.testing.assert_allclose(written["start_positions"], np.hstack([SCHEDULE.start[arm] for arm in ARMS]), atol=1e-2)
-    for arm, controller in zip(ARMS, controllers, strict=True):
+    for arm, controller in clock.stand_ins.items():
         end = SCHEDULE.steps[-1].arms[arm].positions[-1]
         np.testing.assert_allclose(controller.recording().q[-1], end, atol=1e-3)
 
 
 def test_whoever_leaves_after_a_stop_leaves_the_arms_where_they_are(
-    controllers: list[StandIn], plan: Path, terminal: Callable[..., Terminal]
+    clock: LockStep, plan: Path, terminal: Callable[..., Terminal]
 ) -> None:
     screen = terminal("", "q", "")
-    assert execute_file(request(plan), clock) == 2
+    assert execute_file(request(plan), clock.connect) == 2
     assert "stopped: somebody asked to stop" in screen.getvalue()
-    for arm, controller in zip(ARMS, controllers, strict=True):
+    for arm, controller in clock.stand_ins.items():
         end = SCHEDULE.steps[0].arms[arm].positions[-1]
         np.testing.assert_allclose(controller.recording().q[-1], end, atol=1e-3)
 
@@ -170,7 +153,7 @@ def test_functions_for_what_is_mounted_must_define_all_that_a_program_calls(tmp_
     path = tmp_path / "mounted.script"
     path.write_text("def site_fingers(width, force):\nend\n")
     with pytest.raises(BadInput, match=r"mounted\.script does not define site_vacuum"):
-        execute_file(replace(request(plan), functions=path), clock)
+        execute_file(replace(request(plan), functions=path))
 
 
 def test_functions_for_what_is_mounted_are_in_both_programs_in_place_of_the_defaults() -> None:

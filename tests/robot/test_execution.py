@@ -5,19 +5,19 @@ from __future__ import annotations
 import io
 import json
 import multiprocessing
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
-from support.controller.site import CYCLE, configurations
+from support.controller.lock_step import LockStep, lock_step, wait_for
+from support.controller.site import CYCLE
 from support.controller.spring_lifter import SpringLifter
-from support.controller.stand_in import Recording, StandIn, hosts, stand_ins
+from support.controller.stand_in import Recording, StandIn, hosts
 from support.documents import plan_of
 from support.moving_plan import DURATION, moving_plan
 from support.plan_shelf import PlanShelf
@@ -36,19 +36,8 @@ from workers.robot.supervision import StopReason
 from workers.simulation.lifter import WinchProfile
 from workers.simulation.settings import CupSettings, WinchSettings
 
-SLOWNESS = 5.0
-"""Controllers and executor run in slow motion: a machine that tests other things besides is late by milliseconds."""
 STANDSTILL = 0.1
 """In which both arms must stand still, whatever happens [s]."""
-
-
-def clock() -> float:
-    """Return the time of the slow world [s]."""
-    return time.monotonic() / SLOWNESS
-
-
-def wait(seconds: float) -> None:
-    time.sleep(SLOWNESS * seconds)
 
 
 SCHEDULE = Schedule.of(moving_plan())
@@ -56,16 +45,19 @@ SCHEDULE = Schedule.of(moving_plan())
 
 @dataclass
 class Cell:
-    """Two controllers, and what is executed on them."""
+    """Two controllers on one clock, and what is executed on them."""
 
-    stand_ins: Mapping[ArmName, StandIn]
+    clock: LockStep
     links: Mapping[ArmName, ArmLink]
     log: io.StringIO
 
+    @property
+    def stand_ins(self) -> Mapping[ArmName, StandIn]:
+        return self.clock.stand_ins
+
     def execute(self, confirm: Confirm = lambda _: True, schedule: Schedule = SCHEDULE, **settings: Any) -> Execution:
-        return Executor(
-            schedule, self.links, ExecutionLog(self.log), confirm, ExecutionSettings(**settings), clock
-        ).run()
+        log = ExecutionLog(self.log, self.clock)
+        return Executor(schedule, self.links, log, confirm, ExecutionSettings(**settings)).run()
 
     def events(self) -> list[dict[str, Any]]:
         return [line for line in map(json.loads, self.log.getvalue().splitlines()) if "event" in line]
@@ -73,15 +65,8 @@ class Cell:
 
 @contextmanager
 def cell() -> Iterator[Cell]:
-    with stand_ins(*configurations(SCHEDULE, SLOWNESS)) as controllers:
-        links = {arm: ArmLink(hosts()[arm], clock=clock) for arm in ARMS}
-        try:
-            yield Cell(dict(zip(ARMS, controllers, strict=True)), links, io.StringIO())
-        finally:
-            for controller in controllers:
-                controller.hear()
-            for link in links.values():
-                link.close()
+    with lock_step(SCHEDULE) as clock:
+        yield Cell(clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
 
 
 def curve(arm: ArmName, step: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -104,7 +89,7 @@ def test_both_arms_move_as_planned_and_stay_together() -> None:
         site.stand_ins["left"].tell(joints=SCHEDULE.start["left"].tolist())
         site.stand_ins["right"].tell(joints=SCHEDULE.start["right"].tolist())
         begun = {arm: len(site.stand_ins[arm].recording().time) for arm in ARMS}
-        wait(0.05)
+        site.clock.sleep(0.05)
         again = site.execute(speed=0.6, schedule=Schedule(SCHEDULE.plan, SCHEDULE.steps[:1]))
         assert again.is_done, again.stop
         recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
@@ -133,27 +118,33 @@ def test_both_arms_move_as_planned_and_stay_together() -> None:
     assert steps == [1, 2, 3, 4, 1]
 
 
-def meanwhile(execution: Callable[[], Execution], moment: float, act: Callable[[], float]) -> tuple[Execution, float]:
-    """Do something a while after an execution was begun; returns how it ended, and when that was done."""
+def execute_and(site: Cell, step: int, act: Callable[[], object], after: float = 0.3) -> tuple[Execution, float]:
+    """Execute, and do something a while after a step was begun; returns how it ended, and when that was done."""
     done: list[float] = []
 
-    def wait_and_act() -> None:
-        wait(moment)
-        done.append(act())
+    def confirm(begins: ProgramStep | None) -> bool:
+        if begins is not None and begins.number == step:
+            site.clock.at(site.clock.now() + after, do)
+        return True
 
-    thread = threading.Thread(target=wait_and_act)
-    thread.start()
-    ended = execution()
-    thread.join()
+    def do() -> None:
+        done.append(site.clock.now())
+        act()
+
+    ended = site.execute(confirm)
+    assert len(done) == 1
     return ended, done[0]
 
 
 def assert_still(site: Cell, since: float, arms: tuple[ArmName, ...] = ARMS) -> None:
-    wait(STANDSTILL)
+    """Whatever moved when something happened stood still in time, and still does."""
+    site.clock.sleep(2 * STANDSTILL)
     for arm in arms:
         recording = site.stand_ins[arm].recording()
-        assert recording.still_since() > since - 0.05, "it did not move when it was stopped"
         assert recording.still_since() - since < STANDSTILL
+        step = SCHEDULE.steps[recording.step[recording.time <= since][-1] - 1]
+        if step.arms[arm].moves:
+            assert recording.still_since() > since - CYCLE, "it did not move when it was stopped"
 
 
 STOPS: dict[str, tuple[dict[str, Any], StopReason]] = {
@@ -168,9 +159,7 @@ STOPS: dict[str, tuple[dict[str, Any], StopReason]] = {
 def test_whatever_stops_one_arm_stops_both(what: str, arm: ArmName) -> None:
     order, reason = STOPS[what]
     with cell() as site:
-        execution, since = meanwhile(
-            lambda: site.execute(), 0.8, lambda: float(site.stand_ins[arm].tell(**order)["time"])
-        )
+        execution, since = execute_and(site, 1, lambda: site.stand_ins[arm].tell(**order))
         assert execution.stop is not None
         assert execution.stop.reason is reason
         assert execution.stop.arm == arm
@@ -185,36 +174,20 @@ def test_a_protective_stop_in_any_step_stops_both_arms() -> None:
             for arm in ARMS:
                 site.links[arm]._dashboard.unlockProtectiveStop()
                 site.stand_ins[arm].tell(joints=SCHEDULE.start[arm].tolist())
-            wait(0.05)
-            begun = threading.Event()
-
-            def told(next_step: ProgramStep | None, step: int = step, begun: threading.Event = begun) -> bool:
-                if next_step is not None and next_step.number == step:
-                    begun.set()
-                return True
-
-            def stop(begun: threading.Event = begun) -> float:
-                assert begun.wait(60.0)
-                wait(0.3)
-                return float(site.stand_ins["right"].tell(protective_stop="by a test")["time"])
-
-            execution, since = meanwhile(lambda told=told: site.execute(told), 0.0, stop)
+            site.clock.sleep(0.05)
+            execution, since = execute_and(
+                site, step, lambda: site.stand_ins["right"].tell(protective_stop="by a test")
+            )
             assert execution.stop is not None
             assert execution.stop.reason is StopReason.PROTECTIVE_STOP
-            wait(STANDSTILL)
-            for arm in ARMS:
-                assert site.stand_ins[arm].recording().still_since() - since < STANDSTILL
+            assert execution.step == step
+            assert_still(site, since)
 
 
 @pytest.mark.slow
 def test_a_controller_that_dies_leaves_the_other_arm_at_rest() -> None:
     with cell() as site:
-
-        def kill() -> float:
-            site.stand_ins["right"].kill()
-            return clock()
-
-        execution, since = meanwhile(lambda: site.execute(), 0.8, kill)
+        execution, since = execute_and(site, 1, site.stand_ins["right"].kill)
         assert execution.stop is not None
         assert execution.stop.reason is StopReason.LOST
         assert_still(site, since, ("left",))
@@ -232,27 +205,55 @@ def test_arms_that_are_told_late_stay_together() -> None:
     assert np.percentile(apart, 99) < 0.008 + 0.006
 
 
-def _execute_alone() -> None:
-    links = {
-        arm: ArmLink(address, clock=clock)
-        for arm, address in json.loads(multiprocessing.current_process().name).items()
-    }
-    Executor(SCHEDULE, links, ExecutionLog(io.StringIO()), lambda _: True, clock=clock).run()
+class DistantClock:
+    """The clock of another process, at the other end of a pipe."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+        self.links: dict[ArmName, ArmLink] = {}
+
+    def now(self) -> float:
+        return self._ask(0.0)
+
+    def sleep(self, seconds: float) -> None:
+        self._ask(seconds)
+
+    def _ask(self, seconds: float) -> float:
+        self._pipe.send(seconds)
+        now, told = self._pipe.recv()
+        wait_for(self.links, told)
+        return now
+
+
+def _execute_alone(addresses: dict[ArmName, str], pipe: Connection) -> None:
+    clock = DistantClock(pipe)
+    links = {arm: ArmLink(address, clock=clock) for arm, address in addresses.items()}
+    clock.links = links
+    Executor(SCHEDULE, links, ExecutionLog(io.StringIO()), lambda _: True).run()
 
 
 @pytest.mark.slow
 def test_an_executor_that_is_killed_leaves_both_arms_at_rest() -> None:
     with cell() as site:
-        process = multiprocessing.get_context("spawn").Process(target=_execute_alone, name=json.dumps(hosts()))
+        context = multiprocessing.get_context("spawn")
+        mine, yours = context.Pipe()
+        process = context.Process(target=_execute_alone, args=(hosts(), yours))
         process.start()
-        until = time.monotonic() + 30.0
+
+        def serve() -> None:
+            assert mine.poll(120.0)
+            site.clock.sleep(mine.recv())
+            mine.send((site.clock.now(), site.clock.told))
+
+        with site.clock.let_go():
+            # A link asks for the time once it is connected.
+            for _ in ARMS:
+                serve()
         while site.links["left"].state().path_time < 0.3:
-            assert time.monotonic() < until
-            time.sleep(0.002)
+            serve()
         process.kill()
-        since = clock()
         process.join()
-        assert_still(site, since)
+        assert_still(site, site.clock.now())
 
 
 def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
@@ -261,7 +262,7 @@ def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
         assert refused.stop is not None
         assert refused.stop.reason is StopReason.ASKED
         site.stand_ins["left"].tell(joints=[*(SCHEDULE.start["left"] + 0.02).tolist()])
-        wait(0.05)
+        site.clock.sleep(0.05)
         elsewhere = site.execute()
         assert elsewhere.stop is not None
         assert elsewhere.stop.reason is StopReason.WRONG_START
@@ -293,25 +294,19 @@ def lift(shelf: PlanShelf) -> Schedule:
 def test_hands_follow_whoever_raises_the_lifter_unevenly(lift: Schedule, seed: int) -> None:
     """By what wrists feel alone: the cup bears no more than it can for long, and nothing goes down."""
     winch, seconds = WinchProfile.draw(1.0, 0.002, np.random.default_rng(seed), WinchSettings()), 2.0
-    with stand_ins(*configurations(lift, SLOWNESS)) as controllers:
-        site = dict(zip(ARMS, controllers, strict=True))
-        links = {arm: ArmLink(hosts()[arm], clock=clock) for arm in ARMS}
-        with SpringLifter(lift, site, winch, clock).at_work() as lifter:
-            executor = Executor(lift, links, ExecutionLog(io.StringIO()), lambda _: True, ExecutionSettings(), clock)
+    with lock_step(lift) as clock:
+        links = {arm: clock.connect(hosts()[arm]) for arm in ARMS}
+        clock.physics = lifter = SpringLifter(lift, winch)
 
-            def end() -> None:
-                until = time.monotonic() + 60.0
-                while not (lifter.samples and lifter.samples[-1].time > seconds) and time.monotonic() < until:
-                    time.sleep(0.02)
-                executor.end_lift()
+        def confirm(step: ProgramStep | None) -> bool:
+            if step is None:
+                clock.at(clock.now() + seconds + 0.1, executor.end_lift)
+            return True
 
-            ending = threading.Thread(target=end)
-            ending.start()
-            execution = executor.run()
-            ending.join()
-        for link in links.values():
-            link.close()
+        executor = Executor(lift, links, ExecutionLog(io.StringIO(), clock), confirm)
+        execution = executor.run()
     assert execution.is_done, execution.stop
+    assert lifter.samples[-1].time > seconds, "the lift ended too soon"
     followed = [each for each in lifter.samples if each.time < seconds]
     assert np.diff([each.followed for each in followed]).min() > -1e-4
     plate, cup, settings = lift.plan.bodies["plate"], plate_task(lift.plan).cup, CupSettings()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import threading
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -16,12 +14,15 @@ import numpy as np
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
 from planners.program.urscript import ProgramState, Registers
+from workers.robot.clock import Clock, WallClock
 
 NORMAL_MODES = (1, 2)
 """Of RTDE's `safety_mode`: normal and reduced."""
 PLAYING = 2
 """Of RTDE's `runtime_state`."""
 SCRIPT_PORT = 30002
+LONGEST_LOOK = 0.004
+"""What a look at a controller can say of its silence: two cycles of an e-Series [s]."""
 LEAVE_SECONDS = 1.0
 """How long it may take to disconnect from a controller [s]."""
 VARIABLES = (
@@ -69,20 +70,18 @@ class ArmLink:
     Nothing of it raises once it is connected: a controller that is gone is told by `silence` alone.
     """
 
-    def __init__(
-        self, host: str, registers: Registers | None = None, clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, host: str, registers: Registers | None = None, clock: Clock | None = None) -> None:
         """Connect to a controller.
 
         Args:
             host: its address or name.
             registers: through which a program and this link talk.
-            clock: by which silence is told, in seconds.
+            clock: by which silence is told, and an execution supervised; None: the wall's.
 
         Raises:
             NoLink: it does not answer, or `ur-rtde` is not installed.
         """
-        self.host, self._registers, self._clock = host, registers or Registers(), clock
+        self.host, self._registers, self.clock = host, registers or Registers(), clock or WallClock()
         try:
             receive, write, dashboard, script = map(
                 import_module, ("rtde_receive", "rtde_io", "dashboard_client", "script_client")
@@ -99,15 +98,20 @@ class ArmLink:
             self._script.connect()
         except (RuntimeError, ValueError) as error:
             raise NoLink(f"the controller at {host} does not answer as one of Universal Robots: {error}") from error
-        self._seen, self._seen_at = -1.0, self._clock()
+        self._seen, self._looked_at, self._silence = -1.0, self.clock.now(), 0.0
         self._heartbeat = 0
         self._is_lost = False
+
+    @property
+    def timestamp(self) -> float:
+        """By the controller's clock, of what it told last [s]."""
+        return self._receive.getTimestamp()
 
     def state(self) -> ArmState:
         """Return what the controller told last."""
         told, registers = self._receive, self._registers
         return ArmState(
-            timestamp=told.getTimestamp(),
+            timestamp=self.timestamp,
             positions=np.array(told.getActualQ()),
             velocities=np.array(told.getActualQd()),
             force=np.array(told.getActualTCPForce()[:3]),
@@ -121,11 +125,17 @@ class ArmLink:
         )
 
     def silence(self, timestamp: float) -> float:
-        """Return for how long the controller has told nothing new [s]; endless once it cannot be told anything."""
-        now = self._clock()
+        """Return for how long the controller has told nothing new [s]; endless once it cannot be told anything.
+
+        Only time in which somebody looked is counted: when this process had to wait for the processor, so had what
+        receives for it, and that says nothing of the controller.
+        """
+        now = self.clock.now()
+        self._silence += min(now - self._looked_at, LONGEST_LOOK)
+        self._looked_at = now
         if timestamp != self._seen:
-            self._seen, self._seen_at = timestamp, now
-        return float("inf") if self._is_lost or not self._receive.isConnected() else now - self._seen_at
+            self._seen, self._silence = timestamp, 0.0
+        return float("inf") if self._is_lost or not self._receive.isConnected() else self._silence
 
     def beat(self) -> None:
         """Tell the program that somebody supervises it."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from planners.contract.arrays import ArmName
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
 from workers.robot.arm_link import ArmState
+from workers.robot.clock import Clock, WallClock
 
 SAMPLE_STEP = 0.02
 """Between two samples of the motion in the log [s]."""
@@ -24,8 +24,9 @@ SAMPLE_STEP = 0.02
 class ExecutionLog:
     """Writes events and samples, each a line with its time since the begin [s]."""
 
-    def __init__(self, file: TextIO) -> None:
-        self._file, self._begin, self._sampled = file, time.monotonic(), -SAMPLE_STEP
+    def __init__(self, file: TextIO, clock: Clock | None = None) -> None:
+        self._file, self._clock, self._sampled = file, clock or WallClock(), -SAMPLE_STEP
+        self._begin = self._clock.now()
 
     def event(self, name: str, **facts: Any) -> None:
         """Write that something happened."""
@@ -41,7 +42,7 @@ class ExecutionLog:
         self._write({"time": now, "clock": round(clock, 6), "arms": told})
 
     def _time(self) -> float:
-        return round(time.monotonic() - self._begin, 4)
+        return round(self._clock.now() - self._begin, 4)
 
     def _write(self, line: Mapping[str, Any]) -> None:
         self._file.write(json.dumps(line, separators=(",", ":")) + "\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -16,7 +15,6 @@ from workers.robot.arm_link import ArmLink, ArmState
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.supervision import ArmSupervisor, Stop, StopReason, SupervisionSettings
 
-Clock = Callable[[], float]
 Confirm = Callable[[ProgramStep | None], bool]
 """Asks a person whether a step may begin, None: the lift that follows the last one; it may take as long as it likes."""
 
@@ -65,19 +63,18 @@ class Executor:
         log: ExecutionLog,
         confirm: Confirm,
         settings: ExecutionSettings | None = None,
-        clock: Clock = time.monotonic,
     ) -> None:
         """Be ready to run a schedule.
 
         Args:
             schedule: of a plan that may be executed, see `planners.program.guard`.
-            links: to each arm's controller; their clocks must be this one.
+            links: to each arm's controller; they share a clock.
             log: of all that happens.
             confirm: asked before each step.
             settings: how it is run.
-            clock: in seconds; another than the wall's for controllers in slow motion.
         """
-        self._clock = clock
+        self._clock = links[ARMS[0]].clock
+        self._due = self._clock.now()
         self._schedule, self._links, self._log, self._confirm = schedule, links, log, confirm
         self._settings = settings or ExecutionSettings()
         self._supervisor = ArmSupervisor(schedule, self._settings.supervision)
@@ -123,8 +120,8 @@ class Executor:
         for arm, link in self._links.items():
             link.load(write_urscript(self._schedule, arm, functions=self._settings.functions))
             self._pace(arm, self._settings.speed)
-        until, ready = self._clock() + self._settings.patience, float("inf")
-        while (now := self._clock()) < until:
+        until, ready = self._clock.now() + self._settings.patience, float("inf")
+        while (now := self._clock.now()) < until:
             states = self._beat()
             if all(
                 state.barrier == self._confirmed + 1 and state.state is ProgramState.WAITING
@@ -140,7 +137,7 @@ class Executor:
                     speed=self._settings.speed,
                 )
                 return None
-            time.sleep(self._settings.period)
+            self._wait()
         states = self._beat()
         refused = next((arm for arm in ARMS if states[arm].state is ProgramState.WRONG_START), None)
         return Stop(StopReason.ENDED, None) if refused is None else Stop(StopReason.WRONG_START, refused)
@@ -152,10 +149,15 @@ class Executor:
 
     def _watch(self) -> Stop | None:
         told: dict[ArmName, tuple[int, float]] = {}
+        looked = self._clock.now()
         while True:
+            late, looked = self._clock.now() - looked, self._clock.now()
             states = {arm: link.state() for arm, link in self._links.items()}
             silences = {arm: self._links[arm].silence(states[arm].timestamp) for arm in ARMS}
             stop = self._supervisor.fault(states, silences)
+            if late > self._settings.supervision.late and (stop is None or stop.reason is StopReason.ENDED):
+                # The programs may have noticed before this did, and ended.
+                stop = Stop(StopReason.LATE, None)
             if stop is None and self._asked_to_stop.is_set():
                 stop = Stop(StopReason.ASKED, None)
             if stop is not None or all(state.state is ProgramState.DONE for state in states.values()):
@@ -169,7 +171,13 @@ class Executor:
             self._ask(states)
             self._keep_in_step(states)
             self._log.sample(states, min(map(self._on_clock, states.values())))
-            time.sleep(self._settings.period)
+            self._wait()
+
+    def _wait(self) -> None:
+        """Wait for the next control cycle; one that was missed is not made up for."""
+        now = self._clock.now()
+        self._due = max(self._due + self._settings.period, now)
+        self._clock.sleep(self._due - now)
 
     def _ask(self, states: Mapping[ArmName, ArmState]) -> None:
         """Have the next step confirmed once both arms stand before it."""
@@ -210,13 +218,13 @@ class Executor:
         reached = [arm for arm in ARMS if arm != lost]
         for arm in reached:
             self._links[arm].stop()
-        until = self._clock() + self._settings.patience
-        while self._clock() < until:
+        until = self._clock.now() + self._settings.patience
+        while self._clock.now() < until:
             for arm in reached:
                 self._links[arm].beat()
             if all(self._links[arm].state().is_still for arm in reached):
                 break
-            time.sleep(self._settings.period)
+            self._wait()
         for arm in reached:
             self._links[arm].end_program()
 

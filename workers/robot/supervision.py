@@ -25,6 +25,7 @@ class StopReason(StrEnum):
     OVERLOAD = "more force at a wrist than the plan allows"
     DEVIATION = "an arm is not where the plan has it"
     APART = "the arms are not at the same time of the plan"
+    LATE = "this computer looks at the arms too late"
     ASKED = "somebody asked to stop"
 
 
@@ -34,6 +35,8 @@ class SupervisionSettings:
 
     silence: float = 0.02
     """A controller that tells nothing new for longer counts as lost: ten cycles of an e-Series [s]."""
+    late: float = 0.04
+    """Between two looks at the arms: below that at which programs stop by themselves, see `HEARTBEAT_RATE` [s]."""
     deviation: float = 0.03
     """Of a joint from the plan: what an arm at full speed moves in a few control cycles [rad]."""
     apart: float = 0.1

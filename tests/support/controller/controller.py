@@ -1,5 +1,8 @@
 """The process: one arm, its three servers and its program, in one loop with one tick a control cycle.
 
+Its clock is the wall's, until it is told to be held: then a control cycle passes each time it is told so, and at no
+other time, so that the clock of a whole cell waits for whatever is late on a busy machine.
+
 `python -m tests.support.controller.controller CONFIGURATION` with JSON of `Configuration`'s members; tells "ready"
 on its standard output, then does what the lines on its standard input say (`{"protective_stop": true}` and so on: what
 a test does to it that no client could), and answers each with a line.
@@ -7,6 +10,7 @@ a test does to it that no client could), and answers each with a line.
 
 from __future__ import annotations
 
+import heapq
 import json
 import selectors
 import socket
@@ -28,6 +32,10 @@ from .translator import Program, ProgramFault, translate
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORT = 30004, 29999, 30002
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 """RTDE's `runtime_state`."""
+REPEATED = 0.1
+"""After which a controller that is held tells again what it told last [s]."""
+RESENT = 0.2
+"""After which TCP sends again what was lost, at the least (RFC 6298, as Linux has it) [s]."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +50,6 @@ class Configuration:
     acceleration_max: list[float]
     dh: list[list[float]]
     cycle: float = 0.002
-    slowness: float = 1.0
-    """Seconds of the wall clock for each second of the controller's, so that a busy machine keeps up with it."""
     wires: str = ""
     """File that both controllers map: what one has on its digital outputs the other has on its inputs."""
     wire_side: int = 0
@@ -51,13 +57,30 @@ class Configuration:
 
 @dataclass
 class Faults:
-    """What tests do to a controller."""
+    """What tests do to the network of a controller; the dashboard is spared, whose clients wait for its answer."""
 
     delay: float = 0.0
-    """By which all that clients send is late [s]."""
+    """By which whatever is sent, either way, is late [s]."""
+    jitter: float = 0.0
+    """By which it is late besides, at most, another time each time [s]."""
+    loss: float = 0.0
+    """Share of what is sent that is lost, and sent again `RESENT` later; what follows it waits, as in TCP."""
     silent: bool = False
     """Nothing is sent any more, and nothing read: a cable that was pulled."""
-    late: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
+    seed: int = 0
+    _rng: np.random.Generator | None = None
+    _arrived: dict[object, float] = field(default_factory=dict)
+
+    def arrival(self, way: object, now: float) -> float:
+        """Return when what is sent now arrives; nothing overtakes what went the same way."""
+        self._rng = self._rng or np.random.default_rng(self.seed)
+        arrival = now + self.delay
+        if self.jitter:
+            arrival += self._rng.uniform(0.0, self.jitter)
+        if self.loss and self._rng.random() < self.loss:
+            arrival += RESENT
+        self._arrived[way] = max(arrival, self._arrived.get(way, arrival))
+        return self._arrived[way]
 
 
 class Controller:
@@ -79,7 +102,11 @@ class Controller:
         self.messages: list[str] = []
         self.faults = Faults()
         self.speed_slider = 1.0
-        self._time, self._ticks, self._slowness = 0.0, 0, given.slowness
+        self._time, self._ticks, self._told_tick = 0.0, 0, 0
+        self._is_held = False
+        self._number = 0
+        self._late: list[tuple[float, int, Callable[[], None]]] = []
+        self._hidden: dict[socket.socket, Callable[[], None]] = {}
         self._written: dict[str, float] = {}
         self._selector = selectors.DefaultSelector()
         self._rtde: list[RtdeSession] = []
@@ -104,20 +131,36 @@ class Controller:
         self._time = self._clock()
         print("ready", flush=True)
         while True:
-            for key, _ in self._selector.select(max(0.0, self._slowness * (self._time + cycle - self._clock()))):
+            pause = REPEATED if self._is_held else max(0.0, self._time + cycle - time.monotonic())
+            ready = self._selector.select(pause)
+            for key, _ in ready:
                 key.data()
-            if self._clock() >= self._time + cycle:
+            if self._is_held and not ready and not self.faults.silent:
+                # Clients have clocks of their own, and leave where nothing has come for long.
+                for session in list(self._rtde):
+                    self._guarded(session.connection, session.repeat)
+            if not self._is_held and self._clock() >= self._time + cycle:
                 # A process that waited for the processor catches up, so that its clock is that of the world.
                 self._time += cycle
                 self._tick()
 
     def _clock(self) -> float:
-        return time.monotonic() / self._slowness
+        return self._time if self._is_held else time.monotonic()
+
+    def _cycle_passes(self) -> None:
+        """Let one control cycle pass, after everything that clients have sent by now has been taken."""
+        taken = True
+        while taken:
+            taken = [key for key, _ in self._selector.select(0.0) if key.fileobj is not sys.stdin]
+            for key in taken:
+                key.data()
+        self._time += self.arm.cycle
+        self._tick()
 
     def _tick(self) -> None:
         self._ticks += 1
-        while self.faults.late and self.faults.late[0][0] <= self._time:
-            self.faults.late.pop(0)[1]()
+        while self._late and self._late[0][0] <= self._time:
+            heapq.heappop(self._late)[2]()
         self._watch()
         if self._wires is not None:
             self._wires[self._wire_side] = self.registers.digital_out & 0xFF
@@ -135,7 +178,22 @@ class Controller:
         )  # fmt: skip
         if not self.faults.silent:
             for session in list(self._rtde):
-                self._guarded(session.connection, session.cycle_ended)
+                if (package := session.cycle_ended()) is not None:
+                    self._deliver(session, lambda s=session, p=package, t=self._ticks: self._tell(s, p, t))
+
+    def _deliver(self, way: object, act: Callable[[], None]) -> None:
+        """Do something when what was sent arrives."""
+        arrival = self.faults.arrival(way, self._time)
+        if arrival <= self._time:
+            act()
+        else:
+            self._number += 1
+            heapq.heappush(self._late, (arrival, self._number, act))
+
+    def _tell(self, session: RtdeSession, package: bytes, tick: int) -> None:
+        if not self.faults.silent:
+            self._told_tick = tick
+            self._guarded(session.connection, lambda: session.send(package))
 
     def _advance(self, program: Program) -> None:
         try:
@@ -180,26 +238,40 @@ class Controller:
 
     def _drop(self, connection: socket.socket) -> None:
         self._rtde = [session for session in self._rtde if session.connection is not connection]
+        self._hidden.pop(connection, None)
         if connection.fileno() >= 0:
-            self._selector.unregister(connection)
+            if not self.faults.silent:
+                self._selector.unregister(connection)
             connection.close()
 
-    def _listen(self, connection: socket.socket, take: Callable[[bytes], None]) -> None:
+    def _listen(self, connection: socket.socket, take: Callable[[bytes], None], *, spared: bool = False) -> None:
         def read() -> None:
-            if self.faults.silent:
-                time.sleep(self.arm.cycle / 4)
+            try:
+                data = connection.recv(1 << 20)
+            except BlockingIOError:
+                # Something that was done before in this round has read it already.
                 return
-            data = connection.recv(1 << 20)
             if not data:
                 raise ConnectionResetError
-            if self.faults.delay:
-                self.faults.late.append(
-                    (self._time + self.faults.delay, lambda: self._guarded(connection, lambda: take(data)))
-                )
-            else:
+            if spared:
                 take(data)
+            else:
+                self._deliver(connection, lambda: self._guarded(connection, lambda: take(data)))
 
         self._selector.register(connection, selectors.EVENT_READ, lambda: self._guarded(connection, read))
+
+    def _hide(self, *, silent: bool) -> None:
+        """Let nothing be read any more, or all again."""
+        if silent and not self.faults.silent:
+            keys = [key for key in self._selector.get_map().values() if key.fileobj is not sys.stdin]
+            self._hidden = {key.fileobj: key.data for key in keys}  # type: ignore[misc]
+            for connection in self._hidden:
+                self._selector.unregister(connection)
+        elif self.faults.silent and not silent:
+            for connection, act in self._hidden.items():
+                self._selector.register(connection, selectors.EVENT_READ, act)
+            self._hidden = {}
+        self.faults.silent = silent
 
     def _open_rtde(self, server: socket.socket) -> None:
         connection = self._accept(server)
@@ -217,7 +289,7 @@ class Controller:
                 line, session.received = session.received.split(b"\n", 1)
                 connection.send((self._dashboard(line.decode().strip()) + "\n").encode())
 
-        self._listen(connection, take)
+        self._listen(connection, take, spared=True)
         connection.send(b"Connected: Universal Robots Dashboard Server\n")
 
     def _open_script(self, server: socket.socket) -> None:
@@ -356,21 +428,27 @@ class Controller:
         print(json.dumps(self._obey(json.loads(line))), flush=True)
 
     def _obey(self, order: dict[str, Any]) -> object:
+        if "held" in order:
+            self._is_held, self._time = order["held"], max(order.get("time", 0.0), self._time)
         if "protective_stop" in order:
             self.arm.protective_stop(str(order["protective_stop"]))
         if "wrench" in order:
             self.arm.wrench = np.array(order["wrench"], dtype=float)
-        self.faults.delay = order.get("delay", self.faults.delay)
-        self.faults.silent = order.get("silent", self.faults.silent)
+        for name in ("delay", "jitter", "loss", "seed"):
+            setattr(self.faults, name, order.get(name, getattr(self.faults, name)))
+        self._hide(silent=order.get("silent", self.faults.silent))
         if "script" in order:
             self.load(order["script"])
         if "joints" in order:
             self.arm.q = np.array(order["joints"], dtype=float)
         if "record" in order:
             np.save(Path(order["record"]), np.array(self._record))
+        if order.get("cycle"):
+            self._cycle_passes()
         return {
-            "messages": self.messages + self.intrinsics._messages,
+            "messages": [] if order.get("cycle") else self.messages + self.intrinsics._messages,
             "time": self._time,
+            "told": self._told_tick * self.arm.cycle,
             "joints": self.arm.q.tolist(),
             "velocities": self.arm.qd.tolist(),
             "output_int": list(self.registers.output_int),

@@ -14,6 +14,8 @@ from .translator import Pose, ProgramFault
 
 Turns = Generator[None, None, None]
 REGISTERS = 48
+LEVER = 0.3
+"""Makes an acceleration of joints of one of the TCP, as a typical lever [m]."""
 
 
 class Halted(Exception):
@@ -79,7 +81,8 @@ class Intrinsics:
         while not self._arm.is_still:
             yield
 
-    stopl = stopj
+    def stopl(self, a: float) -> Turns:
+        yield from self.stopj(a / LEVER)
 
     def movej(self, q: object, a: float = 1.4, v: float = 1.05, t: float = 0, r: float = 0) -> Turns:
         """Go straight in joint space with a trapezoid of speed; blends are refused."""
@@ -107,8 +110,7 @@ class Intrinsics:
         for _ in range(max(1, round(t / self._arm.cycle))):
             wish = self._arm.joint_speeds(np.array(xd, dtype=float))
             change = wish - self._arm.qd
-            # The acceleration is the TCP's [m/s²]; 0.3 m is what makes of it one of joints, as a typical lever.
-            most = a / 0.3 * self._arm.cycle
+            most = a / LEVER * self._arm.cycle
             change *= min(1.0, most / max(float(np.abs(change).max()), 1e-12))
             self._arm.send(self._arm.q + (self._arm.qd + change) * self._arm.cycle)
             yield

@@ -46,6 +46,7 @@ class RtdeSession:
         self._sent: list[Variable] = []
         self._format = struct.Struct(">B")
         self._every, self._cycle = 1, 0
+        self._last = b""
         self.started = False
 
     def take(self, data: bytes) -> None:
@@ -64,11 +65,11 @@ class RtdeSession:
             body, self._received = self._received[HEAD.size : size], self._received[size:]
             self._answer(chr(letter), body)
 
-    def cycle_ended(self) -> None:
-        """Send what is wanted, if its turn has come."""
+    def cycle_ended(self) -> bytes | None:
+        """Return the package that is wanted; None: its turn has not come."""
         self._cycle += 1
         if not self.started or not self._sent or self._cycle % self._every:
-            return
+            return None
         values: list[float | int] = []
         for variable in self._sent:
             value = variable.read()
@@ -76,12 +77,26 @@ class RtdeSession:
                 values += value
             else:
                 values.append(value)
-        self._send("U", self._format.pack(1, *values))
+        return _package("U", self._format.pack(1, *values))
 
-    def _send(self, letter: str, body: bytes) -> None:
-        package = HEAD.pack(HEAD.size + len(body), ord(letter)) + body
+    def send(self, package: bytes) -> None:
+        """Send a package.
+
+        Raises:
+            BlockingIOError: the client does not read.
+        """
         if self.connection.send(package) != len(package):
             raise BlockingIOError("the client does not read")
+        if package[2:3] == b"U":
+            self._last = package
+
+    def repeat(self) -> None:
+        """Send once more what was told last, if anything was."""
+        if self._last:
+            self.send(self._last)
+
+    def _send(self, letter: str, body: bytes) -> None:
+        self.send(_package(letter, body))
 
     def _answer(self, letter: str, body: bytes) -> None:
         if letter == "V":
@@ -128,6 +143,10 @@ class RtdeSession:
             values = form.unpack_from(body, at)
             at += form.size
             self._write(name, values[0] if len(values) == 1 else values)
+
+
+def _package(letter: str, body: bytes) -> bytes:
+    return HEAD.pack(HEAD.size + len(body), ord(letter)) + body
 
 
 @dataclass

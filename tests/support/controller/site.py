@@ -16,12 +16,11 @@ HARDEST = 100.0
 """No joint may change its speed by more: a program's own stop takes 40 [rad/s²]."""
 
 
-def configurations(schedule: Schedule, slowness: float = 1.0) -> list[Configuration]:
+def configurations(schedule: Schedule) -> list[Configuration]:
     """Return what the controllers of both arms are told at their start: where the plan begins, and its cell's limits.
 
     Args:
         schedule: that begins where the arms stand.
-        slowness: seconds of the wall clock for each of the controllers'.
     """
     arms = schedule.plan.cell.arms
     return [
@@ -34,7 +33,6 @@ def configurations(schedule: Schedule, slowness: float = 1.0) -> list[Configurat
             acceleration_max=[HARDEST] * 6,
             dh=np.asarray(arms[arm].dh).tolist(),
             cycle=CYCLE,
-            slowness=slowness,
         )
         for arm in ARMS
     ]

@@ -6,10 +6,6 @@ what their motion accelerates they feel.
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,10 +20,8 @@ from planners.program.urscript import Registers
 from workers.simulation.lifter import WinchProfile
 from workers.simulation.settings import SimulationSettings
 
-from .stand_in import StandIn
+from .lock_step import Told
 
-PERIOD = 0.01
-"""Between two readings of the wrists [s]."""
 _MOMENT = 1e-4
 """Over which a hand's speed is seen [s]."""
 
@@ -49,22 +43,17 @@ class LiftSample:
 
 
 class SpringLifter:
-    """Rises by a law of its own from when both programs have begun the lift, and tells both wrists what is left."""
+    """Rises by a law of its own from when both programs have begun the lift, and tells both wrists what is left.
 
-    def __init__(
-        self,
-        schedule: Schedule,
-        stand_ins: Mapping[ArmName, StandIn],
-        winch: WinchProfile,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """Stand beside two controllers.
+    It is the physics of a `LockStep`.
+    """
+
+    def __init__(self, schedule: Schedule, winch: WinchProfile) -> None:
+        """Stand beside two arms.
 
         Args:
             schedule: with a lift at its end.
-            stand_ins: controllers of both arms.
             winch: how it rises after the lift began.
-            clock: of the controllers [s].
         """
         lift, task = schedule.lift, schedule.plan.task
         assert lift is not None
@@ -76,32 +65,20 @@ class SpringLifter:
         self._stiffness = cup.stiffness(task.cup.max_force)
         self._damping = cup.damping_time * self._stiffness
         self._arms = {arm: schedule.plan.cell.arms[arm] for arm in ARMS}
-        self._stand_ins, self._winch, self._clock = stand_ins, winch, clock
+        self._winch = winch
         self.samples: list[LiftSample] = []
-        self._over = threading.Event()
+        self._begun: tuple[float, float] | None = None
 
-    @contextmanager
-    def at_work(self) -> Iterator[SpringLifter]:
-        """Have it act until the block ends."""
-        thread = threading.Thread(target=self._run, name="lifter", daemon=True)
-        thread.start()
-        try:
-            yield self
-        finally:
-            self._over.set()
-            thread.join()
-
-    def _run(self) -> None:
-        begun, begins, force = None, 0.0, self._law.goal_force
-        while not self._over.wait(PERIOD):
-            told = {arm: self._stand_ins[arm].tell(wrench=self._wrench(arm, 0.5 * force)) for arm in ARMS}
-            if any(each["output_int"][Registers().step] != self._step for each in told.values()):
-                begun, force = None, self._law.goal_force
-                continue
-            now, (height, speed) = self._clock(), self._motion(told)
-            if begun is None:
-                begun, begins = now, height
-            force = self._force(now - begun, height - begins, speed)
+    def __call__(self, now: float, told: Told) -> dict[ArmName, dict[str, Any]]:
+        """Return what both wrists feel, given the time and what both controllers told."""
+        force = self._law.goal_force
+        if any(each["output_int"][Registers().step] != self._step for each in told.values()):
+            self._begun = None
+        else:
+            height, speed = self._motion(told)
+            self._begun = self._begun or (now, height)
+            force = self._force(now - self._begun[0], height - self._begun[1], speed)
+        return {arm: {"wrench": self._wrench(arm, 0.5 * force)} for arm in ARMS}
 
     def _force(self, elapsed: float, followed: float, speed: float) -> float:
         """Return what both hands bear now [N]."""
@@ -114,7 +91,7 @@ class SpringLifter:
         self.samples.append(LiftSample(elapsed, risen, followed, speed, force))
         return force
 
-    def _motion(self, told: Mapping[ArmName, Mapping[str, Any]]) -> tuple[float, float]:
+    def _motion(self, told: Told) -> tuple[float, float]:
         """Return height and upward speed of both hands in the mean [m, m/s]."""
         heights, speeds = [], []
         for arm, each in told.items():

@@ -58,12 +58,23 @@ class StandIn:
         said = self._process.stdout.readline()
         assert said == "ready\n", said
 
+    @property
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
+
     def tell(self, **order: Any) -> dict[str, Any]:
         """Do something to the controller; returns what it has said so far, and its time."""
+        self.order(**order)
+        return self.answer()
+
+    def order(self, **order: Any) -> None:
+        """Do something to the controller without waiting for its answer, which has to be taken next."""
         assert self._process.stdin is not None
-        assert self._process.stdout is not None
         self._process.stdin.write(json.dumps(order) + "\n")
         self._process.stdin.flush()
+
+    def answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
         return json.loads(self._process.stdout.readline())
 
     def recording(self) -> Recording:
@@ -71,11 +82,6 @@ class StandIn:
             path = Path(folder) / "record.npy"
             self.tell(record=str(path))
             return Recording(np.load(path))
-
-    def hear(self) -> None:
-        """Have it answer again, unless it was killed: clients wait for that before they go."""
-        if self._process.poll() is None:
-            self.tell(silent=False)
 
     def kill(self) -> None:
         self._process.kill()
