@@ -46,13 +46,13 @@ def tool_above(scene: SuctionToolScene) -> SuctionToolScene:
 
 def twist_at(body: FreeBody, point: Array) -> Array:
     """Return the (6,) velocity of a body at a point (3,) of the world, world axes."""
-    _, center, velocity, spin = body.motion
+    center, velocity, spin = body.motion[3:]
     return np.concatenate([velocity + np.cross(spin, point - center), spin])
 
 
 def mobility(body: FreeBody, one: Array, other: Array) -> Array:
     """Return (6, 6): how fast the twist at a point changes under a wrench about another point, world axes."""
-    R, center, _, _ = body.motion
+    R, center = body.motion[:3], body.motion[3]
     to_one, from_other = np.eye(6), np.eye(6)
     to_one[:3, 3:], from_other[3:, :3] = -skew(one - center), skew(other - center)
     inverse_inertia = np.zeros((6, 6))

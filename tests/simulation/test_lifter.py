@@ -65,14 +65,19 @@ def lifter(scene, **changes: float) -> SuctionLifter:
     return SuctionLifter(scene, replace(CupSettings(), **changes), ContactSettings(), np.random.default_rng(0))
 
 
-def at_rest(cup: SuctionLifter, plate: tuple) -> tuple[Array, Array]:
+def standing(R: Array, com: Array) -> Array:
+    """The motion of a plate that stands, (6, 3)."""
+    return np.vstack([R, com, np.zeros((2, 3))])
+
+
+def at_rest(cup: SuctionLifter, plate: Array) -> tuple[Array, Array]:
     """Where the pad is on a plate that stands, and its velocity."""
     return cup.place(plate), np.zeros(3)
 
 
-def hang(cup: SuctionLifter, scene, force: Array) -> tuple:
+def hang(cup: SuctionLifter, scene, force: Array) -> Array:
     """Attach it to a level plate that is pulled upwards."""
-    plate = (np.eye(3), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+    plate = standing(np.eye(3), np.array([0.3, 0.0, 1.2]))
     place, velocity = at_rest(cup, plate)
     cup.give(np.concatenate([force, np.zeros(3)]), place, velocity, plate, STEP)
     cup.hang(plate, np.zeros(3))
@@ -119,7 +124,7 @@ def test_a_short_jerk_is_borne(scene) -> None:
 
 def test_the_force_source_errs_by_its_error_and_ends_at_the_cups_limit(scene) -> None:
     cup = lifter(scene, error_time=0.01)
-    plate = (np.eye(3), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+    plate = standing(np.eye(3), np.array([0.3, 0.0, 1.2]))
     place, velocity = at_rest(cup, plate)
     for wanted in (0.5, 0.99):
         pulls = []
@@ -147,14 +152,14 @@ def on_a_cable(scene) -> SuctionLifter:
 def test_a_cable_pulls_straight_up_on_a_tilted_plate_wherever_the_cup_is(scene) -> None:
     cup = on_a_cable(scene)
     R = rotation_from_vector([0.4, -0.2, 0.3])
-    plate = (R, np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+    plate = standing(R, np.array([0.3, 0.0, 1.2]))
     place, velocity = at_rest(cup, plate)
     aside = np.array([0.01, 0.02, 0.0])
     wrench = cup.give(np.array([0, 0, 30.0, 0, 0, 0]), place + aside, velocity, plate, STEP)
     assert wrench[:3] == pytest.approx([0.0, 0.0, 30.0])
-    assert wrench[3:] == pytest.approx(np.cross(place - plate[1], wrench[:3]))
+    assert wrench[3:] == pytest.approx(np.cross(place - plate[3], wrench[:3]))
     cup.hang(plate, np.zeros(3))
-    moved = (R, plate[1] - 2.0 * aside, np.zeros(3), np.zeros(3))
+    moved = standing(R, plate[3] - 2.0 * aside)
     assert cup.hoist(0.0, 0.0, moved)[:3] == pytest.approx([0.0, 0.0, 30.0])
 
 
@@ -168,10 +173,10 @@ def stiff(scene, kappa: float) -> SuctionLifter:
     return lifter(replace(scene, cup=replace(scene.cup, kappa=kappa)), error=0.0)
 
 
-def torque_at_the_pad(cup: SuctionLifter, plate: tuple, wrench: Array) -> Array:
+def torque_at_the_pad(cup: SuctionLifter, plate: Array, wrench: Array) -> Array:
     """What a wrench about the centre of mass is about the pad."""
     place = cup.place(plate)
-    return wrench[3:] - skew(place - plate[1]) @ wrench[:3]
+    return wrench[3:] - skew(place - plate[3]) @ wrench[:3]
 
 
 TURNED = (rotation_from_vector([0.4, -0.2, 0.7]), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))

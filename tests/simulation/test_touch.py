@@ -9,7 +9,7 @@ from planners.geometry.pose import rotation_from_vector, transform
 from workers.simulation.touch import Touch
 
 MU = 0.6
-REST = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+REST = np.vstack([np.eye(3), np.zeros((3, 3))])
 PADS = np.array([[x, y, z] for y in (-0.02, 0.02) for x in (-0.004, 0.004) for z in (-0.006, 0.006)])
 INWARD = np.repeat([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]], 4, axis=0)
 
@@ -66,7 +66,7 @@ def test_the_total_is_about_the_plates_centre_of_mass_and_turns_with_the_world()
     moved = transform(rotation_from_vector([0.001, 0.002, 0.0]), [2e-4, 1e-4, -1e-4])
     here = touch.act(moved, np.zeros(6), REST)
     T = transform(R, com)
-    there = turned.act(T @ moved, np.zeros(6), (R, com, np.zeros(3), np.zeros(3)))
+    there = turned.act(T @ moved, np.zeros(6), np.vstack([R, com, np.zeros((2, 3))]))
     assert there == pytest.approx(np.concatenate([R @ here[:3], R @ here[3:]]))
 
 

@@ -11,7 +11,7 @@ from numba import njit
 from planners.cell.arm import Arm
 from planners.cell.hand import Gripper, Pusher
 from planners.geometry.linear import solve
-from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, transform
+from planners.geometry.pose import Array, Transform, inverse, transform
 from planners.kinematics.forward import frame_motion, jacobian
 from planners.plan.segment import Push, Segment, SegmentKind
 from workers.simulation.settings import SensorSettings, SimulationSettings
@@ -24,6 +24,8 @@ _FADE = 0.05
 _NEWTON_STEPS = 3
 _LEAST_STEP = 1e-5
 """Damps Newton's method where an arm is nearly stretched [m^2]."""
+_LEAST_ANGLE = 1e-12
+"""Below it a rotation is that of first order [rad]."""
 _CLEAR = 0.004
 """A stick further than this from the plate has left it [m]."""
 
@@ -75,6 +77,7 @@ class SimulatedHand(ABC):
         self._away = 0.0
         turning = 1.0 / settings.hand.torsional_damping if self.turns else 0.0
         self._admittance = np.repeat([1.0 / settings.hand.damping, turning], 3)
+        self._limits = np.array([settings.hand.leak, settings.hand.largest_correction, settings.hand.largest_turning])
 
     @property
     def force(self) -> Array:
@@ -91,22 +94,22 @@ class SimulatedHand(ABC):
 
     def track(self, wrench: Array | None, R_world_plate: Array) -> None:
         """Take one period of the admittance towards a planned wrench (6,), world axes; None: bear nothing."""
-        period, s = self.settings.sensor.period, self.settings.hand
-        wanted = np.zeros(6)
+        period = self.settings.sensor.period
+        faded = 1.0 - math.exp(-period / _FADE)
         if wrench is not None and self.touch.engaged:
-            wanted = _give_way(self.touch.compliance(), wrench, R_world_plate)
-            self._trim += period * ((wrench - self.reading) * self._admittance - s.leak * self._trim)
-            self._trim[:3] = _at_most(s.largest_correction, self._trim[:3])
-            self._trim[3:] = _at_most(s.largest_turning, self._trim[3:])
+            admit(
+                wrench, self.reading, R_world_plate, self.touch.compliance(), self._admittance, self._limits, period,
+                faded, self._trim, self._forward,
+            )  # fmt: skip
         else:
             self._trim *= 1.0 - period / 0.2
-        self._forward += (1.0 - math.exp(-period / _FADE)) * (wanted - self._forward)
+            self._forward -= faded * self._forward
 
     def correction(self, positions: Array) -> Array:
         """Return the (6,) joint corrections at the planned joint positions (6,) [rad]."""
         away = self._forward + self._trim
         if not away.any():
-            return np.zeros(6)
+            return away
         return moved_joints(self.arm, self.T_flange_hand, positions, away) - positions
 
     def lost(self, expected: bool, step: float) -> str | None:
@@ -172,8 +175,7 @@ class GrippingHand(SimulatedHand):
             part = moment.elapsed
             holds, squeeze = part < 0.3, max(0.0, 1.0 - part / 0.3)
         if holds and not self.touch.engaged:
-            R, com = plate[0], plate[1]
-            T_plate_hand = inverse(transform(R, com)) @ T_world_hand
+            T_plate_hand = inverse(transform(plate[:3], plate[3])) @ T_world_hand
             y = T_plate_hand[:3, 1]
             self.touch.engage(T_plate_hand, np.repeat([y, -y], 4, axis=0))
         elif not holds and self.touch.engaged:
@@ -215,7 +217,7 @@ class PushingHand(SimulatedHand):
 
     def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
         """Watch the face that is to be pushed; there is contact where the tip is beyond it."""
-        R, com, push = plate[0], plate[1], moment.segment.push
+        R, com, push = plate[:3], plate[3], moment.segment.push
         if push is not None and push is not self._push:
             if self._push is None or not np.array_equal(push.point, self._push.point):
                 T_plate_hand = inverse(transform(R, com)) @ T_world_hand
@@ -252,11 +254,13 @@ def moved_joints(arm: Arm, T_flange_hand: Transform, positions: Array, away: Arr
         positions: (6,) from where [rad].
         away: (6,) translation of the hand's origin, then rotation vector about it, world axes [m, rad].
     """
-    return _moved_joints(arm.dh, arm.T_world_base, T_flange_hand, positions, away, rotation_from_vector(away[3:]))
+    return _moved_joints(arm.dh, arm.T_world_base, T_flange_hand, positions, away)
 
 
 @njit(cache=True, nogil=True)
-def _moved_joints(dh, T_world_base, T_flange_hand, positions, away, turn):  # noqa: C901 - one compiled pass
+def _moved_joints(dh, T_world_base, T_flange_hand, positions, away):  # noqa: C901 - one compiled pass
+    turn = np.empty((3, 3))
+    _turn(away[3:], turn)
     q, still, normal, way = positions.copy(), np.zeros(6), np.empty((6, 6)), np.empty(6)
     place, wanted, turned = np.empty(3), np.zeros((3, 3)), np.empty((3, 3))
     for number in range(_NEWTON_STEPS):
@@ -286,12 +290,56 @@ def _moved_joints(dh, T_world_base, T_flange_hand, positions, away, turn):  # no
     return q
 
 
-def _give_way(compliance: Array, wrench: Array, R_world_plate: Array) -> Array:
-    """Return the (6,) small motion by which a compliance gives way to a wrench, world axes."""
-    turned = (wrench.reshape(2, 3) @ R_world_plate).reshape(6)
-    return ((compliance @ turned).reshape(2, 3) @ R_world_plate.T).reshape(6)
+@njit(cache=True, nogil=True)
+def _turn(vector, out):
+    """Write what `rotation_from_vector` returns."""
+    angle = math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    sine, versine, S = 1.0, 0.0, np.zeros((3, 3))
+    if angle >= _LEAST_ANGLE:
+        sine, versine = math.sin(angle), 1.0 - math.cos(angle)
+    size = angle if angle >= _LEAST_ANGLE else 1.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        S[k, j], S[j, k] = vector[i] / size, -vector[i] / size
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = (1.0 if i == j else 0.0) + sine * S[i, j]
+            out[i, j] += versine * (S[i, 0] * S[0, j] + S[i, 1] * S[1, j] + S[i, 2] * S[2, j])
 
 
-def _at_most(largest: float, vector: Array) -> Array:
-    size = math.sqrt(vector @ vector)
-    return vector * (largest / size) if size > largest else vector
+@njit(cache=True, nogil=True)
+def admit(wrench, reading, R, compliance, admittance, limits, period, faded, trim, forward):  # noqa: PLR0913
+    """Take one period of an admittance: `trim` follows the wrench's error, `forward` how far the hand gives way.
+
+    Args:
+        wrench: (6,) planned, world axes.
+        reading: (6,) measured.
+        R: (3, 3) `R_world_plate`.
+        compliance: (6, 6) in the plate's axes.
+        admittance: (6,) inverse dampings.
+        limits: leak [1/s], and the largest translation and rotation of the trim [m, rad].
+        period: [s].
+        faded: part of the way that `forward` goes [1].
+        trim: (6,), changed.
+        forward: (6,), changed.
+    """
+    turned, given = np.empty(6), np.empty(6)
+    for i in range(3):
+        turned[i] = wrench[0] * R[0, i] + wrench[1] * R[1, i] + wrench[2] * R[2, i]
+        turned[3 + i] = wrench[3] * R[0, i] + wrench[4] * R[1, i] + wrench[5] * R[2, i]
+    for i in range(6):
+        given[i] = 0.0
+        for j in range(6):
+            given[i] += compliance[i, j] * turned[j]
+    for half in range(0, 6, 3):
+        size = 0.0
+        for i in range(half, half + 3):
+            row = R[i - half]
+            wanted = row[0] * given[half] + row[1] * given[half + 1] + row[2] * given[half + 2]
+            forward[i] += faded * (wanted - forward[i])
+            trim[i] += period * ((wrench[i] - reading[i]) * admittance[i] - limits[0] * trim[i])
+            size += trim[i] * trim[i]
+        size, most = math.sqrt(size), limits[1 + half // 3]
+        if size > most:
+            for i in range(half, half + 3):
+                trim[i] *= most / size

@@ -100,7 +100,7 @@ class Chain:
         for i, bond in enumerate(self.bonds):
             self._places[i], self._twists[i] = bond.T_world_parent, bond.hand_twist
         for i, body in enumerate(self._bodies):
-            self._states[i] = body.state
+            self._states[i] = body.motion
         chain = self._ties, self._give, self._rests, self._inertias
         solved = _wrenches(chain, self._states, self._places, self._twists, step, step * gravity)
         wrenches = np.asarray(solved, dtype=np.float64)

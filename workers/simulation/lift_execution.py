@@ -63,12 +63,16 @@ class LiftExecution:
         )
         self.pushing = PushingHand(arms[push_arm], first[push_arm], settings, rng, friction.push, scene.plate.com)
         self.hands: tuple[SimulatedHand, ...] = (self.gripping, self.pushing)
+        self._arms = [first[grip_arm] // 6, first[push_arm] // 6]
+        """Of each hand, in the order of the cell's."""
+        self._T_flange_hands = np.empty((len(arms), 4, 4))
+        self._T_flange_hands[self._arms] = [hand.T_flange_hand for hand in self.hands]
         self.lifter = SuctionLifter(scene, settings.cup, settings.contact, rng)
         self.recorder = Recorder(LIFT_UNITS, length_digits=5)
         self.comparison = NodeForcesRecorder(self.reference, settings.step)
         self.motion: list[tuple[float, Array, Transform]] = []
         """Time, joint positions and plate pose, at some of the recorder's times."""
-        self.largest_way_off = np.zeros(2)
+        self.largest_way_off = 0.0, 0.0
         """Of the plate during the manipulation: distance of the cup's place [m] and angle [rad]."""
         self.lift: CooperativeLift | None = None
         self.time = 0.0
@@ -111,9 +115,10 @@ class LiftExecution:
         return 0.5 + 0.5 * (self.time - self.lift.begin) / (self.lift.end - self.lift.begin)
 
     def _manipulate(self, report: Callable[[], None]) -> LiftFailure | None:
-        moment = self.reference.at(self.time)
-        while self.time < self.reference.duration - 0.5 * self.settings.step:
-            ahead = self.reference.at(self.time + self.settings.step)
+        moments = self.reference.every(self.settings.step)
+        moment, end = next(moments), self.reference.duration - 0.5 * self.settings.step
+        while self.time < end:
+            ahead = next(moments)
             failure = self._manipulate_step(moment, ahead, self.reference.wrench)
             if failure is not None:
                 return failure
@@ -157,7 +162,7 @@ class LiftExecution:
             for hand in self.hands:
                 hand.track(wanted(hand.arm.name, moment), reference.plate_rotation(moment))
                 self._corrections[hand.joints] = hand.correction(positions[hand.joints])
-                hand.sense(plate[0])
+                hand.sense(plate[:3])
         cup = wanted("cup", moment)
         assert cup is not None
         point, velocity = reference.cup_point(moment), reference.cup_velocity(moment)
@@ -175,7 +180,7 @@ class LiftExecution:
         self.lift = CooperativeLift(self._known, forces, path, self.time, self.settings, self._rng)
         plate = self.world.plate.motion
         self.lifter.hang(plate, forces.wrenches["cup"][3:])
-        self._place0, self._R0 = self.lifter.place(plate), plate[0]
+        self._place0, self._R0 = self.lifter.place(plate), plate[:3]
 
     def _follow(self, report: Callable[[], None]) -> LiftFailure | None:
         """Let the winch go up, and the hands after it."""
@@ -185,7 +190,7 @@ class LiftExecution:
             if self._steps % self._tick == 0:
                 # The law gets the reading before: it takes one period from the sensor to the arms.
                 lift.command(sum(float(hand.reading[2]) for hand in self.hands))
-                rotation = self.world.plate.motion[0]
+                rotation = self.world.plate.motion[:3]
                 for hand in self.hands:
                     hand.sense(rotation)
             height, speed = lift.lifter(self.time)
@@ -205,19 +210,19 @@ class LiftExecution:
         world = self.world
         plate = world.plate.motion
         total = cup_wrench.copy()
-        for hand in self.hands:
-            T_world_hand, twist = world.hand(hand.arm.name, hand.T_flange_hand)
-            hand.update(moment, T_world_hand, plate)
+        T_world_hands, twists = world.hands(self._T_flange_hands)
+        for hand, arm in zip(self.hands, self._arms, strict=True):
+            hand.update(moment, T_world_hands[arm], plate)
             if hand.touch.engaged:
-                wrench = hand.touch.act(T_world_hand, twist, plate)
-                world.push_hand(hand.arm.name, -wrench, plate[1])
+                wrench = hand.touch.act(T_world_hands[arm], twists[arm], plate)
+                world.push_hand(hand.arm.name, -wrench, plate[3])
                 total += wrench
-        world.plate.push(total, plate[1])
+        world.plate.push(total, plate[3])
         world.drive(positions, velocities)
         world.advance()
         self.time += self.settings.step
         self._steps += 1
-        turn = None if self.lift is None else (self._R0, world.plate.motion[0])
+        turn = None if self.lift is None else (self._R0, world.plate.motion[:3])
         return self._watch.look(moment.segment, self.time, turn)
 
     def _forces(self) -> dict[str, Array]:
@@ -227,9 +232,10 @@ class LiftExecution:
 
     def _note_way_off(self, moment: PlannedMoment) -> None:
         plate = self.world.plate.motion
-        off = float(np.linalg.norm(self.lifter.place(plate) - self.reference.cup_point(moment)))
-        turned = rotation_angle(self.reference.plate_rotation(moment), plate[0])
-        self.largest_way_off = np.maximum(self.largest_way_off, [off, turned])
+        way = self.lifter.place(plate) - self.reference.cup_point(moment)
+        turned = rotation_angle(self.reference.plate_rotation(moment), plate[:3])
+        far, askew = self.largest_way_off
+        self.largest_way_off = max(far, math.hypot(*way.tolist())), max(askew, turned)
 
     def _record_row(self, velocity: float, lifter_velocity: float, lifter_height: float) -> None:
         plate = self.world.plate.motion
@@ -245,7 +251,7 @@ class LiftExecution:
             lifter_velocity=lifter_velocity,
             plate_height=height,
             lifter_height=lifter_height,
-            plate_tilt=math.degrees(math.acos(min(1.0, max(-1.0, plate[0][2, 2])))),
+            plate_tilt=math.degrees(math.acos(min(1.0, max(-1.0, plate[2, 2])))),
         )
         if len(self.recorder.time) % MOTION_EVERY == 1:
             self.motion.append((self.time, self.world.positions.copy(), self.world.plate.T_world_body))

@@ -61,7 +61,7 @@ class SuctionLifter:
 
     def place(self, plate: Motion) -> Array:
         """Return the pad's place (3,), world."""
-        return plate[1] + plate[0] @ self._arm
+        return plate[3] + plate[:3] @ self._arm
 
     def give(self, wrench: Array, point: Array, velocity: Array, plate: Motion, step: float) -> Array:
         """Act as the force source for one step and return the (6,) wrench on the plate about its centre of mass.
@@ -76,10 +76,13 @@ class SuctionLifter:
         s = self._settings
         decay = math.exp(-step / s.error_time)
         self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.standard_normal()
-        force = wrench[:3]
-        loaded = min(1.0, math.sqrt(force @ force) / (0.2 * self.limit))
-        spring = loaded * self.stiffness, s.damping_time, s.saturation * self.limit
-        return self._pull(plate, (1.0 + self._error) * force, (point, velocity, wrench[3:]), spring, upright=False)[0]
+        exerted, given = np.zeros(6), np.zeros(3)
+        self.pull = _given(
+            plate, self._arm, self._axes, self._limits, wrench, self._error, point, velocity,
+            self.limit, self.stiffness, s.damping_time, s.saturation * self.limit, self._cable, exerted, given,
+        )  # fmt: skip
+        self.force = given
+        return exerted
 
     def hang(self, plate: Motion, torque: Array) -> None:
         """Begin the lift: from now on the head is where the winch has it, and the force now is the force at rest."""
@@ -122,7 +125,7 @@ class SuctionLifter:
         # Into arrays that are there: returned ones cost more than the algebra.
         wrench, given, excess = np.zeros(6), np.zeros(3), np.zeros(3)
         self.pull = _pulled(
-            *plate, self._arm, self._axes, self._limits, force, *head, *spring, upright, self._cable,
+            plate, self._arm, self._axes, self._limits, force, *head, *spring, upright, self._cable,
             wrench, given, excess,
         )  # fmt: skip
         self.force = given
@@ -131,7 +134,7 @@ class SuctionLifter:
 
 @njit(cache=True, nogil=True)
 def _pulled(  # noqa: C901, PLR0913 - one compiled pass
-    R, com, velocity, spin, pad_arm, axes, limits, force, point, speed, torque, stiffness, time, most, upright, cable,
+    plate, pad_arm, axes, limits, force, point, speed, torque, stiffness, time, most, upright, cable,
     wrench, given, excess,
 ):  # fmt: skip
     """Return the pull; add the (6,) wrench on the plate about its centre of mass, the force in it, and what slid away.
@@ -141,6 +144,7 @@ def _pulled(  # noqa: C901, PLR0913 - one compiled pass
     `stiffness`, `time` and `most` its stiffness [N/m], damping over that [s], and largest pull [N]. `upright`: the head
     is above the pad wherever that is. `wrench` (6,), `given` (3,) and `excess` (3,) are zeros, which are written to.
     """
+    R, com, velocity, spin = plate[:3], plate[3], plate[4], plate[5]
     at_rest, per_pull, bending, radius = limits
     arm, asked, outward = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
@@ -184,6 +188,26 @@ def _pulled(  # noqa: C901, PLR0913 - one compiled pass
         wrench[i] = given[i]
         wrench[3 + i] += arm[j] * given[k] - arm[k] * given[j]
     return pull
+
+
+@njit(cache=True, nogil=True)
+def _given(  # noqa: PLR0913 - one compiled pass
+    plate, pad_arm, axes, limits, wrench, error, point, speed, limit, stiffness, time, most, cable, exerted, given
+):
+    """Return the pull of the force source, see `SuctionLifter.give`; write the wrench and the force in it.
+
+    `wrench` (6,) is planned and exerted with this relative `error`; the spring is as stiff as the cup's `limit` [N]
+    says by a fifth of it. The rest is as in `_pulled`.
+    """
+    force, excess = np.empty(3), np.zeros(3)
+    for i in range(3):
+        force[i] = (1.0 + error) * wrench[i]
+    size = math.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
+    loaded = min(1.0, size / (0.2 * limit))
+    return _pulled(
+        plate, pad_arm, axes, limits, force, point, speed, wrench[3:], loaded * stiffness, time, most, False, cable,
+        exerted, given, excess,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

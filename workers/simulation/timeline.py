@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from planners.geometry.linear import row_between
 from planners.geometry.pose import Array
 from planners.plan.segment import Segment
+
+_AT_ONCE = 256
+"""Instants that are looked up together [1]."""
 
 
 class PlannedMoment(NamedTuple):
@@ -82,6 +86,22 @@ class SampledTimeline:
         row = row_between(self.table, low, high, part)
         return PlannedMoment(time, index, self.segments[index], low, high, part, row)
 
+    def every(self, step: float) -> Iterator[PlannedMoment]:
+        """Yield what `at` returns for 0, `step`, twice that and so on [s], each time the one before plus `step`.
+
+        It never ends; after the plan's end everything is as at the last sample.
+        """
+        segment_of, low, time = np.array(self._segment_of), 0, 0.0
+        while True:
+            times, parts = np.empty(_AT_ONCE), np.empty(_AT_ONCE)
+            samples, rows = np.empty((_AT_ONCE, 2), dtype=np.int64), np.empty((_AT_ONCE, self.table.shape[1]))
+            low, time = _walk(self.time, segment_of, self.table, low, time, step, times, samples, parts, rows)
+            for now, (before, after), part, row in zip(
+                times.tolist(), samples.tolist(), parts.tolist(), rows, strict=True
+            ):
+                number = self._segment_of[before]
+                yield PlannedMoment(now, number, self.segments[number], before, after, part, row)
+
     def poses(self, body: str, start: Array) -> Array:
         """Return where a body is at every sample, (n, 7) in the world; `start` (7,): until it first moves."""
         rows = []
@@ -89,3 +109,38 @@ class SampledTimeline:
             rows.append(segment.body_poses.get(body, np.repeat(start[None], len(segment.time), axis=0)))
             start = rows[-1][-1]
         return np.concatenate(rows)
+
+
+@njit(cache=True, nogil=True)
+def _walk(  # noqa: PLR0913 - one compiled pass
+    sample_times, segment_of, table, low, time, step, times, samples, parts, rows
+):
+    """Write instants, the samples around them, how far they are between those, and their rows, see `at`.
+
+    Args:
+        sample_times: (n,) [s].
+        segment_of: (n,) number of each sample's segment.
+        table: (n, k).
+        low: a sample that is not after the first instant.
+        time: the first instant [s].
+        step: from one to the next [s].
+        times: (m,), written.
+        samples: (m, 2), written.
+        parts: (m,), written.
+        rows: (m, k), written.
+
+    Returns:
+        The sample and the instant with which to go on.
+    """
+    last = len(sample_times) - 1
+    for i in range(len(times)):
+        while low < last and sample_times[low + 1] <= time:
+            low += 1
+        high = low + 1 if low < last and segment_of[low + 1] == segment_of[low] else low
+        width = sample_times[high] - sample_times[low]
+        part = min(max((time - sample_times[low]) / width, 0.0), 1.0) if width > 0.0 else 0.0
+        times[i], samples[i, 0], samples[i, 1], parts[i] = time, low, high, part
+        for j in range(table.shape[1]):
+            rows[i, j] = (1.0 - part) * table[low, j] + part * table[high, j]
+        time += step
+    return low, time

@@ -47,7 +47,8 @@ class ToolExecution:
         self.recorder = Recorder(TOOL_UNITS, length_digits=6)
         self.time = 0.0
         """[s]"""
-        self._moment = self.timeline.at(self.time)
+        self._moments = self.timeline.every(settings.step)
+        self._moment = next(self._moments)
         self._fingers: dict[str, FingerHold] = {}
         self._cup: CupHold | None = None
         self._chain = Chain([])
@@ -101,7 +102,7 @@ class ToolExecution:
         failure = self._take_and_let_go(self._moment)
         if failure is not None:
             return failure
-        self._moment = ahead = self.timeline.at(self.time + self.settings.step)
+        self._moment = ahead = next(self._moments)
         self._advance(ahead.positions, ahead.velocities)
         if self._steps % self._look == 0:
             failure = self._give_way() or self._standing.look(self._held(), self.time)

@@ -114,7 +114,7 @@ class Touch:
         if self.engaged:
             # Arrays one by one, and one to write to: tuples, and arrays that are returned, cost more than the algebra.
             self.pressed, self.slip = _act(
-                T_world_hand, hand_twist, *plate, self.points, self.normals, self.preload, self._constants,
+                T_world_hand, hand_twist, plate, self.points, self.normals, self.preload, self._constants,
                 self.anchors, self.slips, self.forces, total,
             )  # fmt: skip
             self.force = total[:3]
@@ -141,12 +141,13 @@ def _wrench(R, anchors, forces):
 
 @njit(cache=True, nogil=True)
 def _act(  # noqa: C901, PLR0913 - one compiled pass over all points
-    T, twist, R, com, velocity, spin, points, normals, preload, constants, anchors, slips, forces, total
+    T, twist, plate, points, normals, preload, constants, anchors, slips, forces, total
 ):
     """Return whether any point presses, and how far the points have slid; write `anchors`, `slips` and `forces`.
 
     The wrench is added to `total`.
     """
+    R, com, velocity, spin = plate[:3], plate[3], plate[4], plate[5]
     kn, kt, time, mu, radius = constants
     pressed, slip = False, 0.0
     hand, wrist = np.empty(3), np.empty(3)

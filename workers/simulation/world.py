@@ -29,8 +29,8 @@ _LAST_LINK = 5
 _SOLVER_ITERATIONS = 60
 _DIAGONAL = 1e-9
 """Products of inertia, over the greatest moment, below which the body's own axes are principal axes [1]."""
-Motion = tuple[Array, Array, Array, Array]
-"""(3, 3) rotation, (3,) centre of mass in the world, (3,) its velocity, (3,) angular velocity, world axes."""
+Motion = Array
+"""(6, 3): rows 0 to 2 a rotation, then centre of mass in the world, its velocity, and angular velocity, world axes."""
 
 
 class CellWorld:
@@ -75,6 +75,8 @@ class CellWorld:
             name: (arm.dh, arm.T_world_base, self.positions[part], self.velocities[part])
             for (name, arm), part in zip(cell.arms.items(), self._joints.values(), strict=True)
         }
+        self._dh = np.array([arm.dh for arm in cell.arms.values()])
+        self._T_world_bases = np.array([arm.T_world_base for arm in cell.arms.values()])
         self._torques: Sequence[float] = [0.0] * 12
         self.bodies: dict[str, FreeBody] = {}
         """What moves freely, by name."""
@@ -120,7 +122,9 @@ class CellWorld:
     def advance(self) -> None:
         """Take one step of the physics."""
         bullet.stepSimulation(self.client)
-        states = [state for body, _, _ in self._servos for state in bullet.getJointStates(body, _JOINTS, self.client)]
+        states: list[tuple[float, float, Sequence[float], float]] = []
+        for body, _, _ in self._servos:
+            states += bullet.getJointStates(body, _JOINTS, self.client)
         self.positions[:], self.velocities[:], _, self._torques = zip(*states, strict=True)
         for body in self.bodies.values():
             body.forget()
@@ -135,6 +139,14 @@ class CellWorld:
         T_world_hand, twist = np.empty((4, 4)), np.empty(6)
         _move_frame(*self._chains[arm], T_flange_hand, T_world_hand, twist)
         return T_world_hand, twist
+
+    def hands(self, T_flange_hands: Array) -> tuple[Array, Array]:
+        """Return what `hand` does for every arm: `T_world_hand` (n, 4, 4) and twists (n, 6) of frames (n, 4, 4)."""
+        T_world_hands, twists = np.empty((len(self._dh), 4, 4)), np.empty((len(self._dh), 6))
+        _move_frames(
+            self._dh, self._T_world_bases, self.positions, self.velocities, T_flange_hands, T_world_hands, twists
+        )
+        return T_world_hands, twists
 
     def _surface(self, body: int) -> None:
         """Give a body the surface that all bodies have."""
@@ -177,6 +189,15 @@ def _move_frame(dh, T_world_base, q, velocities, T_flange_frame, T_world_frame, 
     """Write what `frame_motion` returns: arrays that are returned cost more than that."""
     T, moved = frame_motion(dh, T_world_base, T_flange_frame, q, velocities)
     T_world_frame[:], twist[:] = T, moved
+
+
+@njit(cache=True, nogil=True)
+def _move_frames(dh, T_world_bases, q, velocities, T_flange_frames, T_world_frames, twists):
+    """Write what `frame_motion` returns for each arm; `q` and `velocities` are those of all joints."""
+    for i in range(len(dh)):
+        joints = slice(6 * i, 6 * i + 6)
+        T, moved = frame_motion(dh[i], T_world_bases[i], T_flange_frames[i], q[joints], velocities[joints])
+        T_world_frames[i], twists[i] = T, moved
 
 
 class LiftWorld(CellWorld):
@@ -247,43 +268,34 @@ class FreeBody:
         pose = to_pose7(body.T_world_body @ inverse(self.T_center_body))
         bullet.resetBasePositionAndOrientation(self.id, pose[:3], [*pose[4:], pose[3]], physicsClientId=client)
         self._T_world_center = np.eye(4)
-        self._state: Array | None = None
         self._motion: Motion | None = None
         self._T_world_body: Transform | None = None
         """Found out once a step where they are asked for."""
 
     def forget(self) -> None:
         """Forget where it was: the physics has moved it."""
-        self._state = self._motion = self._T_world_body = None
+        self._motion = self._T_world_body = None
 
     @property
     def motion(self) -> Motion:
         """Orientation of its principal axes, centre of mass, its velocity, and spin."""
         if self._motion is None:
-            state = self.state
-            self._motion = state[:3], state[3], state[4], state[5]
-        return self._motion
-
-    @property
-    def state(self) -> Array:
-        """(6, 3): `motion` in one array, the rotation's rows first."""
-        if self._state is None:
             position, xyzw = bullet.getBasePositionAndOrientation(self.id, self._client)
             matrix = bullet.getMatrixFromQuaternion(xyzw)
             linear, angular = bullet.getBaseVelocity(self.id, self._client)
-            self._state = np.array(matrix + position + linear + angular).reshape(6, 3)
-        return self._state
+            self._motion = np.array(matrix + position + linear + angular).reshape(6, 3)
+        return self._motion
 
     @property
     def center(self) -> Array:
         """(3,) centre of mass, in the world [m]."""
-        return self.motion[1]
+        return self.motion[3]
 
     @property
     def T_world_body(self) -> Transform:
         """Where the body's own frame is."""
         if self._T_world_body is None:
-            self._T_world_center[:3, :3], self._T_world_center[:3, 3] = self.motion[:2]
+            self._T_world_center[:3, :3], self._T_world_center[:3, 3] = self.motion[:3], self.motion[3]
             self._T_world_body = self._T_world_center @ self.T_center_body
         return self._T_world_body
 
