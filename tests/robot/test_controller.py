@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,6 +17,7 @@ from support.controller.intrinsics import Intrinsics, Registers
 from support.controller.lexer import ScriptRefused
 from support.controller.stand_in import StandIn, hosts, stand_ins
 from support.controller.translator import ProgramFault, translate
+from support.service import wait_for
 
 CYCLE = 0.002
 DH = [[0.0, np.pi / 2, 0.15185, 0.0], [-0.24355, 0, 0, 0], [-0.2132, 0, 0, 0],
@@ -173,21 +173,16 @@ def test_the_unmodified_client_reads_writes_and_runs_programs(controller: tuple[
         "def sum():\n while True:\n  write_output_integer_register(12, read_input_integer_register(20) + 1)\n"
         "  write_output_float_register(13, read_input_float_register(19) * 2)\n  sync()\n end\nend\n"
     )
-    until = time.monotonic() + 5.0
-    while (receive.getOutputIntRegister(12), receive.getOutputDoubleRegister(13)) != (42, 0.5):
-        assert time.monotonic() < until, stand_in.tell()
-        time.sleep(0.01)
+    wait_for(lambda: (receive.getOutputIntRegister(12), receive.getOutputDoubleRegister(13)) == (42, 0.5), 30)
     assert dashboard.running()
     stand_in.tell(protective_stop="by a test")
-    time.sleep(0.05)
-    assert receive.isProtectiveStopped()
-    assert not dashboard.running()
+    wait_for(receive.isProtectiveStopped, 30)
+    wait_for(lambda: not dashboard.running(), 30)
     dashboard.unlockProtectiveStop()
-    time.sleep(0.05)
-    assert not receive.isProtectiveStopped()
+    wait_for(lambda: not receive.isProtectiveStopped(), 30)
     script.sendScriptCommand("def wrong():\n x = y\nend\n")
-    time.sleep(0.1)
-    assert "refused: line 2, column 6: there is no variable y here" in stand_in.tell()["messages"]
+    refusal = "refused: line 2, column 6: there is no variable y here"
+    wait_for(lambda: refusal in stand_in.tell()["messages"], 30)
     for client in (receive, write, dashboard, script):
         client.disconnect()
 
