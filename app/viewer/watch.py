@@ -314,7 +314,7 @@ async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
 
 
 def refusal(request: PageRequest, detail: str) -> RequestRefused:
-    """Return that something cannot be done, and what was asked for."""
+    """Return the answer to a request that cannot be met; it names the plan or the scene that was asked for."""
     return RequestRefused(request.type, detail, **request.model_dump(include={"plan", "scene"}))
 
 
