@@ -27,19 +27,19 @@ PATIENCE = httpx.Timeout(None, connect=30.0)
 """Perceiving a scan takes as long as it takes, and a job may say nothing for long [s]."""
 
 
-class Answer(BaseModel):
+class ServiceAnswer(BaseModel):
     """What a service answers, as far as it is read here: one of another version may say more."""
 
     model_config = ConfigDict(frozen=True)
 
 
-class JobError(Answer):
+class JobError(ServiceAnswer):
     """Why a job came to nothing."""
 
     detail: str = ""
 
 
-class PlanLinks(Answer):
+class PlanAddresses(ServiceAnswer):
     """Where a plan is found."""
 
     self: str
@@ -48,23 +48,23 @@ class PlanLinks(Answer):
     view: str
 
 
-class PlanProgress(Answer):
+class JobProgress(ServiceAnswer):
     """How far a job is."""
 
     fraction: float
     """Of the whole, 0 … 1."""
 
 
-class PlanJob(Answer):
+class PlanJob(ServiceAnswer):
     """A plan that was posted, and how far its job is."""
 
     state: str
-    progress: PlanProgress
+    progress: JobProgress
     error: JobError | None
-    links: PlanLinks
+    links: PlanAddresses
 
 
-class StudyLinks(Answer):
+class StudyAddresses(ServiceAnswer):
     """Where a study is found."""
 
     self: str
@@ -72,7 +72,7 @@ class StudyLinks(Answer):
     events: str
 
 
-class StudyJob(Answer):
+class StudyJob(ServiceAnswer):
     """A study that was posted, and how far its job is."""
 
     state: str
@@ -81,35 +81,35 @@ class StudyJob(Answer):
     error: JobError | None
     best_plan: str | None
     """Where the plan of its best point is found."""
-    links: StudyLinks
+    links: StudyAddresses
 
 
-class SceneLinks(Answer):
+class SceneAddresses(ServiceAnswer):
     """Where a scene is found."""
 
     preview: str
     view: str
 
 
-class KeptScene(Answer):
+class KeptScene(ServiceAnswer):
     """A scan that was posted, and the scene it became."""
 
     id: str
     scene: SceneDocument
-    links: SceneLinks
+    links: SceneAddresses
 
 
-class _Report(PlanProgress):
+class _Report(JobProgress):
     stage: str
 
 
-class _Refusal(Answer):
+class _Refusal(ServiceAnswer):
     title: str | None = None
     detail: str | None = None
     errors: tuple[Problem, ...] = ()
 
 
-Answered = TypeVar("Answered", bound=Answer)
+Wanted = TypeVar("Wanted", bound=ServiceAnswer)
 
 
 class ServiceRefused(LiftwrightError):
@@ -273,7 +273,7 @@ class ServiceClient:
                 bar.show(report.stage, report.fraction)
         raise ServiceAway(self.address, "it closed the event stream before the job ended")
 
-    def _read(self, kind: type[Answered], content: bytes | str) -> Answered:
+    def _read(self, kind: type[Wanted], content: bytes | str) -> Wanted:
         try:
             return kind.model_validate_json(content)
         except ValidationError as error:

@@ -88,7 +88,7 @@ class ToolDescription(KindDescription):
         return rows if share is None else [*rows, ("cup used", f"{PERCENT * share:.0f} %")]
 
     def after_the_plan(self) -> Sequence[tuple[str, float, float, str]]:
-        """Return that the robot stands still."""
+        """Return one span, named, in which the robot stands still [s]."""
         return [("still", self.plan.duration, self._simulation.time, "Robot stands still")]
 
     def pages(self) -> Sequence[tuple[float, float]]:

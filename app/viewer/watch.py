@@ -144,7 +144,7 @@ class Done(PageAnswer):
 
 
 @dataclass(frozen=True)
-class Refused(PageAnswer):
+class RequestRefused(PageAnswer):
     """Something cannot be done."""
 
     type = "refused"
@@ -313,9 +313,9 @@ async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
         raise fault from error
 
 
-def refusal(request: PageRequest, detail: str) -> Refused:
-    """Return that something cannot be done, and what was asked for."""
-    return Refused(request.type, detail, **request.model_dump(include={"plan", "scene"}))
+def refusal(request: PageRequest, detail: str) -> RequestRefused:
+    """Return the answer to a request that cannot be met; it names the plan or the scene that was asked for."""
+    return RequestRefused(request.type, detail, **request.model_dump(include={"plan", "scene"}))
 
 
 async def _answer(

@@ -149,14 +149,14 @@ class _Cones:
         return np.eye(self.size)[columns]
 
     def friction(self, forces: Array, mu: float, rest: Array | None = None) -> None:
-        """(5c)-(5e): of the forces `forces @ x + rest`, mu times the third bounds the norm of the others."""
+        """(5c)-(5e): mu times the third of `forces @ x + rest`, (k, size) and (k,), bounds the norm of the others."""
         order = [2, *(row for row in range(len(forces)) if row != 2)]
         scale = np.array([mu, *np.ones(len(forces) - 1)])
         offset = np.zeros(len(forces)) if rest is None else scale * rest[order]
         self.second_order.append((scale[:, None] * forces[order], offset))
 
     def norm_at_most(self, block: Array, bound: float, index: int | None = None) -> int:
-        """Bound the norm of `block @ x`, by a number or by the variable at an index.
+        """Bound the norm of `block @ x`, with a block (k, size), by a number or by the variable at an index.
 
         Returns:
             The cone's place among the second-order cones.
@@ -192,8 +192,8 @@ class CompiledSolvers:
         Args:
             manner: how it solves.
             sparsity: pattern of the rows.
-            cost: of the variables.
-            b: any right side of the rows.
+            cost: (size,) of the variables.
+            b: (m,) any right side of the rows.
             sizes: number of linear rows, then of the rows of each second-order cone.
         """
         key = (manner, sparsity.indptr.tobytes() + sparsity.indices.tobytes() + cost.tobytes(), sizes)

@@ -16,7 +16,7 @@ _RELIEF_SHARES = np.array([0.0, 0.5, 1.0])
 
 
 def point_velocity(twists: Array, levers: Array) -> Array:
-    """Return the velocities (..., 3) of the points at `levers` (..., 3) for `twists` (..., 6)."""
+    """Return the velocities (..., 3) [m/s] of the points at `levers` (..., 3) [m] for `twists` (..., 6)."""
     v, w = twists[..., :3], twists[..., 3:]
     x, y, z = levers[..., 0], levers[..., 1], levers[..., 2]
     p, q, r = w[..., 0], w[..., 1], w[..., 2]
@@ -31,7 +31,7 @@ def grip_power(
     limits: HandLimits,
     net_multiplier: Array | None = None,
 ) -> Array:
-    """Return an upper bound (...) of what a gripper can do, with `levers` and `normals` (..., 2, 3).
+    """Return an upper bound (...) of a gripper's power [W], with `levers` [m] and `normals` (..., 2, 3).
 
     The fingers' own limits give a bound over the fingers: free ones each do their best, those of a squeeze share
     normal forces of 2 s, so that the better one may have them all. The limit on their net force relaxes it: for any
@@ -55,7 +55,7 @@ def grip_power(
 
 
 def push_power(twists: Array, levers: Array, normals: Array, friction: Friction, limits: HandLimits) -> Array:
-    """Return the most a pushing hand can do (...), with `levers` and `normals` (..., 3)."""
+    """Return the most power (...) of a pushing hand [W], with `levers` [m] and `normals` (..., 3)."""
     velocities = point_velocity(twists, levers)
     outward, along = _split(velocities, normals)
     reach = min(limits.normal, limits.push)
@@ -69,7 +69,7 @@ def push_power(twists: Array, levers: Array, normals: Array, friction: Friction,
 
 
 def environment_power(twists: Array, levers: Array, ups: Array, friction: Friction, total_normal: float) -> Array:
-    """Return the most what the plate stands on can do (...), with `levers` (..., k, 3) and `ups` (..., 3).
+    """Return the most power (...) of what the plate stands on [W], with `levers` (..., k, 3) [m] and `ups` (..., 3).
 
     The normal forces of all points together are at most `total_normal` [N]; the best point takes all of it.
     """

@@ -65,7 +65,7 @@ class SuctionPad:
         return np.diag([1.0, 1.0, -1.0, radius, radius, radius])
 
     def largest_power(self, velocity: Array, spin: Array, up: Array) -> Array:
-        """Return the most power (...) for the cup centre's velocity and the plate's spin, both (..., 3), plate axes."""
+        """Return the most power (...) [W] for the cup centre's velocity and the plate's spin (..., 3), plate axes."""
         R = self.cup.T_plate_cup[:3, :3]
         v, w = velocity @ R, spin @ R
         radius = self.cup.radius
@@ -111,7 +111,7 @@ class Cable:
         return np.concatenate([self.cup.T_plate_cup[:3, :3].T @ up, np.zeros(3)])[:, None]
 
     def largest_power(self, velocity: Array, spin: Array, up: Array) -> Array:
-        """Return the most power (...) for the cup centre's velocity (..., 3), plate axes."""
+        """Return the most power (...) [W] for the cup centre's velocity (..., 3) [m/s], in plate axes."""
         return self.cup.max_force * np.maximum(0.0, np.sum(velocity * up, axis=-1))
 
     def largest_force(self) -> float:

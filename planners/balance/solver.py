@@ -135,7 +135,7 @@ class Balance:
 
         Args:
             rotation_world_plate: (3, 3), orientation of the plate.
-            environment_points: (k, 3), where the plate stands on the table or support, plate frame; k may be 0.
+            environment_points: (k, 3), where the plate stands on table or support, in the plate frame [m]; k may be 0.
             grip: The gripper's contacts, if it holds the plate.
             push: The stick's contact, if it touches the plate.
         """

@@ -82,7 +82,7 @@ def uploads_of(request: SolverRequest | StudyRequest) -> Uploads:
     return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 
 
-Outcome = Literal["solved", "infeasible", "not_found"]
+_Outcome = Literal["solved", "infeasible", "not_found"]
 """As in the document."""
 
 
@@ -90,7 +90,7 @@ Outcome = Literal["solved", "infeasible", "not_found"]
 class Answer:
     """What a request is answered with."""
 
-    outcome: Outcome
+    outcome: _Outcome
     document: bytes
     """The plan, as it is stored and sent."""
     stages: tuple[tuple[str, float], ...] = ()
@@ -100,7 +100,7 @@ class Answer:
 class DocumentHeader(NamedTuple):
     """Announces the bytes of a document."""
 
-    outcome: Outcome
+    outcome: _Outcome
     sha256: str
     size: int
     """Of what follows [bytes]."""

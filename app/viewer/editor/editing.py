@@ -113,7 +113,7 @@ class Judged(PageAnswer):
 
 
 @dataclass(frozen=True)
-class Result(PageAnswer):
+class PlanResult(PageAnswer):
     """What the page tells of a plan that was made of the task, and whose path is shown."""
 
     type = "result"
@@ -270,7 +270,7 @@ class _Editing:
         if LastPath.can_be_of(plan):
             self.path = LastPath(plan, self.workshop.servers.cells)
         told = describe_plan(plan).model_dump(mode="json", by_alias=True, include=RESULT)
-        return Result(request.plan, told)
+        return PlanResult(request.plan, told)
 
     def _judge(self, task: Any) -> Any:
         judged = None if self.path is None else self.path.judge(task)

@@ -40,7 +40,7 @@ class Column:
 
     @classmethod
     def of(cls, name: str, solid: Solid, T_world_body: Transform) -> Column:
-        """Return that of a body."""
+        """Return the column of a body at its pose (4, 4)."""
         corners = solid.surface()[0] @ T_world_body[:3, :3].T + T_world_body[:3, 3]
         outline = corners[ConvexHull(corners[:, :2]).vertices, :2]
         heights = corners[:, 2]

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
-Triple = tuple[float, float, float]
+_Triple = tuple[float, float, float]
 
 
 class _Record(BaseModel):
@@ -37,8 +37,8 @@ class MeshRecord(_Record):
 class CylinderRecord(_Record):
     """A cylinder between the centres of its ends, in the frame that its link moves with [m]."""
 
-    start: Triple
-    end: Triple
+    start: _Triple
+    end: _Triple
     radius: float
 
 
@@ -47,11 +47,11 @@ class LinkRecord(_Record):
 
     name: str
     mesh: MeshRecord | None = None
-    rpy_deg: Triple = (0.0, 0.0, 0.0)
+    rpy_deg: _Triple = (0.0, 0.0, 0.0)
     """Of the mesh in the frame that the link moves with, about its fixed axes x, then y, then z [deg]."""
-    position: Triple = (0.0, 0.0, 0.0)
+    position: _Triple = (0.0, 0.0, 0.0)
     """Of the mesh in that frame [m]."""
-    pieces: tuple[tuple[Triple, ...], ...] = ()
+    pieces: tuple[tuple[_Triple, ...], ...] = ()
     """Corners of each piece in that frame [m]."""
     cylinders: tuple[CylinderRecord, ...] = ()
 
@@ -77,8 +77,8 @@ class RobotRecord(_Record):
 class BoxRecord(_Record):
     """A box along the axes of what it is a part of [m]."""
 
-    center: Triple
-    size: Triple
+    center: _Triple
+    size: _Triple
 
 
 class LinkageRecord(_Record):
@@ -91,7 +91,7 @@ class LinkageRecord(_Record):
     inner_knuckle: tuple[float, float]
 
 
-class GripperMeshes(_Record):
+class GripperHulls(_Record):
     """The convex pieces of a gripper: its base, and the parts that both fingers have."""
 
     base: MeshRecord
@@ -111,10 +111,10 @@ class GripperRecord(_Record):
 
     kind: Literal["gripper"]
     sensor: str
-    pad_size: Triple
+    pad_size: _Triple
     """Width, thickness in the opening direction, length [m]."""
     linkage: LinkageRecord
-    meshes: GripperMeshes
+    meshes: GripperHulls
 
 
 class JawsRecord(_Record):
@@ -122,7 +122,7 @@ class JawsRecord(_Record):
 
     kind: Literal["jaws"]
     sensor: str
-    pad_size: Triple
+    pad_size: _Triple
     """Width, thickness in the opening direction, length [m]."""
     pad_height: float
     """Of the pads' centres [m]."""

@@ -124,7 +124,10 @@ def restraint_matrix(points: Array, normals: Array) -> Array:
 
 
 def restraint(points: Array, normals: Array) -> int:
-    """Return c = rank T of paper B, eq. (8): for a plate's bottom 3 on a face, 2 on an edge, 1 on a vertex, else 0."""
+    """Return c = rank T of paper B, eq. (8), for points [m] and normals, both (n, 3).
+
+    For a plate's bottom: 3 on a face, 2 on an edge, 1 on a vertex, else 0.
+    """
     matrix = restraint_matrix(points, normals)
     return int(np.linalg.matrix_rank(matrix)) if len(matrix) else 0
 

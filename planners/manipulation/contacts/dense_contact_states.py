@@ -184,7 +184,7 @@ class RestingPlate:
         return _transforms(R, position)
 
     def com_world(self, T_world_plate: Array) -> Array:
-        """Return the centre of mass (..., 3) in the world at poses (..., 4, 4)."""
+        """Return the centre of mass (..., 3) in the world at poses (..., 4, 4) [m]."""
         return T_world_plate[..., :3, :3] @ self.com + T_world_plate[..., :3, 3]
 
 
@@ -225,7 +225,7 @@ class PlateMotion:
         return self.plate.raised(tilts, clearances, com_xy)
 
     def pose(self, s: float) -> Transform:
-        """Return T_world_plate at s."""
+        """Return T_world_plate (4, 4) at s, 0 to 1 of the motion."""
         return self.poses([s])[0]
 
     @cached_property

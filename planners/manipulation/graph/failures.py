@@ -88,7 +88,7 @@ class RiseFailure:
     survivors: int
 
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges it kills: none."""
+        """Return which edges (n,) it kills: none."""
         return np.zeros(len(graph.edge_motion), bool)
 
 

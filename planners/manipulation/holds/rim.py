@@ -54,6 +54,11 @@ def rim_stations(outline: Array, reference_count: int, patch: RimPatch) -> tuple
 
     They are symmetric about the plate's x axis whenever the outline is, and about its y axis if it is about both.
 
+    Args:
+        outline: (n, 2) corners, counter-clockwise [m].
+        reference_count: stations on the rim of the paper's plate.
+        patch: that a finger presses on.
+
     Returns:
         The stations, counter-clockwise from the first side; none where the patch fits nowhere.
     """

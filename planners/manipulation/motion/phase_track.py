@@ -77,11 +77,11 @@ class PhaseTrack:
 
     @property
     def T_flange_plate(self) -> Transform:
-        """Where the hand holds the plate."""
+        """Pose (4, 4) of the plate in the flange frame, as the hand holds it."""
         return inverse(self.reach.T_plate_flange[self.hold, self.posture // BRANCHES])
 
     def along(self, place: int) -> Array:
-        """Return (m, 6) along the motion that starts at a place."""
+        """Return the joint positions (m, 6) along the motion that starts at a place [rad]."""
         return self.motions[place]
 
     def exact(self, T_world_carriers: Array, reference: Array) -> Array:

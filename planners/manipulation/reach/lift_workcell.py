@@ -136,7 +136,7 @@ class LiftWorkcell(Workcell):
     def moving_arm_query(
         self, arm: str, T_world_plate: Transform, hands: Iterable[str], share: float = 1.0
     ) -> CollisionQuery:
-        """Query the motion of one arm while plate and other arm stand still; the gripper is open unless it holds."""
+        """Query the motion of one arm; plate, at (4, 4), and other arm stand still; an idle gripper is open."""
         hands = frozenset(hands)
         model = self.holding if self.gripper in hands and arm != self.gripper else self.open
         return self.query(model, self.with_arm(arm), Fixed(T_world_plate), hands=hands, share=share)

@@ -168,17 +168,17 @@ class HoldBalance:
         return self._refusals[key]
 
     def solve(self, T_world_plate: Transform, contact_points: Array, hands: HandPair) -> Balanced | Unbalanced:
-        """Solve (5) at any pose, without remembering."""
+        """Solve (5) at any pose (4, 4), with contact points (k, 3) in the plate frame [m], without remembering."""
         self.solved += 1
         return self.balance.solve(T_world_plate[:3, :3], contact_points, *self._contacts(hands))
 
     def refusal(self, T_world_plate: Transform, contact_points: Array, hands: HandPair) -> Unbalanced | None:
-        """Say why not every plate within the tolerances is held at any pose, or None if all are."""
+        """Say why not every plate within the tolerances is held, or None if all are; arguments as of `solve`."""
         self.solved += 1
         return self.tolerant.refusal(T_world_plate[:3, :3], contact_points, *self._contacts(hands))
 
     def program(self, T_world_plate: Transform, contact_points: Array, hands: HandPair) -> ConeProgram:
-        """Return (5) at any pose in numbers, for whoever relaxes its limits."""
+        """Return (5) in numbers, for whoever relaxes its limits; arguments as of `solve`."""
         return self.balance.program(T_world_plate[:3, :3], contact_points, *self._contacts(hands))
 
     def _rule_out(self, proof: UnbalanceProof) -> None:

@@ -34,7 +34,7 @@ class LiftTorques:
     def refusal(
         self, trajectory: Trajectory, sample: int, T_world_plate: Transform, balance: Balanced
     ) -> Rejection | None:
-        """Say which joint would need too much torque at a sample, or None if none does."""
+        """Say which joint would need too much torque [Nm] at a sample, or None; the plate is at its pose (4, 4)."""
         for name, used in self._used(trajectory, sample, T_world_plate, balance):
             joint = int(np.argmax(used))
             if used[joint] > 1.0 - TORQUE_RESERVE:
