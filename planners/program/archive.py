@@ -17,6 +17,8 @@ from planners.program.urscript import Handshake, write_urscript
 
 UR_ROBOTS = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur30")
 """Arms whose controllers run URScript, by the names of their files."""
+Files = Mapping[str, str | bytes]
+"""By their names."""
 _MOMENT = (1980, 1, 1, 0, 0, 0)
 
 
@@ -25,6 +27,8 @@ class ProgramTarget(StrEnum):
 
     UR = "ur"
     """URScript, one program for each of two Universal Robots controllers."""
+    ROS2 = "ros2"
+    """A bag, trajectories, URDF and SRDF, for ROS 2 and MoveIt."""
     CSV = "csv"
     """Tables, for whatever else there is."""
 
@@ -47,8 +51,8 @@ def write_program(
     files = _WRITERS[target](plan, cell, handshake)
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in sorted({**files, "plan.json": document.decode()}.items()):
-            archive.writestr(zipfile.ZipInfo(name, _MOMENT), text, zipfile.ZIP_DEFLATED)
+        for name, content in sorted({**files, "plan.json": document.decode()}.items()):
+            archive.writestr(zipfile.ZipInfo(name, _MOMENT), content, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
 
@@ -61,16 +65,23 @@ def check_urscript(cell: Cell) -> None:
     for arm in ARMS:
         robot = cell.arms[arm].robot.name
         if robot not in UR_ROBOTS:
-            raise NotExportable(f"the {arm} arm is {robot}, none of {', '.join(UR_ROBOTS)}: choose csv")
+            raise NotExportable(f"the {arm} arm is {robot}, none of {', '.join(UR_ROBOTS)}: choose ros2 or csv")
 
 
-def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
+def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
     check_urscript(cell)
     schedule = Schedule.of(plan)
     return {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
 
 
-def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
+def _ros2(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
+    # Here, since it takes longer to load than anything else that a service needs to begin.
+    from planners.program.ros2 import write_ros2
+
+    return write_ros2(plan, cell)
+
+
+def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
     return {
         "motion.csv": motion_table(plan),
         "steps.csv": steps_table(Schedule.of(plan)),
@@ -78,7 +89,8 @@ def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
     }
 
 
-_WRITERS: Mapping[ProgramTarget, Callable[[Plan, Cell, Handshake], dict[str, str]]] = {
+_WRITERS: Mapping[ProgramTarget, Callable[[Plan, Cell, Handshake], Files]] = {
     ProgramTarget.UR: _ur,
+    ProgramTarget.ROS2: _ros2,
     ProgramTarget.CSV: _csv,
 }

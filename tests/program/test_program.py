@@ -13,8 +13,6 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from support.documents import plan_of
-from support.lift_documents import lift_document, segment
 from support.plan_shelf import PlanShelf
 from support.service import finished, task
 from support.serving import served
@@ -33,25 +31,6 @@ TASKS = ("ab1", "domino_pile")
 MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\]\)")
 STAY = re.compile(r"lw_stay\(([^)]+)\)")
 BEGIN = re.compile(r"lw_begin\((\d+)\)$")
-
-
-@pytest.fixture(scope="module")
-def documents(shelf: PlanShelf) -> dict[str, bytes]:
-    return {name: shelf.take({"id": name, "task": task(f"{name}.json")}, lambda _: None) for name in TASKS}
-
-
-@pytest.fixture(scope="module")
-def plans(documents: dict[str, bytes]) -> dict[str, Plan]:
-    return {name: Plan.read(document) for name, document in documents.items()}
-
-
-@pytest.fixture(scope="module")
-def small() -> Plan:
-    """A document that says of itself that it is certified, and is sealed."""
-    cell = load_cell("dual_ur3e_lift")
-    check = {"name": "structure", "passed": True, "margin": 0.0, "unit": "1", "where": "the whole document"}
-    members = {"outcome": "solved", "segments": [segment(0.0, 3)], "certificate": {"passed": True, "checks": [check]}}
-    return plan_of({**lift_document(cell), **members}).sealed()
 
 
 def streamed(script: str) -> list[tuple[int, float, Array | None, Array | None]]:
