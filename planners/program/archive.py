@@ -12,7 +12,7 @@ from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.guard import NotExportable, exportable
 from planners.program.schedule import Schedule
-from planners.program.table import COLUMNS, motion_table, steps_table
+from planners.program.table import COLUMNS, forces_table, steps_table, trajectory_table
 from planners.program.urscript import Handshake, write_urscript
 
 UR_ROBOTS = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur30")
@@ -71,7 +71,8 @@ def check_urscript(cell: Cell) -> None:
 def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
     check_urscript(cell)
     schedule = Schedule.of(plan)
-    return {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
+    scripts = {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
+    return {**scripts, "README.txt": _UR_README.format(plan=plan, steps=len(schedule.steps), handshake=handshake.value)}
 
 
 def _ros2(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
@@ -82,13 +83,31 @@ def _ros2(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
 
 
 def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
+    schedule = Schedule.of(plan)
     return {
-        "motion.csv": motion_table(plan),
-        "steps.csv": steps_table(Schedule.of(plan)),
+        "trajectory.csv": trajectory_table(schedule),
+        "forces.csv": forces_table(plan),
+        "steps.csv": steps_table(schedule),
         "COLUMNS.md": COLUMNS,
     }
 
 
+_UR_README = """{plan.cell.name}: a plan for two Universal Robots controllers
+written by Liftwright {plan.software.version}
+plan {plan.id}
+digest {plan.digest}
+cell hash {plan.cell.hash}
+{plan.duration:.1f} s in {steps} steps; the controllers wait for each other by {handshake}
+
+  left.script, right.script   one for each controller; both begin with what has to be filled in for this site
+  plan.json                   the plan itself
+
+Nothing here is a safety function. docs/robot.md of Liftwright has what each part of a program does, the registers, and
+the checklist for the first time.
+
+With registers nothing moves until a computer confirms steps: `liftwright execute plan.json --left HOST --right HOST`
+loads both programs itself. With digital wires load each on its controller, as a script node or over port 30002.
+"""
 _WRITERS: Mapping[ProgramTarget, Callable[[Plan, Cell, Handshake], Files]] = {
     ProgramTarget.UR: _ur,
     ProgramTarget.ROS2: _ros2,

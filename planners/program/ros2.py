@@ -43,7 +43,7 @@ def write_ros2(plan: Plan, cell: Cell) -> dict[str, str | bytes]:
         "cell.srdf": description.srdf,
         "joint_limits.yaml": description.joint_limits,
         "trajectories.json": json.dumps(trajectories(plan, description), allow_nan=False, separators=(",", ":")),
-        "package.xml": _package(plan, description),
+        "package.xml": _package(description),
         "CMakeLists.txt": _BUILD.format(package=description.package),
         "README.txt": _readme(plan, description),
     }
@@ -95,11 +95,11 @@ def trajectories(plan: Plan, description: CellDescription) -> dict[str, Any]:
     }
 
 
-def _package(plan: Plan, description: CellDescription) -> str:
+def _package(description: CellDescription) -> str:
     return f"""<?xml version="1.0"?>
 <package format="3">
   <name>{description.package}</name>
-  <version>{plan.software.version}</version>
+  <version>0.0.0</version>
   <description>The cell {description.cell.name}, and a plan for it.</description>
   <maintainer email="nobody@example.com">nobody</maintainer>
   <license>Proprietary</license>
