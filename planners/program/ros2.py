@@ -189,8 +189,8 @@ THE MODEL
   Frames: <arm>_base before the first joint, <arm>_flange behind the last one, <arm>_tcp; world is on the floor.
   Groups: left, right, both, left_hand, right_hand; the state home is where the cell has the arms at rest.
   Links that the SRDF does not check against each other are those that the plan was not checked for either: what never
-  moves, and what is at most one joint apart. MoveIt tells of contacts that are meant as collisions: a held body is
-  allowed to touch its hand, and nothing else.
+  moves, and what is at most one joint apart. With each step a planning scene allows what touches in it as well: what
+  hands hold, and what bears what.
   Links have the masses of the cell's files; what turns them is as if these were spread evenly over the shapes. How fast
   fingers are the files do not say: 1 s for all of their way.
 """

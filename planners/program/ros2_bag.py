@@ -14,9 +14,10 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
-from planners.geometry.convex import prism
+from planners.geometry.convex import NamePair, prism, sorted_pair
 from planners.geometry.pose import Array
 from planners.geometry.surface import hull_with_faces
+from planners.plan.contacts import InertiaEntry
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS, BodyDocument
 from planners.plan.segment import Segment
@@ -193,11 +194,15 @@ class _Recorder:
     def _scenes(self) -> Iterator[tuple[int, str, Any]]:
         """Yield what changes of the planning scene: all of it at the begin, then what is attached, let go or moved."""
         before: dict[str, _Carried] = {}
-        for segment in self.plan.segments:
-            now, times = self._carrying(segment), segment_times(segment)
+        allowed_before: frozenset[NamePair] = frozenset()
+        for index, segment in enumerate(self.plan.segments):
+            now, times, allowed = self._carrying(segment), segment_times(segment), self._allowed(index)
             changed = {name: how for name, how in now.items() if name not in before or not how.is_as(before[name])}
-            if changed:
-                yield times[0], PLANNING_SCENE, self._scene(times[0], changed, before)
+            if changed or allowed != allowed_before:
+                scene = self._scene(times[0], changed, before)
+                if allowed != allowed_before:
+                    scene.allowed_collision_matrix = self._matrix(allowed)
+                yield times[0], PLANNING_SCENE, scene
             for i, time in enumerate(times[1:], start=1):
                 loose = {
                     name: _Carried(None, rows[i], ())
@@ -207,7 +212,35 @@ class _Recorder:
                 if loose:
                     yield time, PLANNING_SCENE, self._scene(time, loose, now)
                     now |= loose
-            before = now
+            before, allowed_before = now, allowed
+
+    def _allowed(self, index: int) -> frozenset[NamePair]:
+        """Return which links and bodies may touch in a segment: those that the cell never checks, and what bears what.
+
+        At the ends of a segment it is as its neighbours have it.
+        """
+        pairs = {*self.description.cell.excluded_pairs}
+        cables = [name for name, body in self._shown.items() if body.role == "cable"]
+        # The lifter's cable is in the way of arms only.
+        pairs |= {sorted_pair(cable, name) for cable in cables for name in self._shown if name != cable}
+        for segment in self.plan.segments[max(index - 1, 0) : index + 2]:
+            held = [(grip.arm, grip.body) for grip in segment.grips]
+            held += [] if segment.push is None else [(segment.push.arm, segment.push.body)]
+            held += [(ride.to, body) for body, ride in segment.rides]
+            borne = (each for each in segment.contacts if not isinstance(each, InertiaEntry))
+            for by, body in [*held, *((each.by, each.body) for each in borne)]:
+                touching = self.description.hand_links(by) if by in ARMS else (by,)
+                pairs |= {sorted_pair(link, body) for link in touching}
+        return frozenset(pairs)
+
+    def _matrix(self, allowed: frozenset[NamePair]) -> Any:
+        """Return the matrix of what may touch: all of it, since MoveIt replaces what it had."""
+        names = sorted({*self._shown, *(name for pair in allowed for name in pair)})
+        rows = [
+            ros.message("moveit_msgs/AllowedCollisionEntry", enabled=[sorted_pair(a, b) in allowed for b in names])
+            for a in names
+        ]
+        return ros.message("moveit_msgs/AllowedCollisionMatrix", entry_names=names, entry_values=rows)
 
     def _carrying(self, segment: Segment) -> dict[str, _Carried]:
         """Return how every body is at the begin of a segment."""

@@ -8,22 +8,27 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from rosbags.highlevel import AnyReader
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
-from planners.cell.cell import load_cell
+from planners.cell.cell import Cell, load_cell
+from planners.geometry.convex import CollisionBody, ConvexShape, box, cylinder, prism
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, rotation_angle
+from planners.kinematics.forward import link_frames
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.planning import certificate_of
 from planners.program import NotExportable, ProgramTarget, Schedule, write_program
 from planners.program.ros2 import write_ros2
+from tests.collision.coal_scene import coal_geometry
 
 TASKS = ("ab1", "domino_pile")
 LIFTED = {"table", "frame"}
@@ -266,7 +271,6 @@ def test_the_planning_scene_has_bodies_on_the_flanges_that_carry_them_and_elsewh
             scene = scenes.pop(0).message
             assert scene.is_diff
             assert scene.robot_state.is_diff
-            assert not scene.allowed_collision_matrix.entry_names
             for each in scene.robot_state.attached_collision_objects:
                 if each.object.operation == 0:
                     assert each.object.header.frame_id == each.link_name
@@ -352,3 +356,97 @@ def test_a_body_does_not_take_the_name_of_a_link(plans: dict[str, Plan]) -> None
     bodies = {**plan.bodies, "left_tcp": plan.bodies["cup"]}
     with pytest.raises(NotExportable, match="left_tcp would name a body and a link"):
         write_ros2(plan.model_copy(update={"bodies": bodies}), load_cell(plan.cell.name))
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex part of a link or body, in coal."""
+
+    name: str
+    geometry: coal.CollisionGeometry
+    T_world_geometry: Transform
+    grown: float
+    center: Array
+    reach: float
+
+    @classmethod
+    def of(cls, name: str, shape: ConvexShape, T: Transform) -> Solid:
+        geometry, T_shape_geometry, grown = known_geometry(shape)
+        ball = shape.ball
+        return cls(name, geometry, T @ T_shape_geometry, grown, T[:3, :3] @ ball[:3] + T[:3, 3], ball[3] + shape.radius)
+
+    def gap(self, other: Solid) -> float:
+        """Return the distance to another one, or less where they are far apart [m]."""
+        apart = float(np.linalg.norm(self.center - other.center)) - self.reach - other.reach
+        if apart > 0.0:
+            return apart
+        poses = [coal.Transform3s(T[:3, :3], T[:3, 3]) for T in (self.T_world_geometry, other.T_world_geometry)]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        return (
+            coal.distance(self.geometry, poses[0], other.geometry, poses[1], request, result) - self.grown - other.grown
+        )
+
+
+@cache
+def known_geometry(shape: ConvexShape) -> tuple[coal.CollisionGeometry, Transform, float]:
+    return coal_geometry(shape)
+
+
+@cache
+def links_of(cell: Cell, widths: tuple[tuple[str, float], ...]) -> tuple[CollisionBody, ...]:
+    return cell.collision_bodies(dict(widths))
+
+
+def convex_parts(shape: Any) -> list[ConvexShape]:
+    if shape.type == "box":
+        return [box(shape.size)]
+    if shape.type == "cylinder":
+        return [cylinder(shape.radius, shape.height)]
+    if shape.type == "prism":
+        return [prism(shape.outline, shape.height)]
+    return [ConvexShape(part) for part in shape.convex_parts]
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_what_touches_in_a_step_may_do_so_in_its_planning_scene(unpacked: dict[str, Unpacked], name: str) -> None:
+    """All that MoveIt checks: links against links and bodies, and bodies on a flange against everything."""
+    program, allowed, attached, touched = unpacked[name], set[tuple[str, str]](), set[str](), 0
+    plan, scenes = program.plan, program.of("/planning_scene")
+    cell = load_cell(plan.cell.name)
+    shapes = {body: convex_parts(d.shape) for body, d in plan.bodies.items() if d.role not in LIFTED}
+    for segment in plan.segments:
+        while scenes and scenes[0].time <= round(1e9 * float(segment.time[0])):
+            scene = scenes.pop(0).message
+            names = scene.allowed_collision_matrix.entry_names
+            if names:
+                enabled = np.array([entry.enabled for entry in scene.allowed_collision_matrix.entry_values])
+                np.testing.assert_array_equal(enabled, enabled.T)
+                allowed = {(names[i], names[j]) for i, j in zip(*np.nonzero(enabled), strict=True)}
+            for each in scene.robot_state.attached_collision_objects:
+                (attached.add if each.object.operation == 0 else attached.discard)(each.object.id)
+        for sample in (0, len(segment.time) // 2, len(segment.time) - 1):
+            frames = {"world": np.eye(4)}
+            for i, (arm, described) in enumerate(cell.arms.items()):
+                out = np.empty((7, 4, 4))
+                q = np.ascontiguousarray(segment.positions[sample, 6 * i : 6 * i + 6])
+                link_frames(described.dh, described.T_world_base, q, out)
+                frames |= {f"{arm}/{k}": out[k] for k in range(7)}
+            begun = plan.at(float(segment.time[0])).body_poses
+            poses = {
+                body: segment.body_poses[body][sample] if body in segment.body_poses else begun[body] for body in shapes
+            }
+            widths = {arm: float(rows[sample]) for arm, rows in segment.gripper_width.items()}
+            links = [
+                Solid.of(link.name, part, frames[link.frame])
+                for link in links_of(cell, tuple(widths.items()))
+                for part in link.shapes
+            ]
+            bodies = [Solid.of(body, part, from_pose7(poses[body])) for body, parts in shapes.items() for part in parts]
+            held = [body for body in bodies if body.name in attached]
+            for a, b in itertools.chain(
+                itertools.combinations(links, 2), itertools.product(links, bodies), itertools.product(held, bodies)
+            ):
+                if a.name != b.name and a.gap(b) <= 0.0:
+                    assert (a.name, b.name) in allowed, (a.name, b.name, segment.kind, sample)
+                    touched += 1
+    assert touched
