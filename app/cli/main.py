@@ -91,13 +91,15 @@ and so is the hash of the cell: what was changed in any way since it was planned
 Exit code 0: written; 2: must not be exported, and why; 3: bad input. docs/robot.md leads from here to a moving robot.
 
 targets:
-  ur   URScript, left.script and right.script, one for each controller
-  csv  tables of the motion and of the steps, with a page that explains their columns
+  ur    URScript, left.script and right.script, one for each controller
+  ros2  a bag with trajectories, fingers, vacuum, joint states, frames and planning scenes; the cell as URDF and SRDF
+  csv   tables of the motion and of the steps, with a page that explains their columns
 """
 EXPORT_EXAMPLES = """\
 examples:
   liftwright plan assets/tasks/ab1.json --out plan.json && liftwright export plan.json --target ur
   liftwright export plan.json --target ur --handshake digital    the arms wait for each other by wires, no computer
+  liftwright export plan.json --target ros2                      for RViz, MoveIt and the controllers of ros2_control
   liftwright export plan.json --target csv --cell mine           a plan for a cell of your own
 """
 EXECUTE_DESCRIPTION = """\
@@ -381,7 +383,7 @@ def _add_cell(command: argparse.ArgumentParser) -> None:
 
 def _add_export(command: argparse.ArgumentParser) -> None:
     command.add_argument("plan", type=Path, metavar="PLAN", help="a plan document, as `liftwright plan --out` wrote it")
-    command.add_argument("--target", required=True, choices=("csv", "ur"), help="what it becomes, see above")
+    command.add_argument("--target", required=True, choices=("csv", "ros2", "ur"), help="what it becomes, see above")
     command.add_argument(
         "--handshake",
         choices=("registers", "digital"),

@@ -168,7 +168,7 @@ async def get_program(
     plans: Plans,
     cells: Cells,
     limits: CellGate,
-    target: Annotated[ProgramTarget, Query(description="URScript for two controllers, or tables")],
+    target: Annotated[ProgramTarget, Query(description="URScript for two controllers, a package for ROS 2, or tables")],
     handshake: Annotated[Handshake, Query(description="Of `ur`: how the controllers wait for each other")] = (
         Handshake.REGISTERS
     ),

@@ -20,7 +20,7 @@ from planners.plan.scenery import GripperDocument, StickDocument
 TCP_STEP = 1e-3
 """Steps of a gripper's TCP table [m]: interpolated linearly between them, the TCP is right to 2 micrometres."""
 
-_SIDES = (rotation_z(math.pi), np.eye(3))
+FINGER_SIDES = (rotation_z(math.pi), np.eye(3))
 """Turns of finger 0, at -y, and finger 1 against the finger at +y that a hand file describes."""
 
 
@@ -142,7 +142,8 @@ class Gripper:
         return np.column_stack([widths, [self.T_flange_tcp(float(width))[2, 3] for width in widths]])
 
     @cached_property
-    def _pad(self) -> ConvexShape:
+    def pad(self) -> ConvexShape:
+        """One of both, about its centre."""
         return box(self.pad_size)
 
     def bodies(self, arm: str, width: float) -> tuple[CollisionBody, ...]:
@@ -157,7 +158,7 @@ class Gripper:
         """
         shapes = {"ft300": self.sensor, "gripper_base": self.base.placed(self._T_flange_base)}
         for finger, frames in enumerate(self._finger_frames(width)):
-            shapes[f"pad_{finger}"] = self._pad.placed(frames["pad"])
+            shapes[f"pad_{finger}"] = self.pad.placed(frames["pad"])
             for name, part in self.finger_parts.items():
                 shapes[f"finger_{finger}_{name}"] = part.placed(frames[name])
         return _bodies(arm, shapes)
@@ -179,7 +180,7 @@ class Gripper:
     def _finger_frames(self, width: float) -> list[dict[str, Transform]]:
         """Return `T_flange_part` of each part of both fingers."""
         frames = self._frames(width)
-        sides = [self._T_flange_base @ transform(side) for side in _SIDES]
+        sides = [self._T_flange_base @ transform(side) for side in FINGER_SIDES]
         return [{name: T_flange_side @ T for name, T in frames.items()} for T_flange_side in sides]
 
 

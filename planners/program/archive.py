@@ -12,11 +12,13 @@ from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.guard import NotExportable, exportable
 from planners.program.schedule import Schedule
-from planners.program.table import COLUMNS, motion_table, steps_table
+from planners.program.table import COLUMNS, forces_table, steps_table, trajectory_table
 from planners.program.urscript import Handshake, write_urscript
 
 UR_ROBOTS = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur30")
 """Arms whose controllers run URScript, by the names of their files."""
+Files = Mapping[str, str | bytes]
+"""By their names."""
 _MOMENT = (1980, 1, 1, 0, 0, 0)
 
 
@@ -25,6 +27,8 @@ class ProgramTarget(StrEnum):
 
     UR = "ur"
     """URScript, one program for each of two Universal Robots controllers."""
+    ROS2 = "ros2"
+    """A bag, trajectories, URDF and SRDF, for ROS 2 and MoveIt."""
     CSV = "csv"
     """Tables, for whatever else there is."""
 
@@ -47,8 +51,8 @@ def write_program(
     files = _WRITERS[target](plan, cell, handshake)
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in sorted({**files, "plan.json": document.decode()}.items()):
-            archive.writestr(zipfile.ZipInfo(name, _MOMENT), text, zipfile.ZIP_DEFLATED)
+        for name, content in sorted({**files, "plan.json": document.decode()}.items()):
+            archive.writestr(zipfile.ZipInfo(name, _MOMENT), content, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
 
@@ -61,24 +65,51 @@ def check_urscript(cell: Cell) -> None:
     for arm in ARMS:
         robot = cell.arms[arm].robot.name
         if robot not in UR_ROBOTS:
-            raise NotExportable(f"the {arm} arm is {robot}, none of {', '.join(UR_ROBOTS)}: choose csv")
+            raise NotExportable(f"the {arm} arm is {robot}, none of {', '.join(UR_ROBOTS)}: choose ros2 or csv")
 
 
-def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
+def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
     check_urscript(cell)
     schedule = Schedule.of(plan)
-    return {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
+    scripts = {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
+    return {**scripts, "README.txt": _UR_README.format(plan=plan, steps=len(schedule.steps), handshake=handshake.value)}
 
 
-def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> dict[str, str]:
+def _ros2(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
+    # Here, since it takes longer to load than anything else that a service needs to begin.
+    from planners.program.ros2 import write_ros2
+
+    return write_ros2(plan, cell)
+
+
+def _csv(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
+    schedule = Schedule.of(plan)
     return {
-        "motion.csv": motion_table(plan),
-        "steps.csv": steps_table(Schedule.of(plan)),
+        "trajectory.csv": trajectory_table(schedule),
+        "forces.csv": forces_table(plan),
+        "steps.csv": steps_table(schedule),
         "COLUMNS.md": COLUMNS,
     }
 
 
-_WRITERS: Mapping[ProgramTarget, Callable[[Plan, Cell, Handshake], dict[str, str]]] = {
+_UR_README = """{plan.cell.name}: a plan for two Universal Robots controllers
+written by Liftwright {plan.software.version}
+plan {plan.id}
+digest {plan.digest}
+cell hash {plan.cell.hash}
+{plan.duration:.1f} s in {steps} steps; the controllers wait for each other by {handshake}
+
+  left.script, right.script   one for each controller; both begin with what has to be filled in for this site
+  plan.json                   the plan itself
+
+Nothing here is a safety function. docs/robot.md of Liftwright has what each part of a program does, the registers, and
+the checklist for the first time.
+
+With registers nothing moves until a computer confirms steps: `liftwright execute plan.json --left HOST --right HOST`
+loads both programs itself. With digital wires load each on its controller, as a script node or over port 30002.
+"""
+_WRITERS: Mapping[ProgramTarget, Callable[[Plan, Cell, Handshake], Files]] = {
     ProgramTarget.UR: _ur,
+    ProgramTarget.ROS2: _ros2,
     ProgramTarget.CSV: _csv,
 }

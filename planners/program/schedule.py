@@ -184,7 +184,7 @@ class _StepReader:
         hand = self.plan.cell.hands[arm]
         mass = hand.mass or 0.0
         moment = mass * np.asarray(hand.com if hand.com is not None else np.zeros(3))
-        for body, T_flange_body in _carried(arm, segment):
+        for body, T_flange_body in carried_by(arm, segment):
             described = self.plan.bodies[body]
             share = 1.0 / max(1, sum(each.to in ARMS for each in segment.attached[body]))
             carried = share * (described.mass or 0.0)
@@ -204,8 +204,8 @@ class _StepReader:
         return (robot.payload - hand.mass) * float(np.linalg.norm(self.plan.cell.gravity)) + FORCE_ALLOWANCE
 
 
-def _carried(arm: ArmName, segment: Segment) -> Iterator[tuple[str, Transform]]:
-    """Yield what rides on a flange, and on that, with where it is in the flange's frame."""
+def carried_by(arm: ArmName, segment: Segment) -> Iterator[tuple[str, Transform]]:
+    """Yield what rides on a flange, and on that, with `T_flange_body`."""
     waiting: list[tuple[str, Transform]] = [(arm, np.eye(4))]
     while waiting:
         carrier, T_flange_carrier = waiting.pop()

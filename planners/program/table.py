@@ -15,7 +15,7 @@ from planners.program.schedule import Schedule
 
 COLUMNS = """# The columns
 
-`motion.csv`, one row for each sample of the plan; both arms are on one clock.
+`trajectory.csv`, one row for each sample of the plan; both arms are on one clock.
 
 | column | what it is |
 |---|---|
@@ -25,7 +25,20 @@ COLUMNS = """# The columns
 | `<joint>_velocity` | [rad/s]; between two samples the position is the cubic with these values and slopes |
 | `<joint>_acceleration` | [rad/s²] |
 | `left_width`, `right_width` | distance of the pads' inner faces [m]; empty: no fingers |
+| `left_vacuum`, `right_vacuum` | vacuum of the tool in this hand, `on` or `off`; empty: it is never switched |
 | `left_force`, `right_force`, `cup_force` | size of what hands and cup exert, as planned [N]; empty: not stated here |
+
+`forces.csv`, one row for each contact that bears something, at the samples at which the plan states them.
+
+| column | what it is |
+|---|---|
+| `time`, `step` | as above |
+| `by`, `body` | what exerts the force, and on what |
+| `kind`, `finger` | `soft_finger`, `point`, `suction` or `environment`; finger 0 or 1 of a gripper |
+| `point_x` … `point_z` | where, in the world [m] |
+| `normal_x` … `normal_z` | into the body |
+| `force_x` … `force_z` | that `by` exerts on `body`, along the world's axes [N] |
+| `torque_x` … `torque_z` | about the point [Nm] |
 
 `steps.csv`, one row for each step.
 
@@ -42,19 +55,23 @@ Joints are measured as the arm's maker does; the world's frame and the arms' bas
 """
 
 
-def motion_table(plan: Plan) -> str:
-    """Return `motion.csv`, see `COLUMNS`."""
+def trajectory_table(schedule: Schedule) -> str:
+    """Return `trajectory.csv`, see `COLUMNS`."""
+    plan = schedule.plan
     joints = plan.joint_names
     header = ["time", "step", *joints, *(f"{name}_velocity" for name in joints)]
     header += [f"{name}_acceleration" for name in joints]
-    header += [f"{arm}_width" for arm in ARMS] + [f"{by}_force" for by in _BEARERS]
+    header += [f"{arm}_{name}" for name in ("width", "vacuum") for arm in ARMS] + [f"{by}_force" for by in _BEARERS]
     rows: list[Sequence[object]] = [header]
-    for number, segment in enumerate(plan.segments, start=1):
+    vacuum = {arm: "off" if any(step.arms[arm].vacuum is not None for step in schedule.steps) else "" for arm in ARMS}
+    for number, (segment, step) in enumerate(zip(plan.segments, schedule.steps, strict=True), start=1):
+        vacuum |= {arm: _VACUUM[does.vacuum] for arm, does in step.arms.items() if does.vacuum is not None}
         forces = _forces(plan, number - 1)
         for i, time in enumerate(segment.time):
             moving = np.concatenate([segment.positions[i], segment.velocities[i], segment.accelerations[i]])
             widths = [segment.gripper_width[arm][i] if arm in segment.gripper_width else "" for arm in ARMS]
-            rows.append([time, number, *moving, *widths, *(forces.get((by, i), "") for by in _BEARERS)])
+            borne = [forces.get((by, i), "") for by in _BEARERS]
+            rows.append([time, number, *moving, *widths, *vacuum.values(), *borne])
     return _written(rows)
 
 
@@ -68,14 +85,29 @@ def steps_table(schedule: Schedule) -> str:
         told: list[object] = [step.number, step.kind.value, begin, begin + step.duration, step.words]
         for arm in ARMS:
             mine = step.arms[arm]
-            vacuum = {True: "on", False: "off", None: ""}[mine.vacuum]
-            told += [mine.load.mass, *mine.load.com, "" if mine.squeeze is None else mine.squeeze, vacuum]
+            squeeze = "" if mine.squeeze is None else mine.squeeze
+            told += [mine.load.mass, *mine.load.com, squeeze, _VACUUM[mine.vacuum]]
         rows.append(told)
         begin += step.duration
     return _written(rows)
 
 
+def forces_table(plan: Plan) -> str:
+    """Return `forces.csv`, see `COLUMNS`."""
+    header = ["time", "step", "by", "body", "kind", "finger"]
+    header += [f"{name}_{axis}" for name in ("point", "normal", "force", "torque") for axis in "xyz"]
+    rows: list[Sequence[object]] = [header]
+    for number, segment in enumerate(plan.segments, start=1):
+        for contact in segment.contacts:
+            if not isinstance(contact, InertiaEntry):
+                finger = "" if contact.finger is None else contact.finger
+                told = [float(segment.time[contact.sample]), number, contact.by, contact.body, contact.kind, finger]
+                rows.append([*told, *contact.point, *contact.normal, *contact.wrench])
+    return _written(rows)
+
+
 _BEARERS = (*ARMS, "cup")
+_VACUUM = {True: "on", False: "off", None: ""}
 
 
 def _forces(plan: Plan, index: int) -> dict[tuple[str, int], float]:

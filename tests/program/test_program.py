@@ -13,8 +13,6 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from support.documents import plan_of
-from support.lift_documents import lift_document, segment
 from support.plan_shelf import PlanShelf
 from support.service import finished, task
 from support.serving import served
@@ -33,25 +31,6 @@ TASKS = ("ab1", "domino_pile")
 MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\]\)")
 STAY = re.compile(r"lw_stay\(([^)]+)\)")
 BEGIN = re.compile(r"lw_begin\((\d+)\)$")
-
-
-@pytest.fixture(scope="module")
-def documents(shelf: PlanShelf) -> dict[str, bytes]:
-    return {name: shelf.take({"id": name, "task": task(f"{name}.json")}, lambda _: None) for name in TASKS}
-
-
-@pytest.fixture(scope="module")
-def plans(documents: dict[str, bytes]) -> dict[str, Plan]:
-    return {name: Plan.read(document) for name, document in documents.items()}
-
-
-@pytest.fixture(scope="module")
-def small() -> Plan:
-    """A document that says of itself that it is certified, and is sealed."""
-    cell = load_cell("dual_ur3e_lift")
-    check = {"name": "structure", "passed": True, "margin": 0.0, "unit": "1", "where": "the whole document"}
-    members = {"outcome": "solved", "segments": [segment(0.0, 3)], "certificate": {"passed": True, "checks": [check]}}
-    return plan_of({**lift_document(cell), **members}).sealed()
 
 
 def streamed(script: str) -> list[tuple[int, float, Array | None, Array | None]]:
@@ -164,7 +143,8 @@ def test_tables_give_every_number_of_the_plan_again(documents: dict[str, bytes],
     packed = write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.CSV)
     assert packed == write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.CSV)
     with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-        rows = list(csv.DictReader(io.StringIO(archive.read("motion.csv").decode())))
+        rows = list(csv.DictReader(io.StringIO(archive.read("trajectory.csv").decode())))
+        forces = list(csv.DictReader(io.StringIO(archive.read("forces.csv").decode())))
         steps = list(csv.DictReader(io.StringIO(archive.read("steps.csv").decode())))
         assert archive.read("plan.json") == documents["ab1"]
     assert [int(step["step"]) for step in steps] == list(range(1, len(plan.segments) + 1))
@@ -177,6 +157,37 @@ def test_tables_give_every_number_of_the_plan_again(documents: dict[str, bytes],
             ([f"{name}_acceleration" for name in plan.joint_names], part.accelerations),
         ):
             np.testing.assert_array_equal([[float(row[name]) for name in names] for row in mine], values)
+    stated = [
+        (float(part.time[each.sample]), number, each)
+        for number, part in enumerate(plan.segments, start=1)
+        for each in part.contacts
+        if each.kind != "inertia"
+    ]
+    for (time, number, contact), row in zip(stated, forces, strict=True):
+        assert (float(row["time"]), int(row["step"]), row["by"], row["body"]) == (
+            time,
+            number,
+            contact.by,
+            contact.body,
+        )
+        told = [float(row[f"{name}_{axis}"]) for name in ("force", "torque") for axis in "xyz"]
+        np.testing.assert_array_equal(told, contact.wrench)
+
+
+def test_the_vacuum_is_on_in_the_table_while_objects_ride_on_the_tool(
+    documents: dict[str, bytes], plans: dict[str, Plan]
+) -> None:
+    plan, seen = plans["domino_pile"], set()
+    packed = write_program(documents["domino_pile"], load_cell(plan.cell.name), ProgramTarget.CSV)
+    with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+        rows = list(csv.DictReader(io.StringIO(archive.read("trajectory.csv").decode())))
+    for row in rows:
+        part = plan.segments[int(row["step"]) - 1]
+        if part.kind not in ("attach", "detach"):
+            riding = any(ride.to == "tool" for _, ride in part.rides)
+            assert ("on" in (row["left_vacuum"], row["right_vacuum"])) == riding
+            seen.add(riding)
+    assert seen == {True, False}
 
 
 def test_one_digit_that_was_changed_anywhere_is_noticed(small: Plan) -> None:
@@ -245,7 +256,7 @@ def test_arms_of_another_maker_get_tables_and_no_urscript(
     documents: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("planners.program.archive.UR_ROBOTS", ("ur10e",))
-    with pytest.raises(NotExportable, match="the left arm is ur3e, none of ur10e: choose csv"):
+    with pytest.raises(NotExportable, match="the left arm is ur3e, none of ur10e: choose ros2 or csv"):
         write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.UR)
 
 
@@ -256,7 +267,7 @@ def test_the_command_writes_a_zip_or_says_why_not(
     plan.write_bytes(documents["ab1"])
     assert main(["export", str(plan), "--target", "ur"]) == 0
     with zipfile.ZipFile(tmp_path / "plan.ur.zip") as archive:
-        assert sorted(archive.namelist()) == ["left.script", "plan.json", "right.script"]
+        assert sorted(archive.namelist()) == ["README.txt", "left.script", "plan.json", "right.script"]
     plan.write_bytes(json.dumps({**json.loads(small.write()), "digest": 64 * "0"}).encode())
     assert main(["export", str(plan), "--target", "csv"]) == 2
     assert "changed after it was certified" in capsys.readouterr().err
@@ -278,5 +289,8 @@ def test_programs_are_fetched_over_http(shelf: PlanShelf, documents: dict[str, b
             assert f"# plan {posted['id']}, digest " in archive.read("left.script").decode()
         refused = client.get(place, params={"target": "kuka"})
         assert refused.status_code == 422
-        assert "'ur' or 'csv'" in refused.text or set(refused.json()["errors"][0]["allowed"]) == {"ur", "csv"}
+        assert all(f"'{each.value}'" in refused.text for each in ProgramTarget)
+        answer = client.get(place, params={"target": "ros2"}).raise_for_status()
+        with zipfile.ZipFile(io.BytesIO(answer.content)) as archive:
+            assert {"plan.mcap", "metadata.yaml", "cell.urdf", "cell.srdf"} <= set(archive.namelist())
         assert client.get("/v1/plans/none/program.zip", params={"target": "csv"}).status_code == 404
