@@ -72,8 +72,9 @@ REFERENCE_TASKS = ("ab1.json", "domino_pile.json")
 PARTS = (pages, plans, studies, tasks, scenes, meshes, cells, webhooks, access, editor, viewer, capabilities, probes)
 """In the order in which addresses are matched."""
 DESCRIPTION = (
-    "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter. Post a task, follow its job, "
-    "fetch a certified plan document. SI units; world frame on the floor under the robot."
+    "Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter, and how it moves objects with a "
+    "suction tool. Post a task, follow its job, fetch a certified plan document. SI units; world frame on the floor "
+    "under the robot."
 )
 
 

@@ -13,13 +13,17 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from errno import EADDRINUSE
+from html import escape
+from http import HTTPStatus
+from importlib import resources
 from tempfile import TemporaryDirectory
 from types import FrameType
 from typing import TYPE_CHECKING
 
 import structlog
 import uvicorn
-from starlette.responses import JSONResponse
+from starlette.datastructures import Headers
+from starlette.responses import HTMLResponse, JSONResponse
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
@@ -46,6 +50,9 @@ SHARED_COUNTS = "PROMETHEUS_MULTIPROC_DIR"
 """As in `app.metrics`, which is loaded after it is set."""
 TRY_AGAIN_LATER = 1013
 """Close code of RFC 6455's registry."""
+
+STARTING_FILES = ("starting.html", "style.css")
+STARTING_POLICY = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
 
 log = structlog.get_logger(__name__)
 
@@ -252,10 +259,20 @@ def _end(number: int, frame: FrameType | None) -> None:
     os._exit(0)
 
 
+def _starting_page(doing: str) -> HTMLResponse:
+    """Return what a person sees who comes too early: it asks again by itself. No script of ours is there yet."""
+    page, styles = (resources.files("app.viewer").joinpath("static", name).read_text() for name in STARTING_FILES)
+    filled = page.replace("<!-- styles -->", styles).replace("<!-- doing -->", escape(doing))
+    return HTMLResponse(
+        filled, HTTPStatus.SERVICE_UNAVAILABLE, {**NotReady.headers, "Content-Security-Policy": STARTING_POLICY}
+    )
+
+
 class LoadedWhileServing:
     """ASGI application: a service that is loaded while connections are taken already.
 
-    Until it is there `/livez` says that the process lives, and everything else is 503 with what is waited for.
+    Until it is there `/livez` says that the process lives, and everything else is 503 with what is waited for: a page
+    for browsers that ask for one.
     """
 
     def __init__(self, load: Callable[[Callable[[str], None]], FastAPI]) -> None:
@@ -277,6 +294,8 @@ class LoadedWhileServing:
             await WebSocketClose(TRY_AGAIN_LATER)(scope, receive, send)
         elif scope["path"] == "/livez":
             await JSONResponse({"status": "alive"})(scope, receive, send)
+        elif scope["method"] == "GET" and "text/html" in Headers(scope=scope).get("accept", ""):
+            await _starting_page(self._doing)(scope, receive, send)
         else:
             await error_response(NotReady(f"the service is starting: {self._doing}"))(scope, receive, send)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Self, get_args
 
+import numpy as np
 from fastapi import APIRouter
 
 from app.example_tasks import example_tasks
@@ -83,8 +84,9 @@ class CellLimits(Resource):
     def of(cls, cell: Cell) -> Self:
         """Return what a cell's files say."""
         # By definition of a cell its first box is the table.
-        low, high = cell.boxes[0].center - 0.5 * cell.boxes[0].size, cell.boxes[0].center + 0.5 * cell.boxes[0].size
-        table = TableLimits(x=(low[0], high[0]), y=(low[1], high[1]), top=cell.table_top)
+        center, half = cell.boxes[0].center, 0.5 * cell.boxes[0].size
+        low, high = np.round(center - half, 4).tolist(), np.round(center + half, 4).tolist()
+        table = TableLimits(x=(low[0], high[0]), y=(low[1], high[1]), top=high[2])
         return cls(table=table, arms={name: _arm_limits(arm) for name, arm in cell.arms.items()})
 
 

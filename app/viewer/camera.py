@@ -41,6 +41,23 @@ class View:
         return target + self.toward_camera, target
 
 
+@dataclass(frozen=True)
+class RecordedView:
+    """A view as a page finds it that has no cell to ask."""
+
+    position: tuple[float, ...]
+    """(3,) of the camera [m]: in the world, or from the body that is moved."""
+    target: tuple[float, ...]
+    """(3,) of what is looked at, likewise [m]."""
+    from_body: bool
+
+    @classmethod
+    def of(cls, view: View, cell: Cell) -> RecordedView:
+        """Return a view of a cell."""
+        position, target = view.place(cell, np.zeros(3))
+        return cls(tuple(position.tolist()), tuple(target.tolist()), view.above_body is not None)
+
+
 VIEWS = {
     "overview": View((1.69, -0.97, 0.63)),
     "front": View((1.9, 0.0, 0.26)),

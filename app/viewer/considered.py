@@ -140,8 +140,8 @@ def _asked(considered: Considered, name: str) -> Iterator[_AskedGrasp]:
     yield from (_AskedGrasp(node % count, None) for node in layer.possible)
 
 
-def draw_places(scene: SceneApi, parent: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
-    """Pin the places of the cup that were considered to an object; `parent` is the node of its frame."""
+def draw_places(scene: SceneApi, node: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
+    """Pin the places of the cup that were considered to an object, below a node that has its frame."""
     places = considered.places.get(name, ())
     if not places:
         return []
@@ -149,14 +149,14 @@ def draw_places(scene: SceneApi, parent: str, considered: Considered, name: str)
     points = np.array([place.point for place in places])
     tips = points + PIN * np.array([place.normal for place in places])
     pins = scene.add_line_segments(
-        f"{parent}/places", np.stack([points, tips], axis=1), _ends(colours), thickness=2.0, thickness_units="screen"
+        f"{node}/pins", np.stack([points, tips], axis=1), _ends(colours), thickness=2.0, thickness_units="screen"
     )
-    heads = scene.add_point_cloud(f"{parent}/place_heads", tips, colours, point_size=0.004, point_shape="circle")
+    heads = scene.add_point_cloud(f"{node}/heads", tips, colours, point_size=0.004, point_shape="circle")
     return [pins, heads]
 
 
-def draw_grasps(scene: SceneApi, root: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
-    """Draw the grasps that were asked for with the tool on an object at its start, in the world."""
+def draw_grasps(scene: SceneApi, node: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
+    """Draw the grasps that were asked for with the tool on an object at its start, below a node at the origin."""
     layer = _layer(considered, name)
     if layer is None:
         return []
@@ -169,7 +169,7 @@ def draw_grasps(scene: SceneApi, root: str, considered: Considered, name: str) -
             colours = _colours(considered, [each.reason for each in drawn])
             handles.append(
                 scene.add_line_segments(
-                    f"{root}/{name}_{'possible' if good else 'rejected'}",
+                    f"{node}/{'possible' if good else 'rejected'}",
                     np.concatenate([_fork(considered, T_world_tool, each.grasp) for each in drawn]),
                     _ends(np.repeat(colours, len(FORK), axis=0)),
                     thickness=thickness,

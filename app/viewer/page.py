@@ -5,14 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 from functools import cache
 from html import escape
 from importlib import resources
 from importlib.metadata import version
 from typing import Any
 
+from app.viewer.camera import RecordedView
 from app.viewer.description import KindDescription, PlanDescription
 from app.viewer.lift_description import LiftDescription
+from app.viewer.plan_scene import Gate
 from app.viewer.playback import SourceName
 from app.viewer.tool_description import ToolDescription
 from planners.plan.plan import Plan
@@ -88,16 +91,29 @@ def recording_software() -> str:
     return f"{software.version} {software.commit} {version('viser')} {hashlib.sha256(files.encode()).hexdigest()}"
 
 
-def recorded_page(description: PlanDescription, scene: str, begins: Mapping[SourceName, float]) -> str:
+@dataclass(frozen=True)
+class RecordedScene:
+    """A scene that plays by itself, and what another page needs to play it, to hide parts of it, and to look around."""
+
+    page: str
+    begins: Mapping[SourceName, float]
+    """When in it each source begins [s]."""
+    gates: tuple[Gate, ...]
+    views: Mapping[str, RecordedView]
+    """By the names of the camera's places."""
+    moved: tuple[str, ...]
+    """Names of the nodes of the bodies that the plan's segments move; the first is there without segments too."""
+
+
+def recorded_page(description: PlanDescription, scene: RecordedScene) -> str:
     """Return the page of a recording, with all styles and scripts inside.
 
     Args:
         description: what the page tells.
-        scene: a page that plays by itself.
-        begins: when in the scene each source begins [s].
+        scene: what it plays.
     """
     styles = "\n".join(f"<style>{static_text(name)}</style>" for name in STYLES)
-    recorded = {"description": description.model_dump(mode="json", by_alias=True), "begins": begins, "scene": scene}
+    recorded = {"description": description.model_dump(mode="json", by_alias=True), **asdict(scene)}
     data = f"<script>const RECORDED = {_literal(recorded)};</script>"
     scripts = "\n".join(f"<script>{static_text(name)}</script>" for name in RECORDED_SCRIPTS)
     return _assemble("page.html", styles, f"{data}\n{scripts}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Set
+from dataclasses import dataclass, replace
 
 import numpy as np
-from viser import ArrowsHandle, FrameHandle, LabelHandle, SceneNodeHandle
+from viser import ArrowsHandle, FrameHandle, LabelHandle, SceneApi, SceneNodeHandle
 
 from app.viewer.body_drawing import Stage, add_frame, draw_body, place, place_at
 from app.viewer.considered import draw_grasps, draw_places
@@ -47,6 +47,17 @@ WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
 """Kinds of contacts."""
 
 
+@dataclass(frozen=True)
+class Gate:
+    """A node that is seen, with all below it, as the layers of a recording are."""
+
+    node: str
+    shown_with: tuple[str, ...]
+    """Layers all of which must be shown."""
+    hidden_with: tuple[str, ...] = ()
+    """Layers none of which may be shown."""
+
+
 class PlanScene:
     """One plan in one scene. Methods may be called from any one thread at a time."""
 
@@ -65,10 +76,11 @@ class PlanScene:
         scene, cell = stage.scene, stage.cell
         self._scene, self._root, self._playback, self._cell = scene, root, playback, cell
         self._visible = set(FIRST_LAYERS)
-        self._arms = frozenset(cell.arms)
         stage.set_up()
         self._robot = stage.robot
-        self._metres_per_newton = FORCE_SCALES[plan.task.kind]
+        self._contacts = ContactDrawing(scene, f"{root}/contacts", cell, FORCE_SCALES[plan.task.kind])
+        self._pressed: ContactDrawing | None = None
+        """In a recording, contacts by finger: they are beside those by hand, which both are drawn all along."""
         tints = _tints(plan)
         self._bodies = {
             name: draw_body(scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose, tint=tints.get(name))
@@ -76,16 +88,15 @@ class PlanScene:
         }
         self._poses = {name: np.zeros(7) for name in self._bodies}
         self._body_frames = self._add_body_frames(plan)
-        self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
-        self._newtons: list[LabelHandle] = []
         self._names = [self._add_name(name, body) for name, body in plan.bodies.items() if body.role in NAMED]
-        self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
         self._ghosts = {
             "start": self._add_ghost("start", plan, plan.at(0.0)),
             "goal": self._add_ghost("goal", plan, plan.at(plan.duration)),
         }
         self._first = next(name for name, body in plan.bodies.items() if body.role in MOVED)
         self._moved = objects_of_segments(plan.segments) if isinstance(plan.task, SuctionToolTask) else []
+        self._sign_nodes = {layer: list[str]() for layer in SIGNS}
+        """Names of the nodes that all signs of a layer are below."""
         self._signs = {layer: self._add_signs(layer, plan) for layer in SIGNS}
         self._moment = plan.at(0.0)
         self.show("plan", 0.0)
@@ -112,6 +123,13 @@ class PlanScene:
         segment = self._moment.segment
         return (self._moved[segment] if segment is not None and self._moved else None) or self._first
 
+    @property
+    def moved_nodes(self) -> tuple[str, ...]:
+        """Names of the nodes of the bodies that the segments move, or of the one that there is without segments."""
+        return tuple(f"{self._root}/bodies/{name or self._first}" for name in self._moved) or (
+            f"{self._root}/bodies/{self._first}",
+        )
+
     def _joint_positions(self, moment: Moment) -> Array:
         """Return where the joints are (12,) [rad], which a plan without segments may leave to the cell."""
         return self._cell.home if np.isnan(moment.positions).any() else moment.positions
@@ -128,6 +146,30 @@ class PlanScene:
             **dict.fromkeys(SIGNS, self._show_signs),
         }
         actions.get(layer, lambda: self._show_ghost(layer, visible))()
+
+    def show_all_layers(self) -> tuple[Gate, ...]:
+        """Show all layers at once from now on, for a recording, and return what tells them apart again.
+
+        A recording cannot ask what its layers would look like, so it has all of them, and hides nodes.
+        """
+        root = self._root
+        self._pressed = ContactDrawing(
+            self._scene, f"{root}/fingers", self._cell, FORCE_SCALES[self._playback.plan.task.kind]
+        )
+        for layer in LAYERS:
+            self.set_layer(layer, True)
+        frames = [*self._body_frames, *(arm.tcp for arm in self._robot.arms.values())]
+        return (
+            Gate(self._contacts.arrows, ("forces",), ("cones",)),
+            Gate(self._contacts.newtons, ("forces", "newtons"), ("cones",)),
+            Gate(self._pressed.arrows, ("forces", "cones")),
+            Gate(self._pressed.newtons, ("forces", "newtons", "cones")),
+            Gate(self._pressed.cones, ("cones",)),
+            *(Gate(label.name, ("names",)) for label in self._names),
+            *(Gate(frame.name, ("frames",)) for frame in frames),
+            *(Gate(f"{root}/ghosts/{meaning}", (meaning,)) for meaning in self._ghosts),
+            *(Gate(node, (layer,)) for layer, nodes in self._sign_nodes.items() for node in nodes),
+        )
 
     def _show_frames(self, visible: bool) -> None:
         self._robot.show_frames(visible)
@@ -152,74 +194,27 @@ class PlanScene:
                         handle.visible = visible
 
     def _show_contacts(self) -> None:
-        each = self._moment.contacts
-        # What the fingers of a hand press against each other is many times what the hand bears.
-        forces = [force for force in (each if "cones" in self._visible else by_hand(each)) if _is_drawn(force)]
-        for meaning, handle in self._arrows.items():
-            mine = [t for t in forces if meaning_of(t.by, self._arms, t.kind) == meaning]
-            drawn = bool(mine) and "forces" in self._visible
-            if drawn:
-                points = np.array([self._arrow(force) for force in mine], dtype=np.float32)
-                if not np.array_equal(points, handle.points):
-                    handle.points = points
-            if handle.visible != drawn:
-                handle.visible = drawn
-        self._show_newtons(forces if self._visible >= {"forces", "newtons"} else [])
-        self._show_cones(forces)
-
-    def _show_newtons(self, forces: Iterable[ContactForce]) -> None:
-        """Write its size at the tip of each force; labels that are not needed now stay, hidden."""
-        told = [
-            (f"{size:.1f} N", self._arrow(force)[0 if _is_seen_outside(force) else 1])
-            for force in forces
-            if (size := float(np.linalg.norm(force.force))) >= LEAST_TOLD_FORCE
-        ]
-        while len(self._newtons) < len(told):
-            name = f"{self._root}/contacts/newtons/{len(self._newtons)}"
-            self._newtons.append(self._scene.add_label(name, "", font_screen_scale=0.95, anchor="bottom-center"))
-        for label, (words, tip) in zip(self._newtons, told, strict=False):
-            if label.text != words:
-                label.text = words
-            label.position = tip
-        for index, label in enumerate(self._newtons):
-            if label.visible != (index < len(told)):
-                label.visible = index < len(told)
-
-    def _show_cones(self, forces: list[ContactForce]) -> None:
-        """Every cone that was ever needed stays in the scene, hidden while it is not."""
-        used = set()
-        if "cones" in self._visible:
-            for force in forces:
-                if force.kind not in WITH_FRICTION_CONE:
-                    continue
-                meaning = meaning_of(force.by, self._arms, force.kind)
-                number = sum(key[:2] == (meaning, force.mu) for key in used)
-                key = (meaning, force.mu, number)
-                used.add(key)
-                if key not in self._cones:
-                    self._cones[key] = self._add_cone(*key)
-                place(self._cones[key], _cone_pose(force, outside=_is_seen_outside(force)))
-        for key, handle in self._cones.items():
-            if handle.visible != (key in used):
-                handle.visible = key in used
-
-    def _arrow(self, force: ContactForce) -> Array:
-        """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
-        along = self._metres_per_newton * force.force
-        begin = force.point - along if _is_seen_outside(force) else force.point
-        return np.array([begin, begin + along])
+        contacts, shown = self._moment.contacts, frozenset(self._visible)
+        if self._pressed is not None:
+            self._pressed.show(contacts, shown)
+            self._contacts.show(by_hand(contacts), shown - {"cones"})
+        else:
+            # What the fingers of a hand press against each other is many times what the hand bears.
+            self._contacts.show(contacts if "cones" in shown else by_hand(contacts), shown)
 
     def _add_signs(self, layer: str, plan: Plan) -> dict[str, list[SceneNodeHandle]]:
         """Draw what was considered for each object, hidden at first."""
         considered = plan.statistics.considered
         if considered is None:
             return {}
+        names = [name for name, body in plan.bodies.items() if body.role == "object"]
+        draw = draw_places if layer == "places" else draw_grasps
         signs = {}
-        for name in (name for name, body in plan.bodies.items() if body.role == "object"):
-            if layer == "places":
-                signs[name] = draw_places(self._scene, f"{self._root}/bodies/{name}", considered, name)
-            else:
-                signs[name] = draw_grasps(self._scene, f"{self._root}/grasps", considered, name)
+        for name in names:
+            node = f"{self._root}/bodies/{name}/places" if layer == "places" else f"{self._root}/grasps/{name}"
+            add_frame(self._scene, node, np.eye(4))
+            self._sign_nodes[layer].append(node)
+            signs[name] = draw(self._scene, node, considered, name)
             for handle in signs[name]:
                 handle.visible = False
         return signs
@@ -232,30 +227,6 @@ class PlanScene:
             position=(0.0, 0.0, _top(body) + NAME_GAP),
             font_screen_scale=0.95,
             anchor="bottom-center",
-        )
-
-    def _add_arrows(self, meaning: str) -> ArrowsHandle:
-        return self._scene.add_arrows(
-            f"{self._root}/contacts/{meaning}",
-            np.zeros((1, 2, 3), dtype=np.float32),
-            linear_rgb(meaning),
-            shaft_radius=0.55 * self._metres_per_newton,
-            head_radius=1.4 * self._metres_per_newton,
-            head_length=3.0 * self._metres_per_newton,
-            visible=False,
-        )
-
-    def _add_cone(self, meaning: str, mu: float, number: int) -> SceneNodeHandle:
-        vertices, faces = _cone(mu)
-        return self._scene.add_mesh_simple(
-            f"{self._root}/contacts/cones/{meaning}_{mu:g}_{number}".replace(".", "p"),
-            vertices,
-            faces,
-            color=rgb(meaning),
-            opacity=0.3,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
         )
 
     def _add_body_frames(self, plan: Plan) -> list[FrameHandle]:
@@ -298,6 +269,101 @@ class PlanScene:
             handle.visible = False
             handles.append(handle)
         return handles
+
+
+class ContactDrawing:
+    """Contact forces as arrows, their sizes in newtons, and friction cones."""
+
+    def __init__(self, scene: SceneApi, root: str, cell: Cell, metres_per_newton: float) -> None:
+        """Draw nothing yet, under a node that is named `root`, in a cell, with arrows of a length for each newton."""
+        self._scene, self._arms, self._metres_per_newton = scene, frozenset(cell.arms), metres_per_newton
+        self.arrows, self.newtons, self.cones = (f"{root}/{part}" for part in ("arrows", "newtons", "cones"))
+        """Names of the nodes that all of a kind are below."""
+        for part in (self.arrows, self.newtons, self.cones):
+            add_frame(scene, part, np.eye(4))
+        self._arrows = {meaning: self._add_arrows(meaning) for meaning in ARROW_MEANINGS}
+        self._newtons: list[LabelHandle] = []
+        self._cones: dict[tuple[str, float, int], SceneNodeHandle] = {}
+
+    def show(self, contacts: Iterable[ContactForce], layers: Set[str]) -> None:
+        """Show those of `forces`, `newtons` and `cones` that are among `layers`."""
+        forces = [force for force in contacts if _is_drawn(force)]
+        for meaning, handle in self._arrows.items():
+            mine = [t for t in forces if meaning_of(t.by, self._arms, t.kind) == meaning]
+            drawn = bool(mine) and "forces" in layers
+            if drawn:
+                points = np.array([self._arrow(force) for force in mine], dtype=np.float32)
+                if not np.array_equal(points, handle.points):
+                    handle.points = points
+            if handle.visible != drawn:
+                handle.visible = drawn
+        self._show_newtons(forces if layers >= {"forces", "newtons"} else [])
+        self._show_cones(forces if "cones" in layers else [])
+
+    def _show_newtons(self, forces: Iterable[ContactForce]) -> None:
+        """Write its size at the tip of each force; labels that are not needed now stay, hidden."""
+        told = [
+            (f"{size:.1f} N", self._arrow(force)[0 if _is_seen_outside(force) else 1])
+            for force in forces
+            if (size := float(np.linalg.norm(force.force))) >= LEAST_TOLD_FORCE
+        ]
+        while len(self._newtons) < len(told):
+            name = f"{self.newtons}/{len(self._newtons)}"
+            self._newtons.append(self._scene.add_label(name, "", font_screen_scale=0.95, anchor="bottom-center"))
+        for label, (words, tip) in zip(self._newtons, told, strict=False):
+            if label.text != words:
+                label.text = words
+            label.position = tip
+        for index, label in enumerate(self._newtons):
+            if label.visible != (index < len(told)):
+                label.visible = index < len(told)
+
+    def _show_cones(self, forces: Iterable[ContactForce]) -> None:
+        """Every cone that was ever needed stays in the scene, hidden while it is not."""
+        used = set[tuple[str, float, int]]()
+        for force in forces:
+            if force.kind not in WITH_FRICTION_CONE:
+                continue
+            meaning = meaning_of(force.by, self._arms, force.kind)
+            number = sum(key[:2] == (meaning, force.mu) for key in used)
+            key = (meaning, force.mu, number)
+            used.add(key)
+            if key not in self._cones:
+                self._cones[key] = self._add_cone(*key)
+            place(self._cones[key], _cone_pose(force, outside=_is_seen_outside(force)))
+        for key, handle in self._cones.items():
+            if handle.visible != (key in used):
+                handle.visible = key in used
+
+    def _arrow(self, force: ContactForce) -> Array:
+        """Return start and end (2, 3) of a force: it ends at its point outside a body, or begins there."""
+        along = self._metres_per_newton * force.force
+        begin = force.point - along if _is_seen_outside(force) else force.point
+        return np.array([begin, begin + along])
+
+    def _add_arrows(self, meaning: str) -> ArrowsHandle:
+        return self._scene.add_arrows(
+            f"{self.arrows}/{meaning}",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            linear_rgb(meaning),
+            shaft_radius=0.55 * self._metres_per_newton,
+            head_radius=1.4 * self._metres_per_newton,
+            head_length=3.0 * self._metres_per_newton,
+            visible=False,
+        )
+
+    def _add_cone(self, meaning: str, mu: float, number: int) -> SceneNodeHandle:
+        vertices, faces = _cone(mu)
+        return self._scene.add_mesh_simple(
+            f"{self.cones}/{meaning}_{mu:g}_{number}".replace(".", "p"),
+            vertices,
+            faces,
+            color=rgb(meaning),
+            opacity=0.3,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
 
 
 def _top(body: BodyDocument) -> float:

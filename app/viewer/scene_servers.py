@@ -26,12 +26,12 @@ from app.errors import CellNotDrawn, TooManyWatchers
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer.body_drawing import EmptyCell, Stage
-from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, PERCEIVED_VIEW, VIEWS, View
+from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, PERCEIVED_VIEW, VIEWS, RecordedView, View
 from app.viewer.description import PlanDescription
 from app.viewer.editor.draft import DEFAULT_CELLS
 from app.viewer.editor.draft_scene import DraftListener, DraftScene
 from app.viewer.link_meshes import FULL, Detail, LinkMeshes
-from app.viewer.page import describe_plan, recorded_page
+from app.viewer.page import RecordedScene, describe_plan, recorded_page
 from app.viewer.perceived_scene import PerceivedDescription, SceneDrawing, describe_perceived
 from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback, SourceName
@@ -187,16 +187,17 @@ class SceneServer:
             return np.array(client.camera.position), np.array(client.camera.look_at)
         return None
 
-    def record(self, durations: Mapping[SourceName, float], step: float) -> tuple[str, dict[SourceName, float]]:
-        """Play the sources one after the other, and return a page that does so again without any server.
+    def record(self, durations: Mapping[SourceName, float], step: float) -> RecordedScene:
+        """Play the sources of the plan in the scene one after the other, with all layers.
 
         Args:
-            durations: of the sources of the plan in the scene [s].
+            durations: of the sources [s].
             step: time between two pictures [s].
-
-        Returns:
-            The page, and when in it each source begins [s].
         """
+        assert isinstance(self._shown, PlanScene)
+        assert self._stage is not None
+        gates = self._shown.show_all_layers()
+        views = {name: RecordedView.of(view, self._stage.cell) for name, view in VIEWS.items()}
         serializer = self._server.get_scene_serializer()
         begins: dict[SourceName, float] = {}
         pictures = 0
@@ -206,7 +207,7 @@ class SceneServer:
                 self.show(source, min(index * step, duration))
                 serializer.insert_sleep(step)
                 pictures += 1
-        return serializer.as_html(), begins
+        return RecordedScene(serializer.as_html(), begins, gates, views, self._shown.moved_nodes)
 
     def close(self) -> None:
         """Stop the server; whoever still looks sees the last picture."""
@@ -235,8 +236,8 @@ def recording_of(playback: Playback, cell: Cell, meshes: LinkMeshes) -> str:
     step = max(1.0 / PICTURES_PER_SECOND, sum(durations.values()) / MOST_PICTURES)
     with SceneServer() as server:
         server.open(playback, cell, meshes)
-        scene, begins = server.record(durations, step)
-    return recorded_page(describe_plan(playback.plan, playback.executed), scene, begins)
+        scene = server.record(durations, step)
+    return recorded_page(describe_plan(playback.plan, playback.executed), scene)
 
 
 class SceneServers:

@@ -104,6 +104,10 @@ def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for
             answer = client.request(method, path)
             assert (answer.status_code, answer.headers["content-type"]) == (503, "application/problem+json")
             assert "Retry-After" in answer.headers
+        page = client.get("/viewer/", headers={"Accept": "text/html,*/*;q=0.8"})
+        assert (page.status_code, page.headers["content-type"]) == (503, "text/html; charset=utf-8")
+        assert "compiling for a minute" in page.text
+        assert 'http-equiv="refresh"' in page.text
         loaded.set()
         wait_for(lambda: client.get("/readyz").status_code == 200, 60)
         assert client.get("/v1/plans").json()["plans"] == []

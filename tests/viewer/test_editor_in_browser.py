@@ -300,6 +300,31 @@ def test_the_task_is_copied_as_json_and_as_a_line_that_posts_it(page: Page, serv
     assert command[-1] == f"{service.address}/v1/plans"
 
 
+def test_a_study_of_the_cups_places_keeps_the_pad_on_the_plate_and_leads_to_its_map(
+    page: Page, service: ServiceProcess
+) -> None:
+    page.evaluate("editor.draft.set('/plate/shape/size/1', 0.2)")
+    wait_for_verdict(page, accepted=True)
+    page.get_by_role("button", name="Where may the cup sit?").click()
+    link = page.get_by_role("link", name="Open the map")
+    expect(link).to_be_visible()
+    address = link.get_attribute("href")
+    assert address is not None
+    with service.client() as client:
+        found = client.get(address.removesuffix("/view")).json()
+        client.post(found["links"]["cancel"])
+        studied = client.get(found["links"]["map"]).json()
+        values = {axis["pointer"]: axis["values"] for axis in studied["axes"]}
+        assert sorted(values) == ["/cup/position/0", "/cup/position/1"]
+        told = draft(page)
+        for least_or_most in (0, -1):
+            place = [values[f"/cup/position/{axis}"][least_or_most] for axis in range(2)]
+            there = {**told, "cup": {**told["cup"], "position": place}}
+            assert client.post("/v1/tasks/check", json=there).json()["accepted"]
+            beyond = {**told, "cup": {**told["cup"], "position": [1.02 * each for each in place]}}
+            assert not client.post("/v1/tasks/check", json=beyond).json()["accepted"]
+
+
 def test_every_input_has_a_name_and_every_thing_has_fields(page: Page) -> None:
     page.evaluate(f"editor.begin({json.dumps(task('can_stack.json'))})")
     page.evaluate("document.getElementById('task-details').open = true")

@@ -70,7 +70,7 @@ def test_newtons_go_with_the_arrows_and_names_by_themselves(server: viser.ViserS
 
 
 def test_a_label_stands_at_its_arrow(server: viser.ViserServer, scene: PlanScene) -> None:
-    (arrows,) = (node for name, node in server.scene._handle_from_node_name.items() if name.endswith("contacts/left"))
+    (arrows,) = (node for name, node in server.scene._handle_from_node_name.items() if name.endswith("arrows/left"))
     assert isinstance(arrows, viser.ArrowsHandle)
     (name,) = (name for name, text in shown(server).items() if text == f"{PULL} N")
     label = server.scene._handle_from_node_name[name]

@@ -62,7 +62,7 @@ def test_the_map_fills_while_the_study_runs(page: Page, address: str) -> None:
 def test_points_lie_on_the_plate_where_the_cup_would_sit(page: Page, address: str) -> None:
     study = posted(address, "now", X, Y)
     page.goto(study["links"]["view"])
-    plate = page.locator(".plate").bounding_box()
+    plate = page.locator("#drawing .plate").bounding_box()
     assert plate is not None
 
     def place(index: int) -> tuple[float, float]:

@@ -183,7 +183,7 @@ def scene(planned: dict[str, Any], tool_cell: Cell, tmp_path_factory: pytest.Tem
 
 def test_what_was_considered_is_drawn_on_demand_for_the_object_of_the_moment(scene: Any) -> None:
     drawn, nodes = scene
-    signs = ["/plan/bodies/first/places", "/plan/grasps/first_possible", "/plan/grasps/first_rejected"]
+    signs = ["/plan/bodies/first/places/pins", "/plan/grasps/first/possible", "/plan/grasps/first/rejected"]
     handles = [nodes.get_handle_by_name(name) for name in signs]
     assert [handle.visible for handle in handles] == [False] * 3
     for layer in ("places", "grasps"):

@@ -365,6 +365,17 @@ def test_a_recording_plays_plan_and_simulation_with_no_server(
     page.evaluate("player.choose('plan')")
     drag_to(page, 0.0)
     wait_until_it_is_as_before(page, before)
+    for button in ("Top", "Overview"):
+        plain = settled(page)
+        page.get_by_role("toolbar", name="Camera").get_by_role("button", name=button).click()
+        wait_until_it_differs(page, plain)
+    wait_until_it_is_as_before(page, before)
+    for layer in ("start", "forces"):
+        plain = settled(page)
+        page.locator(f"#layer-{layer}").click()
+        wait_until_it_differs(page, plain, LAYER_SHARE)
+        page.locator(f"#layer-{layer}").click()
+        wait_until_it_is_as_before(page, plain)
 
 
 def test_a_job_that_was_cancelled_says_so_and_the_list_is_there_without_a_plan(

@@ -66,6 +66,9 @@ class SceneConnection {
   }
 }
 
+/** Of a study of the cup's places, along each axis of the plate. */
+const STUDIED_PLACES = 8;
+
 class Editor {
   constructor(capabilities) {
     Object.assign(this, { capabilities, chosen: null, errors: [], warnings: [], accepted: null, moves: 0, checking: false, plan: null, lastPlan: null });
@@ -89,6 +92,7 @@ class Editor {
     byId("copy-curl").onclick = (event) => copy(event.target, this.curl());
     byId("plan").onclick = () => this.post();
     byId("resting").onchange = () => this.planAtRest();
+    byId("cup-study").onclick = () => this.studyCup();
     byId("views").append(...VIEWS.map((view) => {
       const words = view[0].toUpperCase() + view.slice(1);
       return element("button", { textContent: words, onclick: () => this.connection.send({ type: "view", view }) });
@@ -319,6 +323,7 @@ class Editor {
       return element("li", {}, button);
     }));
     byId("plan").disabled = !accepted;
+    byId("cup-study").hidden = !accepted || this.draft.task.kind !== "plate_lift";
     this.show();
     this.planAtRest();
   }
@@ -360,6 +365,25 @@ class Editor {
       return;
     }
     this.follow(told);
+  }
+
+  /** Have the task planned with its cup at places all over the plate, and lead to the map of them. */
+  async studyCup() {
+    const { task } = this.draft;
+    const { shape } = task.plate;
+    const corners = shape.type === "box" ? [shape.size.map((size) => -size / 2), shape.size.map((size) => size / 2)] : shape.outline;
+    const axes = [0, 1].map((axis) => {
+      const along = corners.map((corner) => corner[axis]);
+      return { pointer: `/cup/position/${axis}`, min: Math.min(...along) + task.cup.radius, max: Math.max(...along) - task.cup.radius, count: STUDIED_PLACES };
+    });
+    const body = JSON.stringify({ task: { ...task, cup: { ...task.cup, position: task.cup.position ?? [0, 0] } }, axes });
+    byId("cup-study").disabled = true;
+    const answer = await fetch("../v1/studies", { method: "POST", headers: { "Content-Type": "application/json" }, body });
+    const told = await answer.json();
+    byId("cup-study").disabled = false;
+    byId("cup-map").hidden = !answer.ok;
+    if (answer.ok) byId("cup-map").href = told.links.view;
+    else [byId("planning").hidden, byId("plan-progress").hidden, byId("plan-status").textContent] = [false, true, told.detail];
   }
 
   /** Tell how a plan comes on, until it has ended or another one is asked for. */

@@ -114,9 +114,7 @@ connection.oncamera = (told) => {
 };
 connection.onlost = (words) => say("No connection", words);
 
-VIEWS.forEach((view, index) =>
-  document.getElementById("views").append(
-    element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => connection.look(view) })));
+addCameraButtons(connection);
 
 function showFrame() {
   const address = frameAddress(sceneAddress, light, camera);

@@ -18,13 +18,12 @@ const FIRST_LAYERS = new Set(LAYERS.filter(([, , , first]) => first).map(([name]
 const SIGNS = ["places", "grasps"];
 const KEYS = [
   ["play, pause", "Space"], ["0.2 s back, on", "← →"], ["2 s back, on", "Shift ← →"],
-  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation, execution", "P"], ["slower, faster", "- +"],
+  ["previous, next segment", "[ ]"], ["start, end", "Home End"], ["plan, simulation, execution", "P"], ["slower, faster", "- +"], ["camera", "1 to 5"],
 ];
-const CAMERA_KEYS = ["camera", "1 to 5"];
 
 class Panel {
   /**
-   * @param scene  what draws; where there is a service: layer(name, visible), post(task), isLight() and setLight(on)
+   * @param scene  what draws: layer(name, visible); where there is a service also post(task), isLight() and setLight(on)
    * @param visit  called with a time of the plan that somebody wants to see
    */
   constructor(scene, visit) {
@@ -60,7 +59,7 @@ class Panel {
 
   toggle(layer) {
     this.visible[layer] = !this.visible[layer];
-    this.scene.layer?.(layer, this.visible[layer]);
+    this.scene.layer(layer, this.visible[layer]);
     const box = document.getElementById(`layer-${layer}`);
     if (box) box.checked = this.visible[layer];
   }
@@ -83,11 +82,11 @@ class Panel {
       kinds.append(element("li", {}, mark, words));
     }
     const keys = element("div", { className: "keys" });
-    for (const [words, key] of this.scene.look ? [...KEYS, CAMERA_KEYS] : KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
+    for (const [words, key] of KEYS) keys.append(element("div", {}, words, element("kbd", { textContent: key })));
     return [
       ...this.remedies(description),
       ...this.leastReserve(description),
-      ...(this.scene.layer ? [heading("Show"), this.layers()] : []),
+      heading("Show"), this.layers(),
       heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), Object.assign(heading("Keys"), { className: "keys-heading" }), keys,
     ];
   }

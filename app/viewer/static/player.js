@@ -5,7 +5,7 @@ const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const SOURCES = ["plan", "simulation", "execution"];
 
 class Player {
-  /** @param scene what draws: show(source, time), and for a live scene look(view) and what the panel asks of it */
+  /** @param scene what draws: show(source, time), look(view), and what the panel asks of it */
   constructor(scene) {
     this.scene = scene;
     this.time = 0;
@@ -204,9 +204,8 @@ class Player {
       Escape: () => this.panel.regrasp.toggle(false),
       p: () => this.chooseNext(),
     };
-    if (this.scene.look) VIEWS.forEach((view, index) => (actions[index + 1] = () => this.scene.look(view)));
-    if (this.scene.layer)
-      for (const [name, , key] of this.panel.layerRows) actions[key.toLowerCase()] = () => this.panel.toggle(name);
+    VIEWS.forEach((view, index) => (actions[index + 1] = () => this.scene.look(view)));
+    for (const [name, , key] of this.panel.layerRows) actions[key.toLowerCase()] = () => this.panel.toggle(name);
     const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     const spaceIsTheirs = event.target.role === "tab" || event.target.type === "checkbox";
     if (!action || (spaceIsTheirs && event.key === " ")) return;
@@ -214,6 +213,13 @@ class Player {
     event.stopImmediatePropagation();
     action();
   }
+}
+
+/** Add the buttons that move the camera of a scene. */
+function addCameraButtons(scene) {
+  VIEWS.forEach((view, index) =>
+    document.getElementById("views").append(
+      element("button", { textContent: capitalised(view), title: `${capitalised(view)}  ${index + 1}`, onclick: () => scene.look(view) })));
 }
 
 /** Whether keys pressed in an element write into it. */

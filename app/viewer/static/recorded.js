@@ -4,11 +4,55 @@
 /** After so long without another wish a step back is made once more. */
 const QUIET_MILLISECONDS = 400;
 
-/** Drives the player inside the frame through the field that shows its time. */
+/** Drives the player inside the frame: its time through the field that shows it, its nodes and camera by the messages that
+ *  it plays. All layers are recorded; which of its nodes are seen with which layers, the gates tell. */
 class RecordedScene {
   constructor(frame) {
     this.frame = frame;
     this.wanted = this.shown = 0;
+    this.layers = new Set(FIRST_LAYERS);
+  }
+
+  /** Show or hide a layer. */
+  layer(name, visible) {
+    if (visible) this.layers.add(name);
+    else this.layers.delete(name);
+    this.hide();
+  }
+
+  /** Move the camera to one of its places; some are relative to the body that is moved. */
+  look(name) {
+    const { position, target, from_body: fromBody } = RECORDED.views[name];
+    const segment = player.timeline.segmentAt(player.time);
+    const at = fromBody ? this.placeOf(RECORDED.moved[segment] ?? RECORDED.moved[0]) : [0, 0, 0];
+    const from = (offset) => offset.map((value, axis) => value + at[axis]);
+    this.play([
+      { type: "SetCameraPositionMessage", position: from(position), initial: false },
+      { type: "SetCameraLookAtMessage", look_at: from(target), initial: false },
+    ]);
+  }
+
+  /** Where a node is in the world [m]. */
+  placeOf(node) {
+    return this.viewer?.nodePoseData[node]?.position ?? [0, 0, 0];
+  }
+
+  /** Hide what no layer shows. */
+  hide() {
+    const isSeen = ({ shown_with: all, hidden_with: none }) => all.every((name) => this.layers.has(name)) && !none.some((name) => this.layers.has(name));
+    this.play(RECORDED.gates.map((gate) => ({ type: "SetSceneNodeVisibilityMessage", name: gate.node, visible: isSeen(gate), owner: "" })));
+  }
+
+  /** What viser's page keeps of its scene; nothing while it loads. */
+  get viewer() {
+    return this.frame.contentWindow?.__viserMutable;
+  }
+
+  /** Have viser's page do what a server, or its recording, would have it do. */
+  play(messages) {
+    if (!this.viewer) return;
+    this.viewer.messageQueue.push(...messages);
+    this.viewer.requestRender();
   }
 
   show(source, time) {
@@ -37,6 +81,8 @@ class RecordedScene {
     const write = Object.getOwnPropertyDescriptor(this.frame.contentWindow.HTMLInputElement.prototype, "value").set;
     write.call(field, wanted.toFixed(5));
     field.dispatchEvent(new this.frame.contentWindow.Event("input", { bubbles: true }));
+    // A step back shows all that was recorded again.
+    this.hide();
   }
 }
 
@@ -44,14 +90,15 @@ document.body.classList.add("recorded");
 const frame = document.getElementById("scene-frame");
 const scene = new RecordedScene(frame);
 const player = new Player(scene);
+addCameraButtons(scene);
 // Only the picture is wanted of viser's player: the bar at the bottom is this page's.
 adoptFrame(frame, (event) => player.key(event));
 const waiting = setInterval(() => {
-  if (!frame.contentDocument?.querySelector("input")) return;
+  if (!frame.contentDocument?.querySelector("input") || !scene.viewer) return;
   clearInterval(waiting);
   player.refresh();
 }, 50);
 /** What viser's page reads first of how it is to look. */
 const APPEARANCE = /(__VISER_EMBED_CONFIG__=\{darkMode:)\w+/;
-frame.srcdoc = RECORDED.scene.replace(APPEARANCE, `$1${DARK.matches}`);
+frame.srcdoc = RECORDED.page.replace(APPEARANCE, `$1${DARK.matches}`);
 player.open(RECORDED.description);

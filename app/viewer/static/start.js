@@ -12,7 +12,7 @@ async function tell() {
     const told = await (await fetch("/v1/capabilities")).json();
     const { name, version } = told.software;
     document.getElementById("version").textContent = `${name} ${version}`;
-    document.getElementById("capabilities").replaceChildren(...ROWS.flatMap(([words, member]) => row(words, told[member].join(", "))),
+    document.getElementById("capabilities").replaceChildren(...ROWS.flatMap(([words, member]) => row(words, ...told[member].map(named))),
       ...row("Jobs at a time", String(told.limits.worker_slots)));
   } catch {
     health.className = "badge failed";
@@ -20,11 +20,16 @@ async function tell() {
   }
 }
 
-function row(words, value) {
+function row(words, ...values) {
   const [term, meaning] = ["dt", "dd"].map((tag) => document.createElement(tag));
   term.textContent = words;
-  meaning.textContent = value.replaceAll("_", " ");
+  meaning.append(...values.flatMap((value) => [value, " "]));
   return [term, meaning];
+}
+
+/** A name as tasks write it. */
+function named(name) {
+  return Object.assign(document.createElement("code"), { textContent: name });
 }
 
 document.getElementById("first-line").textContent = `curl -H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans`;

@@ -273,7 +273,11 @@ async function showList() {
     list.append(item);
   }
   byId("list").append(list);
-  if (!page.studies.length) byId("list").textContent = "No studies yet. `liftwright study task.json --axis … --service …` posts one.";
+  if (page.studies.length) return;
+  const line = document.createElement("code"), words = document.createElement("p");
+  line.textContent = `liftwright study task.json --axis /cup/position/0=-0.1:0.1:8 --axis /cup/position/1=-0.1:0.1:8 --service ${location.origin}`;
+  words.append("No studies yet. The editor begins one of the cup's places on a plate; this one of whatever is varied: ", line);
+  byId("list").append(words);
 }
 
 (wanted ? showStudy() : showList()).catch((error) => { byId("state").textContent = error.message; });
