@@ -22,6 +22,7 @@ from planners.manipulation.cup_place import CupPlace, CupPlaceSearch
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
+from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.plan.plan import SCHEMA_VERSION, Plan
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
@@ -289,6 +290,10 @@ class TaskSolver:
         effort = Effort(MOST_STEPS, plan=6 if isinstance(task, PlateLiftTask) else 4)
         known: dict[str, HandoverDatabase] = {}
         build = partial(build_scene, cells=self.cells, uploads=uploads, tools=self.tools)
+        # Whether a change leaves a way is asked before it is planned: both need the same reach. Of what does not help
+        # nobody asks why.
+        memory = ReachMemory()
+        remembering = partial(plan_lift, memory=memory, explained=False)
 
         def quiet(report: Report, /) -> None:
             """Ask whether to stop, and leave it to the search for remedies to tell how far it is."""
@@ -308,7 +313,7 @@ class TaskSolver:
                 scene = build(changed)
             except SceneError:
                 return None
-            plan = self.plan(changed, scene, quiet, self.clock, handovers, persistent=False)
+            plan = self.plan(changed, scene, quiet, self.clock, handovers, remembering, persistent=False)
             if plan.outcome != "solved":
                 return None
             certificate = self._certificate_of(plan)
@@ -317,7 +322,7 @@ class TaskSolver:
 
         more = Effort(STEPS_OF_PAIRS, plan=6 if isinstance(task, PlateLiftTask) else 4)
         if isinstance(task, PlateLiftTask):
-            lift = LiftChanges(task, build, lift_settings(task.options), effort, quiet)
+            lift = LiftChanges(task, build, lift_settings(task.options), effort, quiet, memory)
             changes, pairs = lift.by_kind(), partial(lift.in_pairs, more)
         else:
             tool = ToolChanges(task, build, found)

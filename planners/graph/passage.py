@@ -53,6 +53,27 @@ def passable_path(
 
 
 @njit(cache=True, nogil=True)
+def connected_to(graph, knowledge, start):
+    """Return which nodes (N,) are joined to one that is not dead, over nodes and edges that are not."""
+    head, row_start, edge = graph.head, graph.row_start, graph.edge
+    status, edge_dead = knowledge.status, knowledge.edge_dead
+    joined = np.zeros(status.shape[0], np.bool_)
+    waiting = np.empty(status.shape[0], np.int64)
+    waiting[0], count = start, 1
+    joined[start] = True
+    while count > 0:
+        count -= 1
+        node = waiting[count]
+        for a in range(row_start[node], row_start[node + 1]):
+            other = head[a]
+            if not joined[other] and not edge_dead[edge[a]] and status[other] != 2:
+                joined[other] = True
+                waiting[count] = other
+                count += 1
+    return joined
+
+
+@njit(cache=True, nogil=True)
 def _nearest_goal(graph, knowledge, starts, goal, arc_to, tail_of):
     """Return the goal with fewest unknown nodes on the way, or -1; write by which arc and from where nodes are reached.
 

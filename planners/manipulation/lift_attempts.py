@@ -8,8 +8,10 @@ said, denser samplings are tried; and where nothing but the reserve is too much,
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
+from planners.balance.balanced import UnbalanceProof
 from planners.graph.rejections import Rejection
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_settings import LiftSettings
@@ -22,6 +24,8 @@ from planners.scene.lift_scene import PlateLiftScene
 
 _ROOM = 0.95
 """How much smaller still the numbers of poses and holds are made than would just fit, if edges grew as expected [1]."""
+_WORTHWHILE = 1.2
+"""So many times as many pairs of a pose and a hold are tried next at least [1]."""
 _ROUNDING = 1e-6
 """Part of a step by which a reserve may miss it."""
 
@@ -33,6 +37,7 @@ def plan_lift(
     memory: ReachMemory | None = None,
     *,
     persistent: bool = True,
+    explained: bool = True,
 ) -> LiftPlan:
     """Plan a plate lift; that there is no plan is an answer, with its reasons.
 
@@ -42,33 +47,97 @@ def plan_lift(
         progress: told what is being done; may raise `PlanningCancelled`.
         memory: of the reach in other lifts, to which this one's is added; the plan is the same without it.
         persistent: whether to try denser samplings where nothing is found. What is found without is found with them.
+        explained: whether to look for the causes where nothing is found; that takes as long as all the rest.
     """
     planner = PlateLiftPlanner(scene, settings, progress, memory)
-    plan = planner.plan(explained=settings.reserve == 0.0)
+    plan = planner.plan(explained=explained and settings.reserve == 0.0)
     if plan.outcome is PlanningOutcome.NOT_FOUND and not planner.fits and _thinning(planner) >= settings.least_thinning:
-        return _thinned(planner, progress, memory, persistent=persistent)
+        return _thinned(planner, progress, memory, persistent=persistent, explained=explained)
     if plan.outcome is PlanningOutcome.SOLVED and settings.most_reserve:
         return _keeping_most(planner, plan, settings, progress, below=settings.largest_reserve)
     if plan.outcome is not PlanningOutcome.NOT_FOUND or not planner.fits:
         return plan
     below = settings.reserve
     if settings.reserve > 0.0:
-        plan, below = _keeping_less(planner, settings, progress)
-    if plan.outcome is not PlanningOutcome.SOLVED and not persistent:
-        return plan
-    for number, (contacts, holds) in enumerate(settings.denser, start=1):
-        if plan.outcome is PlanningOutcome.SOLVED:
-            break
-        progress(Report("denser", number, len(settings.denser)))
-        denser = PlateLiftPlanner(scene, replace(settings.scaled(contacts, holds), reserve=0.0), progress, memory)
-        tried = denser.plan()
-        if not denser.fits:
-            break
-        # More may be kept back than was asked for before.
-        planner, plan, below = denser, tried, settings.largest_reserve
+        plan, below = _keeping_less(planner, settings, progress, explained=explained)
     if plan.outcome is not PlanningOutcome.SOLVED:
-        return _blaming_tolerances(planner, plan, progress)
+        if not persistent:
+            return plan
+        denser = _Denser(planner, settings, progress, memory)
+        found = denser.plan()
+        if found is None:
+            return _blaming_tolerances(denser, plan, progress) if denser.may_hold_as_stated else plan
+        # More may be kept back than was asked for before.
+        planner, plan, below = denser.planner, found, settings.largest_reserve
     return _keeping_most(planner, plan, settings, progress, below=below)
+
+
+class _Denser:
+    """Tries the denser samplings of one lift, each only as far as there is hope.
+
+    Most of what a search takes is wasted where no sequence of held poses is left, whatever the arms do; so that is
+    asked first. And where none is left for the plate exactly as stated either, more of the same poses and holds were
+    not found to help: then no more are tried.
+    """
+
+    def __init__(
+        self, first: PlateLiftPlanner, settings: LiftSettings, progress: Progress, memory: ReachMemory | None
+    ) -> None:
+        self.first, self._settings, self._progress, self._memory = first, settings, progress, memory
+        self.planner = first
+        """The last one whose graph fits into memory."""
+        self.whole = first
+        """The last one whose graph has all poses and holds."""
+        self.may_hold_as_stated = True
+        """False: with twice as many poses not even the plate as stated could be held all the way."""
+        self._proofs = [*first.balance.telling_proofs]
+
+    def plan(self) -> LiftPlan | None:
+        """Return the first plan that is found, with nothing kept back, or None."""
+        known = (1.0, 1.0)
+        for number, wanted in enumerate(self._settings.denser, start=1):
+            fitting = self._fitting(wanted, known)
+            if fitting is None or not self.may_hold_as_stated:
+                break
+            known, proofs = fitting
+            self._progress(Report("denser", number, len(self._settings.denser)))
+            scaled = replace(self._settings.scaled(*known), reserve=0.0)
+            denser = PlateLiftPlanner(self.first.scene, scaled, self._progress, self._memory, proofs)
+            if not denser.fits:
+                break
+            self.planner = denser
+            way = denser.may_keep(0.0, low=True)
+            if way:
+                plan = denser.plan_keeping(0.0, explained=False)
+                if plan.outcome is PlanningOutcome.SOLVED:
+                    return plan
+            self._proofs += denser.balance.telling_proofs
+            if not proofs:
+                self.whole = denser
+                self.may_hold_as_stated = way or known[0] <= 1.0 or denser.may_hold_as_stated()
+        return None
+
+    def _fitting(
+        self, wanted: tuple[float, float], known: tuple[float, float]
+    ) -> tuple[tuple[float, float], Sequence[UnbalanceProof]] | None:
+        """Choose poses and holds whose graph likely fits into memory.
+
+        Args:
+            wanted: factors of their numbers that would be best [1].
+            known: those of the last graph that did fit [1].
+
+        Returns:
+            Factors, and proofs of imbalance that have to make the graph smaller; None where there would hardly be more
+            than there are.
+        """
+        last, more = self.planner, math.prod(wanted) / math.prod(known)
+        # Transfers are nearly all edges: as many as pairs of poses times pairs of holds.
+        room = last.settings.largest_graph / more**2
+        if last.reach.edge_count <= room:
+            return wanted, ()
+        left = max(1, last.reach.edges_left(last.balance.ruled_out))
+        share = min(1.0, _ROOM * (room / left) ** 0.25)
+        return ((share * wanted[0], share * wanted[1]), self._proofs) if share**2 * more >= _WORTHWHILE else None
 
 
 def _thinning(planner: PlateLiftPlanner) -> float:
@@ -77,17 +146,19 @@ def _thinning(planner: PlateLiftPlanner) -> float:
 
 
 def _thinned(
-    planner: PlateLiftPlanner, progress: Progress, memory: ReachMemory | None, *, persistent: bool
+    planner: PlateLiftPlanner, progress: Progress, memory: ReachMemory | None, *, persistent: bool, explained: bool
 ) -> LiftPlan:
     """Plan with fewer poses and holds, where the graph of all does not fit into memory, and say so."""
     settings, edges, share = planner.settings, planner.reach.edge_count, _thinning(planner)
     fewer = replace(settings.scaled(share, share), least_thinning=settings.least_thinning / share, denser=())
-    plan = plan_lift(planner.scene, fewer, progress, memory, persistent=persistent)
+    plan = plan_lift(planner.scene, fewer, progress, memory, persistent=persistent, explained=explained)
     told = f"Of poses and holds {100 * share:.0f} % were tried: the graph of all would have {edges} edges"
     return replace(plan, summary=f"{plan.summary} {told}, and {settings.largest_graph} fit into memory.")
 
 
-def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: Progress) -> tuple[LiftPlan, float]:
+def _keeping_less(
+    planner: PlateLiftPlanner, settings: LiftSettings, progress: Progress, *, explained: bool
+) -> tuple[LiftPlan, float]:
     """Plan where what is asked for cannot be kept back.
 
     What speaks against a reserve is found out faster than a plan that keeps it, so that one search is mostly enough:
@@ -102,7 +173,7 @@ def _keeping_less(planner: PlateLiftPlanner, settings: LiftSettings, progress: P
         plan = planner.plan_keeping(most, low=False, explained=False)
         if plan.outcome is PlanningOutcome.SOLVED:
             return plan, most + 1.0 / STEPS
-    plan = planner.plan_keeping(0.0)
+    plan = planner.plan_keeping(0.0, explained=explained)
     if not plan.rises:
         return plan, settings.reserve
     return plan, 1.0 / STEPS if most is None else most
@@ -128,13 +199,15 @@ def most_passable(planner: PlateLiftPlanner, kept: float, top: float, *, low: bo
     return best
 
 
-def _blaming_tolerances(planner: PlateLiftPlanner, plan: LiftPlan, progress: Progress) -> LiftPlan:
+def _blaming_tolerances(denser: _Denser, plan: LiftPlan, progress: Progress) -> LiftPlan:
     """Say so where the plate as stated could be lifted, and only what is not known of it stands in the way."""
-    scene = planner.scene
+    scene = denser.first.scene
     if scene.mass_tolerance == scene.com_tolerance == 0.0:
         return plan
     progress(Report("tolerances", 0, 1))
-    if planner.plan_as_stated().outcome is not PlanningOutcome.SOLVED:
+    # The first sampling is the smallest, and mostly enough.
+    planners = dict.fromkeys((denser.first, denser.whole))
+    if all(each.plan_as_stated().outcome is not PlanningOutcome.SOLVED for each in planners):
         return plan
     reason = (
         "The plate as stated can be lifted, but not every plate within its tolerances of "

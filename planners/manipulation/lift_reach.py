@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.geometry.pose import inverse
 from planners.graph.rejections import Rejection, Rejections
@@ -25,7 +26,12 @@ class LiftReach:
     """The reach of both hands in one sampling, and the graph that is merged from it."""
 
     def __init__(
-        self, sampling: LiftSampling, rejections: Rejections, progress: Progress, memory: ReachMemory | None = None
+        self,
+        sampling: LiftSampling,
+        rejections: Rejections,
+        progress: Progress,
+        memory: ReachMemory | None = None,
+        ruled_out: NDArray[np.bool_] | None = None,
     ) -> None:
         """Find the postures, and take all holds from the poses at which plate or cup meet what stands in the cell.
 
@@ -34,6 +40,7 @@ class LiftReach:
             rejections: what plate or cup meet is added.
             progress: told of the poses; may raise to stop.
             memory: of what other lifts have found; None: there were none.
+            ruled_out: (poses, 1 + grips, 1 + pushes) what no graph has to contain, 0 for the hand that is absent.
         """
         workcell, plates = sampling.workcell, sampling.T_world_plates
         self.sampling, self.pair = sampling, _pair_reach(sampling)
@@ -53,6 +60,7 @@ class LiftReach:
         self.follower = PostureFollower(
             sampling.poses, self.reached, _posture_queries(workcell, self.lifted), (sampling.grips, sampling.pushes)
         )
+        self._ruled_out = ruled_out
         self._whole: ManipulationStateGraph | None = None
         self._risings: dict[tuple[float, ...], RisingReach] = {}
 
@@ -65,7 +73,11 @@ class LiftReach:
     @property
     def edge_count(self) -> int:
         """How many edges the graph of all holds has."""
-        return edge_count(self.sampling.poses, self.sampling.holds, self.reached.sets)
+        return self.edges_left(self._ruled_out)
+
+    def edges_left(self, ruled_out: NDArray[np.bool_] | None) -> int:
+        """Return how many edges that graph would have without the nodes (poses, 1 + grips, 1 + pushes) given."""
+        return edge_count(self.sampling.poses, self.sampling.holds, self.reached.sets, ruled_out)
 
     def graph(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> ManipulationStateGraph:
         """Merge the graph of these holds, nothing in it examined; that of all holds is asked for again and again."""
@@ -74,7 +86,7 @@ class LiftReach:
             # Two of the largest would not fit into memory.
             self._whole = None
             costs = self.sampling.settings.costs
-            known = build_graph(self.sampling.poses, grips, pushes, *self.reached.sets, costs)
+            known = build_graph(self.sampling.poses, grips, pushes, *self.reached.sets, costs, self._ruled_out)
             if (grips, pushes) == self.sampling.holds:
                 self._whole = known
         return known.unexamined()

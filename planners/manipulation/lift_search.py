@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.errors import PlanningFaultError
-from planners.graph.passage import passable_path
+from planners.graph.passage import connected_to, passable_path
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD, UNKNOWN, GraphPath, cheapest_path
 from planners.manipulation.graph.failures import (
@@ -102,15 +102,23 @@ class LiftSearch:
         self._full = full
         self.paths: dict[int, GraphPath | None] = {}
         self.graph, self.examiner = self._merged(*self.sampling.holds)
+        self._cut_off = np.zeros(self.graph.graph.node_count, bool)
+        """Nodes from which no goal can be come to: what fails only grows, so that it stays so."""
 
-    def find(self, *, low: bool = True) -> Found | NothingFound:
+    def find(self, *, low: bool = True, thorough: bool = True) -> Found | NothingFound:
         """Search the graph until a sequence can be moved along, or nothing is left.
 
         Args:
             low: whether a plan may end where the lift cannot go on, if there is no other.
+            thorough: whether all that can be come to is examined where there is no sequence, and not a cut alone.
         """
+        asked: ManipulationStateGraph | None = None
         for _ in range(self.settings.sequences):
-            path = self.best_path()
+            if thorough or asked is self.graph or self.any_way() is not None:
+                asked = self.graph
+                path = self.best_path()
+            else:
+                path = None
             if path is None and low and self._lower:
                 # Better a plan that ends low than none.
                 self.rising = self.reach.rising(self._lower.pop(0), self.balance)
@@ -156,6 +164,7 @@ class LiftSearch:
     def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> None:
         self.graph, self.examiner = self._merged(grips, pushes)
         self.paths = {}
+        self._cut_off = np.zeros(self.graph.graph.node_count, bool)
 
     def _merged(
         self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]
@@ -195,7 +204,7 @@ class LiftSearch:
 
     def _path_from(self, start: int) -> GraphPath | None:
         """Return the cheapest path of a start; searched again only if something on the last one fell."""
-        if start in self.graph.lost_starts:
+        if start in self.graph.lost_starts or self._cut_off[start]:
             return None
         known = self.paths.get(start)
         if start in self.paths and (known is None or not self._fell(known)):
@@ -206,6 +215,9 @@ class LiftSearch:
             self.graph.graph, self.graph.knowledge, start, self.graph.goal, heuristic, self._examine,
             bottleneck=self.settings.minimise == "force",
         )  # fmt: skip
+        if self.paths[start] is None and self.graph.knowledge.status[start] != DEAD:
+            # Edges lead both ways: what is joined to this start does not come to a goal either.
+            self._cut_off |= connected_to(self.graph.graph, self.graph.knowledge, start)
         return self.paths[start]
 
     def _examine(self, node: int) -> None:

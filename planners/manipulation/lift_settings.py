@@ -21,8 +21,9 @@ class LiftSettings:
     """Share of every limit that is kept back [1]."""
     most_reserve: bool = False
     """Look for the plan that keeps most back, whatever is asked for."""
-    denser: tuple[tuple[float, float], ...] = ((1.0, 2.0), (2.0, 2.0))
-    """What is tried where nothing is found: factors of the numbers of plate poses in contact, and of holds [1]."""
+    denser: tuple[tuple[float, float], ...] = ((1.0, 2.0), (2.0, 2.0), (3.0, 3.0))
+    """What is tried where nothing is found: factors of the numbers of plate poses in contact, and of holds, rising [1].
+    Of those, as many as fit into memory."""
     reserve_searches: int = 2
     """Searches for how much can be kept back."""
     reserve_step: float = 0.01

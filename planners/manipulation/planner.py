@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
 
 import numpy as np
 
+from planners.balance.balanced import UnbalanceProof
 from planners.balance.capacity import LiftCapacity
 from planners.cell.arm_span import ArmSpan, OutOfReach, out_of_reach
 from planners.graph.search import GraphPath
@@ -29,14 +31,30 @@ class PlateLiftPlanner:
     """One sampling of poses and holds of one lift, searched as often as is asked for."""
 
     def __init__(
-        self, scene: PlateLiftScene, settings: LiftSettings, progress: Progress, memory: ReachMemory | None = None
+        self,
+        scene: PlateLiftScene,
+        settings: LiftSettings,
+        progress: Progress,
+        memory: ReachMemory | None = None,
+        proofs: Sequence[UnbalanceProof] = (),
     ) -> None:
-        """Sample poses and holds; nothing is solved yet."""
+        """Sample poses and holds; nothing is solved yet.
+
+        Args:
+            scene: what is to be lifted, and where.
+            settings: budgets and choices.
+            progress: told what is being done.
+            memory: of the reach in other lifts.
+            proofs: of imbalance, found with another sampling. What they rule out is no part of the graph, so that more
+                poses and holds fit into memory; such a planner is for this scene's forces alone.
+        """
         self.scene, self.settings, self._memory = scene, settings, memory
         self.record = LiftRecord(progress)
         self.sampling = LiftSampling.of(scene, settings)
         self.balance = self.sampling.balance(settings.reserve)
         """Of the last search."""
+        self.balance.learn(proofs)
+        self._ruled_out = self.balance.ruled_out.copy() if proofs else None
         self.search: LiftSearch | None = None
         """The last one."""
         self._way: GraphPath | None = None
@@ -44,7 +62,7 @@ class PlateLiftPlanner:
     @cached_property
     def reach(self) -> LiftReach:
         """Which hand reaches which pose in which postures; found when first asked for."""
-        return LiftReach(self.sampling, self.record.rejections, self.record.progress, self._memory)
+        return LiftReach(self.sampling, self.record.rejections, self.record.progress, self._memory, self._ruled_out)
 
     @cached_property
     def fits(self) -> bool:
@@ -105,7 +123,7 @@ class PlateLiftPlanner:
         search = self._begin_keeping(reserve)
         if not low and not explained and search.any_way() is None:
             return not_found(search, NO_WAY)
-        return self.planned(search, low=low, explained=explained)
+        return self.planned(search, low=low, explained=explained, thorough=explained)
 
     def may_keep(self, reserve: float, *, low: bool) -> bool:
         """Ask whether a plan could keep a share of every limit back: False proves that `plan_keeping` finds none.
@@ -124,10 +142,23 @@ class PlateLiftPlanner:
         self._way = found or self._way
         return found is not None
 
+    def may_hold_as_stated(self) -> bool:
+        """Ask whether a plan could hold the plate as stated: False proves that `plan_as_stated` finds none."""
+        balance = self.balance
+        search = self._begin_as_stated()
+        self.balance = balance
+        return search.any_way() is not None
+
     def plan_as_stated(self) -> LiftPlan:
         """Search for a plan that holds the plate as stated, whatever its tolerances, with nothing kept back."""
+        search = self._begin_as_stated()
+        if search.any_way() is None:
+            return not_found(search, NO_WAY)
+        return self.planned(self.begin(), explained=False, thorough=False)
+
+    def _begin_as_stated(self) -> LiftSearch:
         self.balance = self.sampling.balance(0.0, tolerances=False)
-        return self.planned(self.begin())
+        return self.begin((), full=False)
 
     def begin(self, rises: tuple[tuple[float, ...], ...] | None = None, *, full: bool | None = None) -> LiftSearch:
         """Merge the graph for the balance of now, whatever its size; nothing of it is searched yet.
@@ -153,9 +184,18 @@ class PlateLiftPlanner:
         self.balance = self.balance.keeping(self.sampling.keeping(reserve), reserve)
         return self.begin(rises, full=full)
 
-    def planned(self, search: LiftSearch, *, low: bool = True, explained: bool = True) -> LiftPlan:
-        """Search a graph that was merged, and report; the arguments are those of `plan_keeping`."""
-        found = search.find(low=low)
+    def planned(
+        self, search: LiftSearch, *, low: bool = True, explained: bool = True, thorough: bool = True
+    ) -> LiftPlan:
+        """Search a graph that was merged, and report.
+
+        Args:
+            search: of the graph.
+            low: as for `plan_keeping`.
+            explained: likewise.
+            thorough: see `LiftSearch.find`.
+        """
+        found = search.find(low=low, thorough=thorough or explained)
         if isinstance(found, Found):
             return solved(search, found)
         if found is NothingFound.NO_TRIES:

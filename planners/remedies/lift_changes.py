@@ -25,6 +25,7 @@ from planners.graph.search import DEAD
 from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.progress import Progress
 from planners.remedies.change import (
@@ -84,6 +85,7 @@ class LiftChanges:
         settings: LiftSettings,
         effort: Effort,
         progress: Progress,
+        memory: ReachMemory | None = None,
     ) -> None:
         """Sample the lift as it is; where it ends is searched for when that is first asked.
 
@@ -93,8 +95,10 @@ class LiftChanges:
             settings: with which it was planned.
             effort: what asking may take.
             progress: may raise `PlanningCancelled`.
+            memory: of the reach in changed lifts, for whoever plans them.
         """
         self.task, self._build, self._effort, self._progress = task, build, effort, progress
+        self._memory = memory
         self._asked = settings
         self._settings = replace(settings, reserve=0.0, most_reserve=False, full=False)
         self._kept = _SHARE_OF_RESERVE * settings.reserve
@@ -155,13 +159,13 @@ class LiftChanges:
             changed = first.applied(self.task)
             if changed is None or first.built(self.task, self._build) is None or not self._effort.take("reach"):
                 continue
-            other = LiftChanges(changed, self._build, self._asked, self._effort, self._progress)
+            other = LiftChanges(changed, self._build, self._asked, self._effort, self._progress, self._memory)
             yield from (first.then(second) for second in itertools.islice(other._cup_force(), 1))
 
     # Asking.
 
     def _planner_of(self, scene: PlateLiftScene) -> PlateLiftPlanner:
-        return PlateLiftPlanner(scene, self._settings, self._progress)
+        return PlateLiftPlanner(scene, self._settings, self._progress, self._memory)
 
     def _leaves_a_way(self, change: TaskChange, *, forces: bool, kept: float | None = None) -> bool:
         """Ask whether a change leaves a way of held poses.

@@ -13,8 +13,9 @@ from workers.solver.pipeline import Pipeline
 from workers.solver.protocol import SolverRequest
 
 NOT_FOUND, INFEASIBLE = "not_found", "infeasible"
-DENSITIES = (3.0, 2.5, 2.0, 1.5)
-"""Of contacts and of holds, for the second look: the first whose graph is not too large."""
+DENSITIES = (3.3, 2.7, 2.2, 1.6)
+"""Of contacts and of holds, for the second look: the first whose graph is not too large. None is one that the service
+tries by itself, so that other poses and holds are looked at."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planners.graph.passage import passable_path
+from planners.graph.passage import connected_to, passable_path
 from planners.graph.search import ALIVE, DEAD, Knowledge, StateGraph, graph_from_edges
 
 
@@ -57,6 +57,17 @@ def test_a_way_is_found_if_and_only_if_there_is_one(seed: int) -> None:
         for edge, step in zip(path.edges, itertools.pairwise(path.nodes), strict=True):
             assert set(step) == set(maze.ends[edge].tolist())
             assert reference.has_edge(*step)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_joined_to_a_node_is_its_component(seed: int) -> None:
+    maze = Maze(seed)
+    for node in range(maze.graph.node_count):
+        maze.examine(node)
+    reference = maze.reference()
+    for start in np.flatnonzero(maze.alive).tolist():
+        joined = connected_to(maze.graph, maze.knowledge, start)
+        assert set(np.flatnonzero(joined).tolist()) == nx.node_connected_component(reference, start)
 
 
 def test_a_cut_is_all_that_is_examined_where_there_is_no_way() -> None:

@@ -14,7 +14,7 @@ from planners.geometry.pose import transform
 from planners.graph.search import ALIVE, DEAD, RESOLUTION, UNKNOWN
 from planners.manipulation.contacts.contact_states import NO_CONTACT
 from planners.manipulation.contacts.dense_contact_states import ContactSampling, DenseContactStateGraph
-from planners.manipulation.graph.manipulation_graph import EdgeKind, HandHold, TransitionCost, build_graph
+from planners.manipulation.graph.manipulation_graph import EdgeKind, HandHold, TransitionCost, build_graph, edge_count
 
 SAMPLING = ContactSampling(
     edge_tilts=(math.radians(6), math.radians(18), 2),
@@ -95,6 +95,30 @@ def test_edges_are_those_of_the_definitions(case, kind):
     ]
     assert len(set(edges)) == len(edges)
     assert set(edges) == (expected.transits if kind is EdgeKind.TRANSIT else expected.transfers)
+
+
+def test_what_is_ruled_out_is_left_out_with_its_edges_and_nothing_else(case):
+    whole, _ = case
+    rng = np.random.default_rng(5)
+    tables = [rng.integers(0, 8, (len(POSES.poses), 3)).astype(np.uint64) for _ in range(2)]
+    ruled_out = rng.random((len(POSES.poses), 4, 4)) < 0.4
+    holds = whole.grips, whole.pushes
+    full, left = (build_graph(POSES, *holds, *tables, COSTS, out) for out in (None, ruled_out))
+
+    def out(node):
+        pose, grip, push = node
+        return ruled_out[pose, 0 if grip is None else grip.index + 1, 0 if push is None else push.index + 1]
+
+    def edges(built):
+        return [frozenset(meaning(built, n) for n in nodes) for nodes in built.edge_nodes]
+
+    kept = {meaning(full, n) for n in range(full.graph.node_count) if not out(meaning(full, n))}
+    assert [meaning(left, n) for n in range(left.graph.node_count)] == [
+        meaning(full, n) for n in range(full.graph.node_count) if meaning(full, n) in kept
+    ]
+    assert sorted(map(hash, edges(left))) == sorted(hash(edge) for edge in edges(full) if edge <= kept)
+    assert edge_count(POSES, holds, tuple(tables), ruled_out) == len(left.edge_nodes)
+    assert edge_count(POSES, holds, tuple(tables)) == len(full.edge_nodes)
 
 
 def test_arcs_cost_by_the_kind_of_their_edge(case):

@@ -6,12 +6,15 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from planners.balance.balanced import Balanced
 from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_plan import LiftPlan
+from planners.manipulation.planner import PlateLiftPlanner
 from planners.plan.verdicts import PlanningOutcome
 from planners.planning import lift_settings
 from planners.progress import silent
@@ -94,6 +97,81 @@ def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPla
         searched = planner_of(task_body("ab1", reserve=reserve), cells)
         found = searched.planned(searched.begin(), low=False, explained=False).outcome is PlanningOutcome.SOLVED
         assert planner.may_keep(reserve, low=False) == found
+
+
+def test_where_not_even_the_plate_as_stated_may_be_held_there_is_no_plan_for_it(cells: dict[str, Cell]) -> None:
+    """The exhaustive search is the authority, for a lift that can be done and for one that cannot."""
+    for name in ("ab1", "pb1_weak_cup"):
+        planner = planner_of(task_body(name), cells)
+        may = planner.may_hold_as_stated()
+        planner.balance = planner.sampling.balance(0.0, tolerances=False)
+        exhaustive = planner.planned(planner.begin(), explained=False).outcome
+        assert may == (exhaustive is PlanningOutcome.SOLVED)
+        assert planner.plan_as_stated().outcome is exhaustive
+
+
+def test_what_proofs_of_another_sampling_leave_out_is_not_held(cells: dict[str, Cell]) -> None:
+    """Program (5) is the authority, asked at nodes that are left out. The cheapest way of the others is the same."""
+    body = task_body("ab1", hold_density=0.5)
+    coarse = planner_of(body, cells)
+    coarse.may_keep(0.0, low=True)
+    assert coarse.balance.telling_proofs
+    whole, settings = planner_of(task_body("ab1"), cells), coarse.settings.scaled(1.0, 2.0)
+    pruned = PlateLiftPlanner(whole.scene, settings, silent, None, coarse.balance.telling_proofs)
+    assert pruned.reach.edge_count < whole.reach.edge_count
+    out = np.argwhere(pruned.balance.ruled_out)
+    for pose, *rows in np.random.default_rng(3).choice(out, 40):
+        hands = tuple(None if row == 0 else int(row) - 1 for row in rows)
+        asked = whole.balance.poses.poses[pose]
+        held = isinstance(whole.balance.solve(asked.T_world_plate, asked.contact_points, hands), Balanced)
+        assert not held or whole.balance.refusal(asked.T_world_plate, asked.contact_points, hands) is not None
+    whole.balance.learn(coarse.balance.telling_proofs)
+    searches = [each.begin(()) for each in (whole, pruned)]
+    for search in searches:
+        assert search.best_path() is not None
+    cheapest = [min(path.cost for path in search.paths.values() if path is not None) for search in searches]
+    assert cheapest[0] == cheapest[1]
+
+
+def test_densities_rise_as_long_as_graphs_fit_and_there_is_hope(
+    cells: dict[str, Cell], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each try has more poses and holds than the one before; with no hope after twice as many, that was all."""
+    body = task_body("ab3", reserve=0.1, contact_density=0.5, hold_density=0.5)
+    body["plate"] = {**body["plate"], "mass_tolerance": 0.02, "com_tolerance": 0.005}
+    task = read_task(body)
+    assert isinstance(task, PlateLiftTask)
+    scene, settings = build_scene(task, cells), lift_settings(task.options)
+
+    def tried(*, hope: bool, largest: int) -> list[PlateLiftPlanner]:
+        planners: list[PlateLiftPlanner] = []
+
+        class Seen(PlateLiftPlanner):
+            def __init__(self, *args: Any) -> None:
+                super().__init__(*args)
+                planners.append(self)
+
+            def may_keep(self, *_: Any, **__: Any) -> bool:
+                return False
+
+            def may_hold_as_stated(self) -> bool:
+                return hope
+
+        monkeypatch.setattr("planners.manipulation.lift_attempts.PlateLiftPlanner", Seen)
+        plan = plan_lift(scene, replace(settings, largest_graph=largest), silent)
+        assert plan.outcome is PlanningOutcome.NOT_FOUND
+        return planners
+
+    hopeful = tried(hope=True, largest=settings.largest_graph)
+    assert len(hopeful) == 1 + len(settings.denser)
+    sizes = [len(each.sampling.poses.poses) * len(each.sampling.grips) for each in hopeful]
+    assert sizes == sorted(set(sizes))
+    assert len(tried(hope=False, largest=settings.largest_graph)) < len(hopeful)
+    # With room for half of the densest graph, it is a smaller one that is searched, not none.
+    narrow = tried(hope=True, largest=hopeful[-1].reach.edge_count // 2)
+    assert len(narrow) == len(hopeful)
+    assert narrow[-1].fits
+    assert hopeful[-2].reach.edge_count < narrow[-1].reach.edge_count < hopeful[-1].reach.edge_count
 
 
 def test_a_graph_that_does_not_fit_into_memory_is_thinned_and_that_is_told(cells: dict[str, Cell]) -> None:

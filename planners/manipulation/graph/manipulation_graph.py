@@ -112,11 +112,14 @@ def edge_count(
     poses: DenseContactStateGraph,
     holds: tuple[tuple[HandHold, ...], tuple[HandHold, ...]],
     postures: tuple[NDArray[np.uint64], NDArray[np.uint64]],
+    ruled_out: NDArray[np.bool_] | None = None,
 ) -> int:
     """Count the edges that `build_graph` would make, without making them."""
-    candidate = _candidates(*holds, *postures)
+    candidate = _candidates(*holds, *postures, ruled_out)
     transfers = sum(int(np.count_nonzero(candidate[i] & candidate[j])) for i, j in poses.edges)
-    return transfers + 2 * int(np.count_nonzero(candidate[:, 1:, 1:]))
+    pairs = candidate[:, 1:, 1:]
+    alone = np.count_nonzero(pairs & candidate[:, 1:, :1]) + np.count_nonzero(pairs & candidate[:, :1, 1:])
+    return transfers + int(alone)
 
 
 def build_graph(
@@ -126,6 +129,7 @@ def build_graph(
     grip_postures: NDArray[np.uint64],
     push_postures: NDArray[np.uint64],
     costs: TransitionCost,
+    ruled_out: NDArray[np.bool_] | None = None,
 ) -> ManipulationStateGraph:
     """Merge the graphs of all holds into one.
 
@@ -136,8 +140,9 @@ def build_graph(
         grip_postures: (poses, all grips) bit sets of the postures that reach each pose without collision.
         push_postures: (poses, all pushes) likewise.
         costs: weights of the edge costs.
+        ruled_out: (poses, 1 + all grips, 1 + all pushes) which nodes are left out, 0 for the hand that is absent.
     """
-    candidate = _candidates(grips, pushes, grip_postures, push_postures)
+    candidate = _candidates(grips, pushes, grip_postures, push_postures, ruled_out)
     node_pose, node_grip, node_push = (axis.astype(np.int32) for axis in np.nonzero(candidate))
     number = np.full(candidate.shape, -1, np.int32)
     number[candidate] = np.arange(len(node_pose), dtype=np.int32)
@@ -181,6 +186,7 @@ def _candidates(
     pushes: tuple[HandHold, ...],
     grip_postures: NDArray[np.uint64],
     push_postures: NDArray[np.uint64],
+    ruled_out: NDArray[np.bool_] | None,
 ) -> NDArray[np.bool_]:
     """(poses, 1 + grips, 1 + pushes): which hands reach which poses, each hand alone; no hand at all is left out."""
     count = len(grip_postures)
@@ -191,6 +197,9 @@ def _candidates(
         push[:, column] = (push_postures[:, hold.index] & np.uint64(hold.postures)) != 0
     candidate = grip[:, :, None] & push[:, None, :]
     candidate[:, 0, 0] = False
+    if ruled_out is not None:
+        rows = [np.array([0, *(hold.index + 1 for hold in holds)]) for holds in (grips, pushes)]
+        candidate &= ~ruled_out[:, rows[0][:, None], rows[1]]
     return candidate
 
 
@@ -211,10 +220,11 @@ def _transit_edges(number: NDArray[np.int32]) -> NDArray[np.int32]:
     pairs = number[:, 1:, 1:]
     grip_alone = np.broadcast_to(number[:, 1:, :1], pairs.shape)
     push_alone = np.broadcast_to(number[:, :1, 1:], pairs.shape)
-    there = pairs >= 0  # then both its hands reach the pose alone, too
-    return np.concatenate(
-        [np.column_stack([grip_alone[there], pairs[there]]), np.column_stack([push_alone[there], pairs[there]])]
-    )
+    found = []
+    for alone in (grip_alone, push_alone):
+        there = (pairs >= 0) & (alone >= 0)
+        found.append(np.column_stack([alone[there], pairs[there]]))
+    return np.concatenate(found)
 
 
 def _motion_costs(poses: DenseContactStateGraph, rank: NDArray[np.int64], costs: TransitionCost) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ poses, grips and pushes at once (`planners.balance.proofs`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -23,6 +23,9 @@ from planners.balance.solver import Balance
 from planners.geometry.pose import Array, Transform
 from planners.graph.rejections import Rejection
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
+
+_TELLING = 1e-3
+"""Share of all nodes that a proof rules out for the first time, for others to be tested with it [1]."""
 
 HandPair = tuple[int | None, int | None]
 """Numbers of a grip and of a push, None for a hand that is absent."""
@@ -94,6 +97,8 @@ class HoldBalance:
         self.sampling = sampling or MotionSampling()
         self.solved = 0
         self.ruled_out = np.zeros((len(poses.poses), 1 + len(grips), 1 + len(pushes)), bool)
+        self.telling_proofs: list[UnbalanceProof] = []
+        """Those that ruled out many nodes, and so may do for other poses and holds too."""
         self._rotations = np.array([pose.T_world_plate[:3, :3] for pose in poses.poses])
         self._tables = self._twist_tables(self._rotations, [pose.contact_points for pose in poses.poses])
         self._alike = _first_alike(poses)
@@ -181,10 +186,18 @@ class HoldBalance:
         """Return (5) in numbers, for whoever relaxes its limits; arguments as of `solve`."""
         return self.balance.program(T_world_plate[:3, :3], contact_points, *self._contacts(hands))
 
+    def learn(self, proofs: Iterable[UnbalanceProof]) -> None:
+        """Test proofs that were found for other poses or holds: a motion that proves imbalance there may do so here."""
+        for proof in proofs:
+            self._rule_out(proof)
+
     def _rule_out(self, proof: UnbalanceProof) -> None:
         """Test a proof against all nodes, by what either program allows: one says no where the other does not."""
+        known = np.count_nonzero(self.ruled_out)
         for table in self._tables:
             self.ruled_out |= table.infeasible(proof)
+        if np.count_nonzero(self.ruled_out) - known >= _TELLING * self.ruled_out.size:
+            self.telling_proofs.append(proof)
 
     def _twist_tables(self, rotations: Array, points: Sequence[Array]) -> tuple[TwistTable, ...]:
         return tuple(
