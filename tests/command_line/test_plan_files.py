@@ -6,7 +6,7 @@ import io
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from tests.support.scan_frames import SHIPPED
 from tests.support.tool_plans import FEW
 from workers.solver.pipeline import Pipeline
 from workers.solver.progress import STAGE_SHARES
+from workers.solver.protocol import SolverRequest
 
 Said = Callable[..., str]
 SCANS_TASK = SHIPPED / "tissue_boxes" / "task.json"
@@ -155,12 +156,12 @@ def test_a_task_is_the_same_in_yaml_from_a_file_or_from_standard_input(
 def _ending(outcomes: dict[str, str]) -> Callable[..., Plan]:
     """Return what plans tasks by their names, with these outcomes."""
 
-    def solve(_: Pipeline, request: Mapping[str, Any], __: Progress) -> Plan:
-        outcome = outcomes[request["id"]]
+    def solve(_: Pipeline, request: SolverRequest, __: Progress) -> Plan:
+        outcome = outcomes[request.id]
         if outcome == "fault":
             raise LiftwrightError("it does not stand its check")
         segments = [segment(0.0, 2)] if outcome == "solved" else []
-        explanation = {"summary": f"why {request['id']} is so"}
+        explanation = {"summary": f"why {request.id} is so"}
         stated = {"outcome": outcome, "segments": segments, "explanation": explanation}
         return plan_of({**lift_document(load_cell("dual_ur3e_lift")), **stated})
 

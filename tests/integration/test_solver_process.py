@@ -234,7 +234,7 @@ from workers.solver.process import main
 from workers.solver.protocol import Answer
 asked = []
 def solve(request, progress, certified):
-    asked.append(request["id"])
+    asked.append(request.id)
     return Answer("solved", b"%d" % len(asked))
 main(lambda: solve)
 """
