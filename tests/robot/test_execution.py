@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -38,6 +39,8 @@ from workers.simulation.settings import CupSettings, WinchSettings
 
 SHIPPED = sorted(path.name for path in (ROOT / "assets/tasks").glob("*.json"))
 Recordings = Mapping[ArmName, Recording]
+NORMAL = 1
+"""RTDE's `safety_mode` of an arm that was not stopped."""
 STANDSTILL = 0.1
 """In which both arms must stand still, whatever happens [s]."""
 
@@ -347,14 +350,16 @@ def test_where_no_controller_is_that_is_said() -> None:
         ArmLink("127.0.0.9")
 
 
-def executed(schedule: Schedule, seed: int, seconds: float) -> tuple[Execution, SpringLifter | None, Recordings]:
+def executed(
+    schedule: Schedule, seed: int, seconds: float, lets_go: float = math.inf
+) -> tuple[Execution, SpringLifter | None, Recordings]:
     """Execute a plan, and follow a lifter for so long after it, if a lift follows."""
     lifter = None
     with lock_step(schedule) as clock:
         links = {arm: clock.connect(hosts()[arm]) for arm in ARMS}
         if schedule.lift is not None:
             winch = WinchProfile.draw(1.0, 0.002, np.random.default_rng(seed), WinchSettings())
-            clock.physics = lifter = SpringLifter(schedule, winch)
+            clock.physics = lifter = SpringLifter(schedule, winch, lets_go)
 
         def confirm(step: ProgramStep | None) -> bool:
             if step is None:
@@ -417,6 +422,22 @@ def test_hands_follow_whoever_raises_the_lifter_unevenly(lift: Schedule, seed: i
     over = np.flatnonzero(borne > cup.max_force)
     for run in np.split(over, np.flatnonzero(np.diff(over) > 1) + 1):
         assert len(run) == 0 or followed[run[-1]].time - followed[run[0]].time < settings.grace
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cup_that_lets_go_leaves_both_hands_at_rest_with_the_plate(lift: Schedule, seed: int) -> None:
+    """What the lifter bore comes on the hands at once: they rise no more, and nothing goes down."""
+    slip = 1.0
+    _, lifter, recordings = executed(lift, seed, slip + 0.5, lets_go=slip)
+    assert lifter is not None
+    rises = np.diff([each.followed for each in lifter.samples])
+    times = np.array([each.time for each in lifter.samples[1:]])
+    assert rises[times < slip].max() > 1e-6, "they stood still before"
+    assert np.abs(rises[times > slip + STANDSTILL]).max() < 1e-9
+    assert rises.min() > -1e-9
+    for recording in recordings.values():
+        assert (recording.safety_mode == NORMAL).all()
 
 
 def plate_task(plan: Plan) -> PlateLiftTask:
