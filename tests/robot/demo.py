@@ -1,28 +1,29 @@
 """`make demo-robot`: plans, exports, executes and replays a lift and a pile, on controllers that stand in for robots.
 
-Everything is done by the commands that one types at a real cell. The controllers are a process each and know nothing of
-plans; a lifter on a spring is felt at their wrists while the hands follow it.
+Everything is done by the commands that one types at a real cell, except that the one that executes goes by the clock of
+the controllers, which waits for it where a machine is busy. They are a process each and know nothing of plans; a lifter
+on a spring is felt at their wrists while the hands follow it.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import webbrowser
-from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 
+from app.cli.execute_command import EXECUTED, ExecuteRequest, execute_file
 from planners.cell.cell import load_cell
 from planners.plan.plan import Plan
-from planners.plan.scenery import ARMS
 from planners.program.guard import exportable
 from planners.program.schedule import Schedule
-from tests.support.controller.site import configurations
+from tests.support.controller.lock_step import lock_step
 from tests.support.controller.spring_lifter import SpringLifter
-from tests.support.controller.stand_in import hosts, stand_ins
+from tests.support.controller.stand_in import hosts
 from workers.simulation.lifter import WinchProfile
 from workers.simulation.settings import WinchSettings
 
@@ -40,7 +41,10 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, default=Path("data/robot"), metavar="DIR", help="default: data/robot")
     parsed = parser.parse_args()
     parsed.folder.mkdir(parents=True, exist_ok=True)
-    done = [show(name, parsed.folder, parsed.speed) for name in parsed.tasks or TASKS]
+    with open(os.devnull) as nobody:
+        # Nobody is at the keyboard.
+        sys.stdin = nobody
+        done = [show(name, parsed.folder, parsed.speed) for name in parsed.tasks or TASKS]
     for page in done:
         if page is not None and not parsed.once:
             webbrowser.open(page.absolute().as_uri())
@@ -54,21 +58,24 @@ def show(task: str, folder: Path, speed: float) -> Path | None:
         return None
     document = plan.read_bytes()
     schedule = Schedule.of(exportable(document, load_cell(Plan.read(document).cell.name)))
-    at = hosts()
-    with stand_ins(*configurations(schedule)) as controllers:
-        beside = nullcontext()
+    with lock_step(schedule) as clock:
         if schedule.lift is not None:
             winch = WinchProfile.draw(1.0, 0.002, np.random.default_rng(SEED), WinchSettings())
-            beside = SpringLifter(schedule, dict(zip(ARMS, controllers, strict=True)), winch).at_work()
-        words = ("--left", at["left"], "--right", at["right"], "--speed", str(speed), "--log", str(log))
-        with beside:
-            executed = _run("execute", str(plan), *words, "--run", "--continuous") == 0
+            clock.physics = SpringLifter(schedule, winch)
+        at = hosts()
+        addresses = ("--left", at["left"], "--right", at["right"])
+        _tell("execute", str(plan), *addresses, "--run", "--continuous", "--speed", str(speed), "--log", str(log))
+        asked = ExecuteRequest(plan, at, None, True, True, speed, log)
+        executed = execute_file(asked, clock.connect) == EXECUTED
     return page if executed and _run("replay", str(plan), str(log), "--out", str(page)) == 0 else None
 
 
-def _run(*words: str) -> int:
+def _tell(*words: str) -> None:
     print("\n$ liftwright", *words, flush=True)
-    # Nobody is at the keyboard.
+
+
+def _run(*words: str) -> int:
+    _tell(*words)
     return subprocess.run(
         [sys.executable, "-m", "app.cli.main", *words], stdin=subprocess.DEVNULL, check=False
     ).returncode

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from support.controller.stand_in import Recording, StandIn, hosts
 from support.documents import plan_of
 from support.moving_plan import DURATION, moving_plan
 from support.plan_shelf import PlanShelf
-from support.service import task
+from support.service import ROOT, task
 
 from planners.contract.arrays import ArmName
 from planners.contract.task_spec import PlateLiftTask
@@ -32,10 +33,14 @@ from planners.program.urscript import ProgramState
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.executor import Confirm, Execution, ExecutionSettings, Executor
-from workers.robot.supervision import StopReason
+from workers.robot.supervision import StopReason, SupervisionSettings
 from workers.simulation.lifter import WinchProfile
 from workers.simulation.settings import CupSettings, WinchSettings
 
+SHIPPED = sorted(path.name for path in (ROOT / "assets/tasks").glob("*.json"))
+Recordings = Mapping[ArmName, Recording]
+NORMAL = 1
+"""RTDE's `safety_mode` of an arm that was not stopped."""
 STANDSTILL = 0.1
 """In which both arms must stand still, whatever happens [s]."""
 
@@ -69,12 +74,36 @@ def cell() -> Iterator[Cell]:
         yield Cell(clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
 
 
-def curve(arm: ArmName, step: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what the plan has an arm do in a step, by SciPy."""
-    mine = SCHEDULE.steps[step - 1].arms[arm]
+def curve(schedule: Schedule, arm: ArmName, step: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what a plan has an arm do in a step, by SciPy."""
+    mine = schedule.steps[step - 1].arms[arm]
     if not mine.moves:
         return lambda times: np.repeat(mine.positions, len(times), axis=0)
     return CubicHermiteSpline(mine.time, mine.positions, mine.velocities)
+
+
+def assert_as_planned(schedule: Schedule, recordings: Recordings) -> None:
+    """Recorded joints are within 1e-3 rad and one cycle of the plan, in each of its steps."""
+    for arm, recording in recordings.items():
+        for step in schedule.steps:
+            rows = running(recording, step.number)
+            assert rows.any()
+            times = recording.path_time[rows]
+            # The joints are sent a cycle before the path's time goes on.
+            off = [
+                np.abs(
+                    curve(schedule, arm, step.number)(np.clip(times - late, 0.0, step.duration)) - recording.q[rows]
+                ).max(axis=1)
+                for late in np.linspace(0.0, CYCLE, 5)
+            ]
+            assert np.min(off, axis=0).max() < 1e-3
+
+
+def apart(recordings: Recordings, step: int) -> np.ndarray:
+    """Return by how much the arms are apart on the plan's clock in a step, cycle by cycle [s]."""
+    left, right = (recordings[arm] for arm in ARMS)
+    mine, other = running(left, step), running(right, step)
+    return np.abs(np.interp(left.time[mine], right.time[other], right.path_time[other]) - left.path_time[mine])
 
 
 def running(recording: Recording, step: int) -> np.ndarray:
@@ -93,25 +122,15 @@ def test_both_arms_move_as_planned_and_stay_together() -> None:
         again = site.execute(speed=0.6, schedule=Schedule(SCHEDULE.plan, SCHEDULE.steps[:1]))
         assert again.is_done, again.stop
         recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
-    whole = {arm: slice(0, begun[arm]) for arm in ARMS}
     for arm, recording in recordings.items():
         for step in range(1, len(SCHEDULE.steps) + 1):
-            rows = running(recording, step)
-            times = recording.path_time[rows]
-            # The joints are sent a cycle before the path's time goes on.
-            off = [
-                np.abs(curve(arm, step)(np.clip(times - late, 0.0, DURATION)) - recording.q[rows]).max(axis=1)
-                for late in np.linspace(0.0, CYCLE, 5)
-            ]
-            assert np.min(off, axis=0).max() < 1e-3
-            first = rows & (np.arange(len(rows)) < whole[arm].stop)
+            first = running(recording, step) & (np.arange(len(recording.time)) < begun[arm])
             lasted = recording.time[first][-1] - recording.time[first][0]
             assert lasted == pytest.approx(DURATION, abs=0.05)
-    left, right = recordings["left"], recordings["right"]
+    assert_as_planned(SCHEDULE, recordings)
     for step in range(1, len(SCHEDULE.steps) + 1):
-        mine, other = running(left, step), running(right, step)
-        times = np.interp(left.time[mine], right.time[other], right.path_time[other])
-        assert np.percentile(np.abs(times - left.path_time[mine]), 99) < 0.008
+        assert np.percentile(apart(recordings, step), 99) < 0.008
+    left = recordings["left"]
     slow = running(left, 1) & (np.arange(len(left.time)) >= begun["left"])
     assert left.time[slow][-1] - left.time[slow][0] == pytest.approx(DURATION / 0.6, abs=0.1)
     steps = [event["number"] for event in site.events() if event["event"] == "step"]
@@ -151,6 +170,7 @@ STOPS: dict[str, tuple[dict[str, Any], StopReason]] = {
     "protective stop": ({"protective_stop": "by a test"}, StopReason.PROTECTIVE_STOP),
     "force": ({"wrench": [0.0, 0.0, 90.0, 0.0, 0.0, 0.0]}, StopReason.OVERLOAD),
     "silence": ({"silent": True}, StopReason.LOST),
+    "lost packets": ({"loss": 1.0}, StopReason.LOST),
 }
 
 
@@ -199,10 +219,64 @@ def test_arms_that_are_told_late_stay_together() -> None:
         site.stand_ins["right"].tell(delay=0.006)
         execution = site.execute(schedule=Schedule(SCHEDULE.plan, SCHEDULE.steps[:2]))
         assert execution.is_done, execution.stop
-        left, right = (site.stand_ins[arm].recording() for arm in ARMS)
-    mine, other = running(left, 1), running(right, 1)
-    apart = np.abs(np.interp(left.time[mine], right.time[other], right.path_time[other]) - left.path_time[mine])
-    assert np.percentile(apart, 99) < 0.008 + 0.006
+        recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
+    assert np.percentile(apart(recordings, 1), 99) < 0.008 + 0.006
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_arms_on_a_network_that_is_late_now_and_then_stay_together(seed: int) -> None:
+    jitter = 0.006
+    with cell() as site:
+        for number, arm in enumerate(ARMS):
+            site.stand_ins[arm].tell(jitter=jitter, seed=2 * seed + number)
+        execution = site.execute()
+        assert execution.is_done, execution.stop
+        recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
+    assert_as_planned(SCHEDULE, recordings)
+    for step in range(1, len(SCHEDULE.steps) + 1):
+        assert np.percentile(apart(recordings, step), 99) < 0.008 + jitter
+
+
+def test_a_computer_that_is_a_little_late_goes_on_and_one_that_is_too_late_stops_both_arms() -> None:
+    """Whichever notices first, the programs or the computer: the reason that is told is the true one."""
+    with cell() as site:
+        for late, goes_on in ((0.03, True), (0.06, False)):
+            execution, _ = execute_and(site, 1, lambda late=late: site.clock.sleep(late))
+            assert execution.is_done == goes_on, execution.stop
+            for arm in ARMS:
+                site.stand_ins[arm].tell(joints=SCHEDULE.start[arm].tolist())
+            site.clock.sleep(0.05)
+        assert execution.stop is not None
+        assert execution.stop.reason is StopReason.LATE
+        for arm in ARMS:
+            assert running(site.stand_ins[arm].recording(), 1)[-1]
+
+
+class HandClock:
+    """A clock that shows what a test sets."""
+
+    time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep(self, seconds: float) -> None:
+        self.time += seconds
+
+
+def test_time_in_which_nobody_looked_says_nothing_of_a_controller() -> None:
+    with cell() as site:
+        link, told = site.links["left"], site.links["left"].timestamp
+        link.clock = clock = HandClock()
+        assert link.silence(told) == 0.0
+        clock.sleep(0.03)
+        assert link.silence(told) < SupervisionSettings().silence / 2
+        for _ in range(10):
+            clock.sleep(CYCLE)
+            link.silence(told)
+        assert link.silence(told) > SupervisionSettings().silence
+        link.clock = site.clock
 
 
 class DistantClock:
@@ -276,6 +350,45 @@ def test_where_no_controller_is_that_is_said() -> None:
         ArmLink("127.0.0.9")
 
 
+def executed(
+    schedule: Schedule, seed: int, seconds: float, lets_go: float = math.inf
+) -> tuple[Execution, SpringLifter | None, Recordings]:
+    """Execute a plan, and follow a lifter for so long after it, if a lift follows."""
+    lifter = None
+    with lock_step(schedule) as clock:
+        links = {arm: clock.connect(hosts()[arm]) for arm in ARMS}
+        if schedule.lift is not None:
+            winch = WinchProfile.draw(1.0, 0.002, np.random.default_rng(seed), WinchSettings())
+            clock.physics = lifter = SpringLifter(schedule, winch, lets_go)
+
+        def confirm(step: ProgramStep | None) -> bool:
+            if step is None:
+                # The lift begins a few cycles after it was confirmed.
+                clock.at(clock.now() + seconds + 0.1, executor.end_lift)
+            return True
+
+        executor = Executor(schedule, links, ExecutionLog(io.StringIO(), clock), confirm)
+        execution = executor.run()
+        return execution, lifter, {arm: clock.stand_ins[arm].recording() for arm in ARMS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShelf, name: str) -> None:
+    document = shelf.document(task(name))
+    if document["outcome"] != "solved":
+        assert "segments" not in document or not document["segments"]
+        return
+    schedule = Schedule.of(plan_of(document))
+    execution, lifter, recordings = executed(schedule, 0, 0.5)
+    assert execution.is_done, execution.stop
+    assert_as_planned(schedule, recordings)
+    for step in schedule.steps:
+        assert np.percentile(apart(recordings, step.number), 99) < 0.008
+    assert (lifter is None) == (schedule.lift is None)
+    assert lifter is None or lifter.samples[-1].followed > 0.0
+
+
 @pytest.fixture(scope="module")
 def lift(shelf: PlanShelf) -> Schedule:
     """Return a moment at the end of AB1, and the lift after it."""
@@ -293,19 +406,10 @@ def lift(shelf: PlanShelf) -> Schedule:
 @pytest.mark.parametrize("seed", range(20))
 def test_hands_follow_whoever_raises_the_lifter_unevenly(lift: Schedule, seed: int) -> None:
     """By what wrists feel alone: the cup bears no more than it can for long, and nothing goes down."""
-    winch, seconds = WinchProfile.draw(1.0, 0.002, np.random.default_rng(seed), WinchSettings()), 2.0
-    with lock_step(lift) as clock:
-        links = {arm: clock.connect(hosts()[arm]) for arm in ARMS}
-        clock.physics = lifter = SpringLifter(lift, winch)
-
-        def confirm(step: ProgramStep | None) -> bool:
-            if step is None:
-                clock.at(clock.now() + seconds + 0.1, executor.end_lift)
-            return True
-
-        executor = Executor(lift, links, ExecutionLog(io.StringIO(), clock), confirm)
-        execution = executor.run()
+    seconds = 2.0
+    execution, lifter, _ = executed(lift, seed, seconds)
     assert execution.is_done, execution.stop
+    assert lifter is not None
     assert lifter.samples[-1].time > seconds, "the lift ended too soon"
     followed = [each for each in lifter.samples if each.time < seconds]
     assert np.diff([each.followed for each in followed]).min() > -1e-4
@@ -318,6 +422,22 @@ def test_hands_follow_whoever_raises_the_lifter_unevenly(lift: Schedule, seed: i
     over = np.flatnonzero(borne > cup.max_force)
     for run in np.split(over, np.flatnonzero(np.diff(over) > 1) + 1):
         assert len(run) == 0 or followed[run[-1]].time - followed[run[0]].time < settings.grace
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cup_that_lets_go_leaves_both_hands_at_rest_with_the_plate(lift: Schedule, seed: int) -> None:
+    """What the lifter bore comes on the hands at once: they rise no more, and nothing goes down."""
+    slip = 1.0
+    _, lifter, recordings = executed(lift, seed, slip + 0.5, lets_go=slip)
+    assert lifter is not None
+    rises = np.diff([each.followed for each in lifter.samples])
+    times = np.array([each.time for each in lifter.samples[1:]])
+    assert rises[times < slip].max() > 1e-6, "they stood still before"
+    assert np.abs(rises[times > slip + STANDSTILL]).max() < 1e-9
+    assert rises.min() > -1e-9
+    for recording in recordings.values():
+        assert (recording.safety_mode == NORMAL).all()
 
 
 def plate_task(plan: Plan) -> PlateLiftTask:

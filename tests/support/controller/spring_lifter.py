@@ -6,6 +6,7 @@ what their motion accelerates they feel.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,12 +49,13 @@ class SpringLifter:
     It is the physics of a `LockStep`.
     """
 
-    def __init__(self, schedule: Schedule, winch: WinchProfile) -> None:
+    def __init__(self, schedule: Schedule, winch: WinchProfile, lets_go: float = math.inf) -> None:
         """Stand beside two arms.
 
         Args:
             schedule: with a lift at its end.
             winch: how it rises after the lift began.
+            lets_go: after which its cup holds the plate no more [s].
         """
         lift, task = schedule.lift, schedule.plan.task
         assert lift is not None
@@ -65,7 +67,10 @@ class SpringLifter:
         self._stiffness = cup.stiffness(task.cup.max_force)
         self._damping = cup.damping_time * self._stiffness
         self._arms = {arm: schedule.plan.cell.arms[arm] for arm in ARMS}
-        self._winch = winch
+        self._winch, self._lets_go = winch, lets_go
+        plate = schedule.plan.bodies["plate"]
+        assert plate.mass is not None
+        self._weight = plate.mass * float(np.linalg.norm(schedule.plan.cell.gravity))
         self.samples: list[LiftSample] = []
         self._begun: tuple[float, float] | None = None
 
@@ -84,6 +89,8 @@ class SpringLifter:
         """Return what both hands bear now [N]."""
         risen, rate = self._winch.at(elapsed)
         force = self._law.goal_force - self._stiffness * (risen - followed) - self._damping * (rate - speed)
+        if elapsed > self._lets_go:
+            force = self._weight
         if self.samples and elapsed > (last := self.samples[-1]).time:
             force += self._law.carried * (speed - last.speed) / (elapsed - last.time)
         # The hands cannot pull: where the lifter is far ahead they bear nothing.
