@@ -246,7 +246,7 @@ def build_handovers(
     codes = np.zeros((orientations, count, count), np.uint8)
     for o, T_world_tool in enumerate(T_world_tools):
         progress(Report("handovers", o, orientations))
-        for reached, reach in zip((left, right), pairing.reaches, strict=True):
+        for reached, reach in zip((left, right), pairing.reaches.values(), strict=True):
             reached[o] = reach.branches(T_world_tool)
         codes[o] = pairing.codes(T_world_tool, left[o], right[o])
     progress(Report("handovers", orientations, orientations))
@@ -263,15 +263,15 @@ class _Pairing:
     _arms_queries: dict[tuple[int, int], CollisionQuery] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
-    def reaches(self) -> tuple[GraspReach, ...]:
-        """The left arm's and the right arm's, each without the other."""
+    def reaches(self) -> dict[str, GraspReach]:
+        """The left arm, then the right arm, each without the other."""
         alone = {
             arm: GraspSurroundings({}, None, self.workcell.gripper(other).width_max)
             for arm, other in (("left", "right"), ("right", "left"))
         }
-        return tuple(
-            GraspReach(self.workcell, arm, self.grasps, each, self.settings.grasps) for arm, each in alone.items()
-        )
+        return {
+            arm: GraspReach(self.workcell, arm, self.grasps, each, self.settings.grasps) for arm, each in alone.items()
+        }
 
     @cached_property
     def hands_apart(self) -> NDArray[np.bool_]:
