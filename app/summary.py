@@ -8,7 +8,7 @@ from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.segment import ContactState
 from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
-from planners.plan.verdicts import Cause, LeastReserve, Remedy
+from planners.plan.verdicts import Cause, LeastReserve, Remedy, shortage_words
 
 MILLIMETRES = 1e3
 """In a metre: lengths are told as on drawings."""
@@ -20,23 +20,10 @@ def reason_of(cause: Cause) -> str:
 
 
 def figures_of(cause: Cause) -> str | None:
-    """Return what was needed and what there was, or how much was missing; None without figures.
-
-    Where nothing, or less than nothing, is said to be available, the figures are a shortfall: how far the nearest try
-    was from a limit.
-    """
-    needed, available = cause.needed, cause.available
-    if needed is None or available is None:
+    """Return what was needed and what there was, or how much was missing; None without figures."""
+    if cause.needed is None or cause.available is None:
         return None
-    if available > 0.0:
-        return f"needed {_measure(needed, cause.unit)}, available {_measure(available, cause.unit)}"
-    return f"short by {_measure(needed - available, cause.unit)}"
-
-
-def _measure(value: float, unit: str | None) -> str:
-    if unit == "m":
-        value, unit = MILLIMETRES * value, "mm"
-    return f"{value:.4g} {unit}" if unit else f"{value:.4g}"
+    return shortage_words(cause.needed, cause.available, cause.unit)
 
 
 def least_reserve(plan: Plan) -> tuple[LeastReserve, float] | None:

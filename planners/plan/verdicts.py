@@ -23,6 +23,23 @@ def is_shortage(needed: float, available: float, unit: str) -> bool:
     return measurable and needed >= 0.0 and available < needed and (available >= 0.0 or unit == "m")
 
 
+def shortage_words(needed: float, available: float, unit: str | None) -> str:
+    """Return what was needed and what there was, or how much was missing, for a person: lengths in millimetres.
+
+    Where nothing, or less than nothing, is said to be available, the figures are a shortfall: how far the nearest try
+    was from a limit.
+    """
+    if available > 0.0:
+        return f"needed {_measure(needed, unit)}, available {_measure(available, unit)}"
+    return f"short by {_measure(needed - available, unit)}"
+
+
+def _measure(value: float, unit: str | None) -> str:
+    if unit == "m":
+        value, unit = 1e3 * value, "mm"
+    return f"{value:.4g} {unit}" if unit else f"{value:.4g}"
+
+
 class PlanningOutcome(StrEnum):
     """How planning ended. The value is its name in the plan document."""
 

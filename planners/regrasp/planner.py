@@ -9,7 +9,7 @@ import numpy as np
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.plan.segment import SegmentKind
-from planners.plan.verdicts import PlanningOutcome
+from planners.plan.verdicts import PlanningOutcome, shortage_words
 from planners.progress import Progress
 from planners.regrasp.graph.route_maker import RouteMaker
 from planners.regrasp.graph.tool_pickup import not_taken
@@ -58,7 +58,15 @@ def infeasible_plan(scene: SuctionToolScene) -> ToolPlan | None:
     rejections = Rejections()
     for proof in proofs:
         rejections.add(proof)
-    return ToolPlan(PlanningOutcome.INFEASIBLE, f"There is no plan. {proofs[0].reason}", proofs, rejections)
+    return ToolPlan(PlanningOutcome.INFEASIBLE, f"There is no plan. {_stated(proofs[0])}", proofs, rejections)
+
+
+def _stated(proof: Rejection) -> str:
+    """Return a proof as a sentence that names what it is about, with its figures."""
+    figures = ""
+    if proof.needed is not None and proof.available is not None:
+        figures = f": {shortage_words(proof.needed, proof.available, proof.unit)}"
+    return f"{proof.reason.rstrip('.')} ({proof.where}{figures})."
 
 
 class SuctionToolPlanner:
