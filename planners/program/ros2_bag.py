@@ -8,11 +8,12 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+import planners.program.ros2_messages as ros
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry.convex import NamePair, prism, sorted_pair
 from planners.geometry.pose import Array
@@ -21,13 +22,12 @@ from planners.plan.contacts import InertiaEntry
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS, BodyDocument
 from planners.plan.segment import Segment
-from planners.program import ros2_messages as ros
 from planners.program.cell_description import WORLD, CellDescription
 from planners.program.schedule import Schedule, carried_by
 
 NAME = "plan"
 """Of the bag, and of the file with its messages."""
-BAG_VERSION = 8
+BAG_VERSION: Final = 8
 """Of its metadata: Humble reads it, and so do those that came later."""
 STEP, BODIES = "/liftwright/step", "/liftwright/bodies"
 JOINT_STATES, TF, TF_STATIC, PLANNING_SCENE = "/joint_states", "/tf", "/tf_static", "/planning_scene"
