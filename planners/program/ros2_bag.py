@@ -217,7 +217,7 @@ class _Recorder:
     def _allowed(self, index: int) -> frozenset[NamePair]:
         """Return which links and bodies may touch in a segment: those that the cell never checks, and what bears what.
 
-        At the ends of a segment it is as its neighbours have it.
+        What rests is not checked against what never moves. At the ends of a segment it is as its neighbours have it.
         """
         pairs = {*self.description.cell.excluded_pairs}
         cables = [name for name, body in self._shown.items() if body.role == "cable"]
@@ -227,6 +227,8 @@ class _Recorder:
             held = [(grip.arm, grip.body) for grip in segment.grips]
             held += [] if segment.push is None else [(segment.push.arm, segment.push.body)]
             held += [(ride.to, body) for body, ride in segment.rides]
+            resting = [name for name in self._shown if name not in segment.body_poses]
+            pairs |= {sorted_pair(box.name, name) for box in self.description.cell.boxes for name in resting}
             borne = (each for each in segment.contacts if not isinstance(each, InertiaEntry))
             for by, body in [*held, *((each.by, each.body) for each in borne)]:
                 touching = self.description.hand_links(by) if by in ARMS else (by,)
