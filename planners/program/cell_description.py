@@ -57,7 +57,7 @@ class FingerJoint:
 
 
 @dataclass(frozen=True)
-class _Motion:
+class _WrittenJoint:
     """A joint that moves, about or along an axis."""
 
     name: str
@@ -80,13 +80,13 @@ class _Inertial:
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _WrittenLink:
     """A link with the joint that it hangs on."""
 
     name: str
     parent: str
     T_parent_part: Transform
-    motion: _Motion | None = None
+    motion: _WrittenJoint | None = None
     """None: it is fixed."""
     T_part_shape: Transform | None = None
     """Where the frame of the shapes is; None: where the link's is."""
@@ -104,7 +104,7 @@ class CellDescription:
     """The ROS package in which meshes are looked for."""
 
     @cached_property
-    def _parts(self) -> tuple[_Part, ...]:
+    def _parts(self) -> tuple[_WrittenLink, ...]:
         return tuple(_parts(self.cell))
 
     @property
@@ -184,7 +184,7 @@ class CellDescription:
                 }
         return yaml.safe_dump({"joint_limits": limits}, sort_keys=False)
 
-    def _is_of_hand(self, part: _Part, arm: str) -> bool:
+    def _is_of_hand(self, part: _WrittenLink, arm: str) -> bool:
         above = {each.name: each.parent for each in self._parts}
         name = part.name
         while name not in (WORLD, f"{arm}_hand"):
@@ -203,7 +203,7 @@ class CellDescription:
             for joint, value in positions.items():
                 SubElement(state, "joint", name=joint, value=_number(value))
 
-    def _write_link(self, robot: Element, part: _Part) -> None:
+    def _write_link(self, robot: Element, part: _WrittenLink) -> None:
         link = SubElement(robot, "link", name=part.name)
         if part.inertial is not None:
             _write_inertial(link, part.inertial)
@@ -235,29 +235,29 @@ class CellDescription:
                 yield transform(None, point), "sphere", {"radius": radius}
 
 
-def _parts(cell: Cell) -> Iterator[_Part]:
+def _parts(cell: Cell) -> Iterator[_WrittenLink]:
     for static in cell.boxes:
-        yield _Part(static.name, WORLD, transform(None, static.center), shapes=(static,), colour=static.role)
+        yield _WrittenLink(static.name, WORLD, transform(None, static.center), shapes=(static,), colour=static.role)
     for arm in cell.arms.values():
         yield from _arm_parts(arm)
         yield from _hand_parts(arm)
 
 
-def _arm_parts(arm: Arm) -> Iterator[_Part]:
+def _arm_parts(arm: Arm) -> Iterator[_WrittenLink]:
     """Yield the links of an arm, then its flange."""
     bodies, above = arm.link_bodies(), f"{arm.name}_base"
-    yield _Part(above, WORLD, arm.T_world_base, shapes=bodies[0].shapes)
+    yield _WrittenLink(above, WORLD, arm.T_world_base, shapes=bodies[0].shapes)
     T_above_joint = np.eye(4)
     for i, (body, joint) in enumerate(zip(bodies[1:], arm.joint_names, strict=True)):
         a, alpha, d, theta0 = arm.dh[i]
         T_joint_frame = transform(rotation_z(theta0) @ rotation_x(alpha), rotation_z(theta0) @ [a, 0.0, d])
         mass, *com = arm.robot.masses[i]
         inertial = _evenly(mass, np.array(com), arm.robot.links[i + 1].points)
-        yield _Part(
+        yield _WrittenLink(
             body.name,
             above,
             T_above_joint,
-            _Motion(
+            _WrittenJoint(
                 joint,
                 "revolute",
                 "0 0 1",
@@ -271,22 +271,22 @@ def _arm_parts(arm: Arm) -> Iterator[_Part]:
             inertial=replace(inertial, T_part_com=T_joint_frame @ inertial.T_part_com),
         )
         above, T_above_joint = body.name, T_joint_frame
-    yield _Part(f"{arm.name}_flange", above, T_above_joint)
+    yield _WrittenLink(f"{arm.name}_flange", above, T_above_joint)
 
 
-def _hand_parts(arm: Arm) -> Iterator[_Part]:
+def _hand_parts(arm: Arm) -> Iterator[_WrittenLink]:
     """Yield a hand: all of its mass on the link that is bolted to the flange, then what has a shape, then its TCP."""
     hand, name = arm.hand, f"{arm.name}_hand"
     points = np.vstack([shape.vertices for body in arm.hand_bodies(None) for shape in body.shapes])
-    yield _Part(name, f"{arm.name}_flange", np.eye(4), inertial=_evenly(hand.mass, hand.com, points))
+    yield _WrittenLink(name, f"{arm.name}_flange", np.eye(4), inertial=_evenly(hand.mass, hand.com, points))
     if isinstance(hand, Pusher):
         for body in arm.hand_bodies(None):
-            yield _Part(body.name, name, np.eye(4), shapes=body.shapes, colour="hand")
-        yield _Part(f"{arm.name}_tcp", name, hand.T_flange_tcp)
+            yield _WrittenLink(body.name, name, np.eye(4), shapes=body.shapes, colour="hand")
+        yield _WrittenLink(f"{arm.name}_tcp", name, hand.T_flange_tcp)
         return
-    yield _Part(f"{arm.name}_ft300", name, np.eye(4), shapes=(hand.sensor,), colour="hand")
+    yield _WrittenLink(f"{arm.name}_ft300", name, np.eye(4), shapes=(hand.sensor,), colour="hand")
     base = f"{arm.name}_gripper_base"
-    yield _Part(base, name, transform(None, [0.0, 0.0, hand.base_height]), shapes=(hand.base,), colour="hand")
+    yield _WrittenLink(base, name, transform(None, [0.0, 0.0, hand.base_height]), shapes=(hand.base,), colour="hand")
     for finger in range(len(FINGER_SIDES)):
         yield from _finger_parts(arm.name, hand, finger)
     yield from _tcp_parts(arm.name, hand)
@@ -297,16 +297,16 @@ def _finger_joint(arm: str, hand: Gripper) -> FingerJoint:
     return FingerJoint(f"{arm}_finger", hand.fingers, hand.width_max)
 
 
-def _finger_parts(arm: str, hand: Gripper, finger: int) -> Iterator[_Part]:
+def _finger_parts(arm: str, hand: Gripper, finger: int) -> Iterator[_WrittenLink]:
     """Yield one finger; the joint of finger 0 is the one that all others mimic."""
     base, prefix = f"{arm}_gripper_base", f"{arm}_finger_{finger}"
     side, master, shapes = transform(FINGER_SIDES[finger]), finger == 0, hand.finger_parts
-    pad = _Part(f"{arm}_pad_{finger}", "", np.eye(4), shapes=(hand.pad,), colour="hand")
+    pad = _WrittenLink(f"{arm}_pad_{finger}", "", np.eye(4), shapes=(hand.pad,), colour="hand")
     if isinstance(hand.fingers, Jaws):
         carriage = _moves(arm, hand, "prismatic", None if master else 1.0, f"{prefix}_joint")
-        yield _Part(prefix, base, side, carriage)
+        yield _WrittenLink(prefix, base, side, carriage)
         for part in hand.fingers.parts:
-            yield _Part(f"{prefix}_{part}", prefix, np.eye(4), shapes=(shapes[part],), colour="hand")
+            yield _WrittenLink(f"{prefix}_{part}", prefix, np.eye(4), shapes=(shapes[part],), colour="hand")
         yield replace(pad, parent=prefix, T_parent_part=transform(None, [0.0, *hand.fingers.pad]))
         return
     linkage = hand.fingers
@@ -321,11 +321,11 @@ def _finger_parts(arm: str, hand: Gripper, finger: int) -> Iterator[_Part]:
     ):
         T = transform(None, [0.0, *origin])
         placed = side @ T if parent == base else T
-        yield _Part(f"{prefix}_{part}", parent, placed, motion, shapes=(shapes[part],), colour="hand")
+        yield _WrittenLink(f"{prefix}_{part}", parent, placed, motion, shapes=(shapes[part],), colour="hand")
     yield replace(pad, parent=f"{prefix}_inner_finger", T_parent_part=transform(None, [0.0, *linkage.pad]))
 
 
-def _tcp_parts(arm: str, hand: Gripper) -> Iterator[_Part]:
+def _tcp_parts(arm: str, hand: Gripper) -> Iterator[_WrittenLink]:
     """Yield the TCP, which moves along z where the fingers are a linkage.
 
     The crank c = (c_y, c_z), turned by q, has the height c_y sin q + c_z cos q. Half of it turned by q, and half of its
@@ -333,17 +333,17 @@ def _tcp_parts(arm: str, hand: Gripper) -> Iterator[_Part]:
     """
     base, fingers = f"{arm}_gripper_base", hand.fingers
     if isinstance(fingers, Jaws):
-        yield _Part(f"{arm}_tcp", base, transform(None, [0.0, 0.0, fingers.pad[1]]))
+        yield _WrittenLink(f"{arm}_tcp", base, transform(None, [0.0, 0.0, fingers.pad[1]]))
         return
     y, z = 0.5 * (fingers.outer_finger + fingers.inner_finger)
     parent, origin = base, [0.0, 0.0, float(fingers.outer_knuckle[1] + fingers.pad[1])]
     for name, times, reach in (("half", 1.0, [0.0, y, z]), ("mirror", -2.0, [0.0, -y, z]), ("tcp", 1.0, None)):
         link = f"{arm}_tcp" if name == "tcp" else f"{arm}_tcp_{name}"
-        yield _Part(link, parent, transform(None, origin), _moves(arm, hand, "revolute", times, f"{link}_joint"))
+        yield _WrittenLink(link, parent, transform(None, origin), _moves(arm, hand, "revolute", times, f"{link}_joint"))
         parent, origin = link, reach or origin
 
 
-def _moves(arm: str, hand: Gripper, kind: str, times: float | None, name: str) -> _Motion:
+def _moves(arm: str, hand: Gripper, kind: str, times: float | None, name: str) -> _WrittenJoint:
     """Return how a part of the fingers moves: as the master where `times` is None, else that many times as far."""
     master = _finger_joint(arm, hand)
     lower, upper = master.limits
@@ -351,7 +351,7 @@ def _moves(arm: str, hand: Gripper, kind: str, times: float | None, name: str) -
     if isinstance(hand.fingers, Linkage):
         lever = float(np.hypot(*(hand.fingers.outer_finger + hand.fingers.inner_finger)))
     scale = 1.0 if times is None else times
-    return _Motion(
+    return _WrittenJoint(
         master.name if times is None else name,
         kind,
         "1 0 0" if kind == "revolute" else "0 1 0",
@@ -370,7 +370,7 @@ def _evenly(mass: float, com: Array, points: Array) -> _Inertial:
     return _Inertial(float(mass), transform(None, com), inertia)
 
 
-def _mesh_paths(part: _Part) -> list[str | None]:
+def _mesh_paths(part: _WrittenLink) -> list[str | None]:
     """Return the file of each shape of a link; None: a box or a capsule, which need none."""
     numbered = len(part.shapes) > 1
     return [
@@ -385,7 +385,7 @@ def _joints_before(frame: str) -> int:
     return int(frame.partition("/")[2] or 0)
 
 
-def _write_joint(robot: Element, part: _Part) -> None:
+def _write_joint(robot: Element, part: _WrittenLink) -> None:
     motion = part.motion
     name, kind = (f"{part.name}_fixed", "fixed") if motion is None else (motion.name, motion.kind)
     joint = SubElement(robot, "joint", name=name, type=kind)

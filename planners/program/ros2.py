@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+import planners.program.ros2_messages as ros
 from planners.cell.cell import Cell
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
-from planners.program import ros2_messages as ros
 from planners.program.cell_description import CellDescription
 from planners.program.guard import NotExportable
 from planners.program.ros2_bag import gripper_topic, segment_times, trajectory_topic, vacuum_topic, write_bag

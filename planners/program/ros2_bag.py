@@ -8,11 +8,12 @@ from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+import planners.program.ros2_messages as ros
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry.convex import NamePair, prism, sorted_pair
 from planners.geometry.pose import Array
@@ -21,13 +22,12 @@ from planners.plan.contacts import InertiaEntry
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS, BodyDocument
 from planners.plan.segment import Segment
-from planners.program import ros2_messages as ros
 from planners.program.cell_description import WORLD, CellDescription
 from planners.program.schedule import Schedule, carried_by
 
 NAME = "plan"
 """Of the bag, and of the file with its messages."""
-BAG_VERSION = 8
+BAG_VERSION: Final = 8
 """Of its metadata: Humble reads it, and so do those that came later."""
 STEP, BODIES = "/liftwright/step", "/liftwright/bodies"
 JOINT_STATES, TF, TF_STATIC, PLANNING_SCENE = "/joint_states", "/tf", "/tf_static", "/planning_scene"
@@ -217,7 +217,7 @@ class _Recorder:
     def _allowed(self, index: int) -> frozenset[NamePair]:
         """Return which links and bodies may touch in a segment: those that the cell never checks, and what bears what.
 
-        At the ends of a segment it is as its neighbours have it.
+        What rests is not checked against what never moves. At the ends of a segment it is as its neighbours have it.
         """
         pairs = {*self.description.cell.excluded_pairs}
         cables = [name for name, body in self._shown.items() if body.role == "cable"]
@@ -227,6 +227,8 @@ class _Recorder:
             held = [(grip.arm, grip.body) for grip in segment.grips]
             held += [] if segment.push is None else [(segment.push.arm, segment.push.body)]
             held += [(ride.to, body) for body, ride in segment.rides]
+            resting = [name for name in self._shown if name not in segment.body_poses]
+            pairs |= {sorted_pair(box.name, name) for box in self.description.cell.boxes for name in resting}
             borne = (each for each in segment.contacts if not isinstance(each, InertiaEntry))
             for by, body in [*held, *((each.by, each.body) for each in borne)]:
                 touching = self.description.hand_links(by) if by in ARMS else (by,)

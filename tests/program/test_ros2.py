@@ -104,6 +104,12 @@ def row(pose: Any) -> Array:
     return np.array([position.x, position.y, position.z, turn.w, turn.x, turn.y, turn.z])
 
 
+def assert_same_pose(pose: Array, expected: Array, atol: float) -> None:
+    """Compare poses whose quaternions may be of either sign."""
+    turn = pose[3:] * np.sign(pose[3:] @ expected[3:])
+    np.testing.assert_allclose(np.append(pose[:3], turn), expected, atol=atol)
+
+
 def trajectories(program: Unpacked) -> list[dict[str, Array]]:
     """Return by segment what both arms' trajectories say, as a plan has it; time in ns."""
     segments = []
@@ -216,7 +222,7 @@ def test_everything_that_is_shown_is_where_the_plan_has_it_at_every_sample(
         assert {*fixed, *loose} == shown
         for body, at in {**fixed, **loose}.items():
             # Half a nanosecond on the way at 0.5 m/s.
-            np.testing.assert_allclose(at, moment.body_poses[body], atol=2e-9)
+            assert_same_pose(at, moment.body_poses[body], atol=2e-9)
         np.testing.assert_allclose([joints[j] for j in program.plan.joint_names], moment.positions, atol=2e-9)
         for arm, width in moment.widths.items():
             if seen % 20 == 0:
@@ -286,7 +292,7 @@ def test_the_planning_scene_has_bodies_on_the_flanges_that_carry_them_and_elsewh
         moment = program.plan.at(float(segment.time[0]))
         joints = dict(zip(program.plan.joint_names, segment.positions[0].tolist(), strict=True))
         for body, pose in placed.items():
-            np.testing.assert_allclose(pose, moment.body_poses[body], atol=1e-8)
+            assert_same_pose(pose, moment.body_poses[body], atol=1e-8)
         for body, (link, pose) in attached.items():
             off = inverse(from_pose7(moment.body_poses[body])) @ program.frame(link, joints) @ from_pose7(pose)
             assert np.linalg.norm(off[:3, 3]) < 2e-4
