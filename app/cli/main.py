@@ -502,10 +502,14 @@ def _worker_settings(parsed: argparse.Namespace) -> WorkerSettings:
 
 
 def _plan(parsed: argparse.Namespace) -> int:
-    from app.cli.plan_command import TaskPlanner, plan_files
+    from workers.loading import loading
+
+    with loading():
+        from app.cli.plan_command import TaskPlanner, plan_files
 
     def here() -> TaskPlanner:
-        from app.cli.local_planner import LocalPlanner
+        with loading():
+            from app.cli.local_planner import LocalPlanner
 
         return LocalPlanner(_worker_settings(parsed), parsed.scene, parsed.cell)
 
