@@ -614,7 +614,10 @@ def _scene(parsed: argparse.Namespace) -> int:
 
 
 def _serve(parsed: argparse.Namespace, *, with_worker: bool) -> int:
-    from app.serve import serve
+    from workers.loading import loading
+
+    with loading():
+        from app.serve import serve
 
     serve(_service_settings(parsed), with_worker=with_worker)
     return 0

@@ -17,15 +17,14 @@ MAX_MEMBERS = 100
 """No object of the contract has more members; a body of a million unknown ones is not worth listing."""
 
 
-class StrictModel(BaseModel):
-    """An immutable object that refuses members it does not know.
+class DescribedModel(BaseModel):
+    """An immutable object in whose JSON schema each member is described by the string below it.
 
-    The string below a member is its description in the JSON schema. It is read out of the source when a schema is
-    asked for: pydantic's `use_attribute_docstrings` does that whenever a model is imported, which takes longer than
-    everything else about it.
+    That is read out of the source when a schema is asked for. Pydantic's `use_attribute_docstrings` does so whenever a
+    model is imported, which takes longer than all else about it.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(frozen=True)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
@@ -38,6 +37,12 @@ class StrictModel(BaseModel):
             if member is not None and documented is not None:
                 member.setdefault("description", documented)
         return described
+
+
+class StrictModel(DescribedModel):
+    """An immutable object that refuses members it does not know."""
+
+    model_config = ConfigDict(extra="forbid")
 
     @model_validator(mode="before")
     @classmethod
@@ -62,7 +67,7 @@ class StrictModel(BaseModel):
 @cache
 def _descriptions(model: type) -> dict[str, str]:
     """Return the strings below the annotated members of a class's own source, by member."""
-    if not issubclass(model, StrictModel):
+    if not issubclass(model, DescribedModel):
         return {}
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
     assert isinstance(definition, ast.ClassDef)
