@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
+from threading import Thread
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
@@ -49,7 +50,7 @@ from app.task_intake import KnownTasks, accept_task
 from app.uploads.uploads import UploadLimits
 from app.viewer.page import recording_software
 from app.viewer.scene_servers import SceneServers, WatcherRoom
-from planners.cell.cell import Cell, load_cells
+from planners.cell.cell import ShippedCells, load_cells
 from planners.contract.strict_json import parse_json
 from planners.scene.suction_tool import SuctionTool, load_tools
 from workers.engine.deadline import PatientQuestion
@@ -91,8 +92,9 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             queue, store, supervisor = JobQueue(database), PlanStore(database), Supervisor()
             to_close.callback(queue.close)
             app.state.supervisor = supervisor
-            shipped, app.state.tools = await run_in_threadpool(_load_assets)
-            app.state.cells = CellCollection(shipped, CellStore(database, settings.cells_dir))
+            app.state.tools = await run_in_threadpool(load_tools)
+            app.state.cells = CellCollection(ShippedCells(), CellStore(database, settings.cells_dir))
+            ahead = Thread(target=_load_ahead, args=(app.state.tools,), name="loading ahead", daemon=True)
             app.state.cell_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
             app.state.known_tasks = KnownTasks()
             app.state.meshes = MeshStore(database)
@@ -128,6 +130,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             supervisor.repeat("study feed", app.state.study_feed.look, POLL_SECONDS)
             if worker is not None:
                 await worker.start()
+            ahead.start()
             yield
 
     app = FastAPI(
@@ -161,14 +164,12 @@ def _authenticator(settings: ServiceSettings, database: Database) -> Authenticat
     return kind(keys, SessionStore(database), AuditLog(database), limiter)
 
 
-def _load_assets() -> tuple[dict[str, Cell], dict[str, SuctionTool]]:
-    """Load cells and tools, and check a task of each kind, so that no request waits for files or compiled kernels."""
-    cells = load_cells()
-    tools = load_tools()
+def _load_ahead(tools: Mapping[str, SuctionTool]) -> None:
+    """Check a task of each kind, and load all cells, so that hardly a request waits for files or compiled kernels."""
     for name in REFERENCE_TASKS:
         sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())
-        accept_task(sent, cells, tools=tools)
-    return cells, tools
+        accept_task(sent, ShippedCells(), tools=tools)
+    load_cells()
 
 
 def write_openapi(path: Path) -> None:

@@ -36,6 +36,7 @@ from app.settings import ServiceSettings
 from planners.errors import LiftwrightError
 from workers.engine.executor_lock import FileLock
 from workers.engine.supervisor import Supervisor
+from workers.loading import loading
 from workers.settings import WorkerSettings
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue
@@ -132,8 +133,9 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
             tell("loading kernels and handovers; the first start compiles and computes them, which takes a minute")
             _warm_up_once(settings)
         tell("loading planners, cells and tools")
-        # Here, because it takes seconds in which probes are answered already.
-        from app.create_app import create_app
+        with loading():
+            # Here, because it takes seconds in which probes are answered already.
+            from app.create_app import create_app
 
         return create_app(settings, with_worker=with_worker)
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from app.resources.cell_collection import CellCollection
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task
@@ -23,6 +23,14 @@ PLACING_NOTHING = MappingProxyType({"external_id": None, "seed": 0})
 """Members of tasks on which it does not depend whether they can be begun, and what stands for them all."""
 SceneFinder = Callable[[str], SceneDocument | None]
 """Finds what was perceived in a scene, by its id; None if there is none."""
+
+
+class VersionedCells(Mapping[str, Cell]):
+    """Cells by what a task may call them, some of which get newer versions under the same name."""
+
+    @abstractmethod
+    def lasting_name(self, name: str) -> str:
+        """Return by what a task is to name a cell for good; what does not exist keeps its name."""
 
 
 class NeedsScene(SceneError):
@@ -105,7 +113,7 @@ def with_parts(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any
         SceneError: There is no such scene.
     """
     body = with_scene(body, cells, scenes)
-    if isinstance(cells, CellCollection) and isinstance(body, dict) and isinstance(body.get("cell"), str):
+    if isinstance(cells, VersionedCells) and isinstance(body, dict) and isinstance(body.get("cell"), str):
         # The newest version of a name is another one tomorrow.
         return {**body, "cell": cells.lasting_name(body["cell"])}
     return body

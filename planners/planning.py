@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from planners.cell.cell import Cell, load_cells
+from planners.cell.cell import Cell, ShippedCells
 from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import LiftwrightError, SceneError
@@ -112,7 +112,7 @@ def solve(
         CertificateFailed: the plan must not be used.
         PlanningCancelled: `on_progress` asked for it.
     """
-    return TaskSolver(load_cells() if cells is None else cells, _shipped_tools()).solve(
+    return TaskSolver(ShippedCells() if cells is None else cells, _shipped_tools()).solve(
         task, uploads=uploads, on_progress=on_progress
     )
 

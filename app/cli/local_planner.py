@@ -14,8 +14,7 @@ from app.cli.output import BadInput, ProgressBar, Refused
 from app.cli.plan_command import Planned
 from app.cli.task_file import TaskFile
 from app.task_intake import AcceptedTask, NeedsScene, accept_task
-from planners.cell.bundle import CellBundle
-from planners.cell.cell import load_cells
+from planners.cell.cell import ShippedCells
 from planners.contract.problems import problems_of
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
@@ -24,7 +23,7 @@ from planners.errors import AssetError, SceneError
 from planners.geometry.solid_mesh import SolidMesh
 from planners.progress import Report
 from planners.scene.suction_tool import load_tools
-from planners.survey.faults import check_cell
+from workers.loading import loading
 from workers.settings import WorkerSettings
 from workers.solver.progress import ProgressScale
 from workers.solver.protocol import SolverRequest
@@ -50,7 +49,7 @@ class LocalPlanner:
             OSError: It cannot be read.
         """
         self._scene = None if scene is None else read_scene_file(scene)
-        self._settings, self._cells, self._tools = settings, load_cells(), load_tools()
+        self._settings, self._cells, self._tools = settings, ShippedCells(), load_tools()
         self._cell = None if cell is None else self._take_cell(cell)
 
     def begin(self, file: TaskFile) -> Callable[[], Planned]:
@@ -67,6 +66,10 @@ class LocalPlanner:
 
     def _take_cell(self, path: Path) -> str:
         """Load a cell of one's own, and return its name."""
+        # Here, because what reads it takes half a second to import.
+        from planners.cell.bundle import CellBundle
+        from planners.survey.faults import check_cell
+
         # Where it is unpacked is read as long as tasks are planned.
         self._unpacked = TemporaryDirectory(prefix="liftwright-cell-")
         try:
@@ -78,7 +81,7 @@ class LocalPlanner:
             raise BadInput(f"{path}:\n{error}") from error
         if cell.name in self._cells:
             raise BadInput(f"{path}: a shipped cell is called {cell.name}; give yours another name")
-        self._cells[cell.name] = cell
+        self._cells = ShippedCells({cell.name: cell})
         return cell.name
 
     def _accept(self, sent: Any) -> AcceptedTask:
@@ -99,8 +102,9 @@ class LocalPlanner:
             raise SceneError(error.pointer, detail) from error
 
     def _plan(self, file: TaskFile, accepted: AcceptedTask) -> Planned:
-        # Here, because what it loads takes longer than it takes to refuse a task.
-        from workers.solver.pipeline import Pipeline
+        with loading():
+            # Here, because what it loads takes longer than it takes to refuse a task.
+            from workers.solver.pipeline import Pipeline
 
         # A command that only reads a file makes no data directory of its own.
         folder, handovers = self._settings.data_dir, self._settings.handovers_dir

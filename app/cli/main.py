@@ -502,10 +502,14 @@ def _worker_settings(parsed: argparse.Namespace) -> WorkerSettings:
 
 
 def _plan(parsed: argparse.Namespace) -> int:
-    from app.cli.plan_command import TaskPlanner, plan_files
+    from workers.loading import loading
+
+    with loading():
+        from app.cli.plan_command import TaskPlanner, plan_files
 
     def here() -> TaskPlanner:
-        from app.cli.local_planner import LocalPlanner
+        with loading():
+            from app.cli.local_planner import LocalPlanner
 
         return LocalPlanner(_worker_settings(parsed), parsed.scene, parsed.cell)
 
@@ -610,7 +614,10 @@ def _scene(parsed: argparse.Namespace) -> int:
 
 
 def _serve(parsed: argparse.Namespace, *, with_worker: bool) -> int:
-    from app.serve import serve
+    from workers.loading import loading
+
+    with loading():
+        from app.serve import serve
 
     serve(_service_settings(parsed), with_worker=with_worker)
     return 0

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import CellIsShipped, CellNotFound
+from app.task_intake import VersionedCells
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
 from planners.survey.faults import check_cell
@@ -19,7 +20,7 @@ def _survey(cell: Cell) -> CellSurvey:
     return CellSurvey.of(cell)
 
 
-class CellCollection(Mapping[str, Cell]):
+class CellCollection(VersionedCells):
     """What one caller sees of all cells, by what a task may call them: a name, or an id.
 
     Of cells that have one name, the newest is meant. All methods block on the database, those that load or look at a

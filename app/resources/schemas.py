@@ -5,11 +5,12 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
 from planners.cell.cell import Cell
 from planners.contract.problems import doubts_of
 from planners.contract.scene_document import SceneDocument
+from planners.contract.strict_model import DescribedModel
 from planners.plan.plan import Outcome
 from planners.survey.survey import SurveyFigures
 from workers.stores.cell_store import StoredCell
@@ -30,10 +31,8 @@ JOB_ORDER_STATES = {
 PlanState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 
 
-class Resource(BaseModel):
+class Resource(DescribedModel):
     """Base of all answers."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
 
 class MeshLinks(Resource):
@@ -305,7 +304,7 @@ class ProblemDocument(Resource):
     title: str
     status: int
     detail: str
-    errors: list[ProblemItem] = []
+    errors: list[ProblemItem] = Field(default=[])
 
 
 PROBLEM: dict[str, Any] = {"model": ProblemDocument, "content": {"application/problem+json": {}}}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -184,13 +185,37 @@ def load_cell(name: str) -> Cell:
     return _load(shelf.find("cells", name), shelf)
 
 
+class ShippedCells(Mapping[str, Cell]):
+    """The shipped cells by name, each of which is loaded when it is first asked for, and others beside them."""
+
+    def __init__(self, others: Mapping[str, Cell] = MappingProxyType({})) -> None:
+        """Take the others, by name."""
+        self._others = others
+
+    def __getitem__(self, name: str) -> Cell:
+        if name in self._others:
+            return self._others[name]
+        if name not in known_cells():
+            raise KeyError(name)
+        return load_cell(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._others or name in known_cells()
+
+    def __iter__(self) -> Iterator[str]:
+        yield from dict.fromkeys((*known_cells(), *self._others))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
 def load_cells() -> dict[str, Cell]:
     """Load every shipped cell, by name.
 
     Raises:
         AssetError: One of their files is wrong; the message names file and field.
     """
-    return {name: load_cell(name) for name in known_cells()}
+    return dict(ShippedCells())
 
 
 def load_cell_file(path: Path | str) -> Cell:

@@ -2,19 +2,47 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
+import textwrap
+from functools import cache
+from itertools import pairwise
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 MAX_MEMBERS = 100
 """No object of the contract has more members; a body of a million unknown ones is not worth listing."""
 
 
-class StrictModel(BaseModel):
+class DescribedModel(BaseModel):
+    """An immutable object in whose JSON schema each member is described by the string below it.
+
+    That is read out of the source when a schema is asked for. Pydantic's `use_attribute_docstrings` does so whenever a
+    model is imported, which takes longer than all else about it.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Describe each member by the string below it."""
+        described = handler(schema)
+        members = handler.resolve_ref_schema(described).get("properties", {})
+        for name, field in cls.model_fields.items():
+            member = members.get(field.alias or name)
+            documented = next((_descriptions(each)[name] for each in cls.__mro__ if name in _descriptions(each)), None)
+            if member is not None and documented is not None:
+                member.setdefault("description", documented)
+        return described
+
+
+class StrictModel(DescribedModel):
     """An immutable object that refuses members it does not know."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid")
 
     @model_validator(mode="before")
     @classmethod
@@ -34,3 +62,21 @@ class StrictModel(BaseModel):
         for name in values.keys() - type(self).model_fields.keys():
             del values[name]
         return copied
+
+
+@cache
+def _descriptions(model: type) -> dict[str, str]:
+    """Return the strings below the annotated members of a class's own source, by member."""
+    if not issubclass(model, DescribedModel):
+        return {}
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        member.target.id: inspect.cleandoc(below.value.value)
+        for member, below in pairwise(definition.body)
+        if isinstance(member, ast.AnnAssign)
+        and isinstance(member.target, ast.Name)
+        and isinstance(below, ast.Expr)
+        and isinstance(below.value, ast.Constant)
+        and isinstance(below.value.value, str)
+    }

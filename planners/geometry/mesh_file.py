@@ -13,7 +13,6 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
-import trimesh
 
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
@@ -174,6 +173,9 @@ def _primitive(primitive: Mapping[str, Any], accessors: list[Any]) -> _Counts:
 
 
 def _read_scene(content: bytes, file_format: MeshFormat) -> tuple[Array, Faces]:
+    # Takes a third of a second to import, and is needed for files of these kinds alone.
+    import trimesh
+
     scene = trimesh.load_scene(
         io.BytesIO(content), file_type=file_format, resolver={}, process=False, skip_materials=True
     )

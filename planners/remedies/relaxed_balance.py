@@ -1,11 +1,16 @@
-"""How far program (5) of paper B is from holding a plate: its limits relaxed, stated in cvxpy."""
+"""How far program (5) of paper B is from holding a plate: its limits relaxed, each by one more variable or two."""
+
+# clarabel is a native module without stubs.
+# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cvxpy as cp
+import clarabel
 import numpy as np
+from scipy import sparse
 
 from planners.balance.cone_program import TORQUE_LENGTH, ConeProgram
 from planners.geometry.pose import Array
@@ -35,30 +40,59 @@ def relaxed(program: ConeProgram) -> Relaxed:
 
 
 def _least_force(program: ConeProgram) -> float | None:
-    more = cp.Variable(nonneg=True)
-    x = cp.Variable(program.balance.shape[1])
-    given = np.zeros(len(program.offsets))
+    given = np.zeros((len(program.offsets), 1))
     given[_limit_of_pull(program)] = 1.0
-    problem = cp.Problem(cp.Minimize(more), [program.balance @ x == program.load, *_within(program, x, more * given)])
-    problem.solve(solver=cp.CLARABEL)
-    return float(more.value) if problem.status == cp.OPTIMAL and more.value is not None else None
+    found = _least(program, np.zeros((6, 1)), given, [clarabel.NonnegativeConeT(1)], np.ones((1, 1)))
+    return None if found is None else float(found[-1])
 
 
 def _least_shift(program: ConeProgram) -> tuple[float, float] | None:
-    moment, x = cp.Variable(2), cp.Variable(program.balance.shape[1])
-    about = np.zeros((6, 2))
-    about[3, 0] = about[4, 1] = 1.0 / TORQUE_LENGTH
-    held = program.balance @ x + about @ moment == program.load
-    none = np.zeros(len(program.offsets))
-    problem = cp.Problem(cp.Minimize(cp.norm(moment)), [held, *_within(program, x, none)])
-    problem.solve(solver=cp.CLARABEL)
-    if problem.status != cp.OPTIMAL or x.value is None or moment.value is None:
+    # The norm of the moment, which is to be least, and the moment.
+    about = np.zeros((6, 3))
+    about[3, 1] = about[4, 2] = 1.0 / TORQUE_LENGTH
+    none = np.zeros((len(program.offsets), 3))
+    found = _least(program, about, none, [clarabel.SecondOrderConeT(3)], np.eye(3))
+    if found is None:
         return None
-    pull = float(x.value[program.pull])
+    pull = float(found[program.pull])
     if pull < _NOTHING:
         return None
     # d x (0, 0, f) = (d_y f, -d_x f, 0)
-    return -float(moment.value[1]) / pull, float(moment.value[0]) / pull
+    return -float(found[-1]) / pull, float(found[-2]) / pull
+
+
+def _least(
+    program: ConeProgram, balanced: Array, given: Array, cones: Sequence[object], in_cones: Array
+) -> Array | None:
+    """Return the variables (k + n,) with the least first one of n further ones; None where there are none.
+
+    Args:
+        program: with k variables and m limits.
+        balanced: (6, n), what the further ones add to the balance.
+        given: (m, n), what they add to the limits.
+        cones: in which `in_cones` (l, n) takes them.
+        in_cones: as said.
+    """
+    size, further = program.balance.shape[1], balanced.shape[1]
+    cost = np.zeros(size + further)
+    cost[size] = 1.0
+    rows = np.block(
+        [
+            [program.balance, balanced],
+            [-program.rows, -given],
+            [np.zeros((len(in_cones), size)), -in_cones],
+        ]
+    )
+    right = np.concatenate([program.load, program.offsets, np.zeros(len(in_cones))])
+    linear, *orders = program.sizes
+    kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(linear)]
+    kinds += [*map(clarabel.SecondOrderConeT, orders), *cones]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    nothing = sparse.csc_matrix((len(cost), len(cost)))
+    solution = clarabel.DefaultSolver(nothing, cost, sparse.csc_matrix(rows), right, kinds, settings).solve()
+    return np.array(solution.x) if solution.status == clarabel.SolverStatus.Solved else None
 
 
 def _limit_of_pull(program: ConeProgram) -> int:
@@ -66,11 +100,3 @@ def _limit_of_pull(program: ConeProgram) -> int:
     linear = program.rows[: program.sizes[0]]
     alone = (np.count_nonzero(linear, axis=1) == 1) & (linear[:, program.pull] < 0.0)
     return int(np.flatnonzero(alone)[0])
-
-
-def _within(program: ConeProgram, x: cp.Variable, more: cp.Expression | Array) -> list[cp.Constraint]:
-    """Return (5c)-(5j) with so much more (m,) of every limit."""
-    value = program.rows @ x + program.offsets + more
-    linear, *cones = np.split(np.arange(len(program.offsets)), np.cumsum(program.sizes)[:-1])
-    limits: list[cp.Constraint] = [value[linear] >= 0.0]
-    return limits + [cp.SOC(value[cone[0]], value[cone[1:]]) for cone in cones]

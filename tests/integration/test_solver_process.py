@@ -120,7 +120,8 @@ def test_a_pool_whose_solvers_cannot_be_started_tells_each_job_so_and_closes(mon
 
     async def run() -> None:
         pool = SolverPool(SolverCommand(("/no/such/solver",), {}), slots=2)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         for _ in range(3):
             with pytest.raises(SolverDied, match="could not be started"):
                 await pool.solve(request("now"), ignore)
@@ -143,7 +144,8 @@ def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypa
     async def run() -> PackedDocument:
         monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse_some)
         pool = SolverPool(COMMAND, slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         try:
             return await pool.solve(request("now"), ignore)
         finally:
@@ -157,7 +159,8 @@ def test_every_job_of_a_pool_has_a_process_of_its_own_and_none_is_left_when_it_c
 
     async def run() -> None:
         pool = SolverPool(COMMAND, slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         packed = [await pool.solve(request("now"), ignore) for _ in range(3)]
         pids = {json.loads(gzip.decompress(each.gzip))["process"] for each in packed}
         assert len(pids) == 3
@@ -172,7 +175,8 @@ def test_short_jobs_one_after_the_other_do_not_heap_up_waiting_processes() -> No
 
     async def run() -> None:
         pool = SolverPool(COMMAND, slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         for _ in range(6):
             await pool.solve(request("now"), ignore)
             assert len(children() - others) <= 2, "the process and its fork"
@@ -205,7 +209,8 @@ async def pool_without_successors(gate: Path) -> AsyncIterator[SolverPool]:
     """Open a pool of one slot whose next process gets ready only when the file `gate` is there again."""
     gate.touch()
     pool = SolverPool(SolverCommand((sys.executable, "-c", GATED, str(gate)), {}), slots=1)
-    await pool.open()
+    pool.open()
+    await pool.loaded()
     gate.unlink()
     try:
         yield pool
@@ -243,7 +248,8 @@ main(lambda: solve)
 def test_nothing_of_a_job_is_there_when_the_next_one_is_begun() -> None:
     async def run() -> list[bytes]:
         pool = SolverPool(SolverCommand((sys.executable, "-c", REMEMBERING), {}), slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         try:
             return [gzip.decompress((await pool.solve(request("now"), ignore)).gzip) for _ in range(3)]
         finally:
@@ -269,7 +275,8 @@ def test_what_a_job_has_started_is_gone_before_the_next_one_is_begun() -> None:
 
     async def run() -> None:
         pool = SolverPool(SolverCommand((sys.executable, "-c", LEAVING), {}), slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         for _ in range(3):
             await pool.solve(request("now"), ignore)
         assert len(children() - others) <= 3, "the process, and what the last job has left, for a moment"
@@ -311,7 +318,8 @@ def test_a_process_whose_job_dies_or_is_cancelled_is_gone_and_another_one_takes_
 
     async def run() -> None:
         pool = SolverPool(COMMAND, slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         begun = asyncio.Event()
         job = asyncio.create_task(pool.solve(request(ending), lambda _: asyncio.sleep(0, begun.set())))
         await begun.wait()
@@ -348,7 +356,8 @@ def test_a_job_that_is_cancelled_while_it_waits_for_its_process_leaves_none() ->
 
     async def run() -> None:
         pool = SolverPool(COMMAND, slots=1)
-        await pool.open()
+        pool.open()
+        await pool.loaded()
         await pool.solve(request("now"), ignore)
         job = asyncio.create_task(pool.solve(request("now"), ignore))
         await asyncio.sleep(0)

@@ -76,7 +76,12 @@ LAYERS = {
         ("planning",),
         ("study", "program"),
     ),
-    "workers": (("settings", "software"), ("simulation", "stores", "robot"), ("solver", "webhooks"), ("engine",)),
+    "workers": (
+        ("settings", "software", "loading"),
+        ("simulation", "stores", "robot"),
+        ("solver", "webhooks"),
+        ("engine",),
+    ),
 }
 """From the lowest up; parts of one layer do not know each other."""
 

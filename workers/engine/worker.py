@@ -76,17 +76,21 @@ class Worker:
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work: set[str] = set()
         """The jobs that the engine has given to this process and has no result of yet."""
+        self._telling: asyncio.Task[None] | None = None
         lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
         self._takeover = Takeover(settings, queue, lock, lambda: frozenset(self._at_work), lambda: supervisor.stuck)
 
     async def start(self) -> None:
-        """Get the solver processes ready, then take up the jobs an earlier life left, then new ones.
+        """Start the solver processes, then take up the jobs an earlier life left, then new ones.
+
+        Whatever comes before a solver is ready waits for it: nobody who wants to post waits, too.
 
         Raises:
             WorkerRuns: Another worker of this name is alive.
         """
         await self._takeover.start()
-        await self._pool.open()
+        self._pool.open()
+        self._telling = asyncio.create_task(self._tell_when_loaded())
         self._watch()
         config: DBOSConfig = {
             "name": APPLICATION,
@@ -113,6 +117,8 @@ class Worker:
         """
         self._runner.stop()
         self._study_runner.stop()
+        if self._telling is not None:
+            self._telling.cancel()
         try:
             await self._pool.close()
             await self._examiners.close()
@@ -120,6 +126,10 @@ class Worker:
             # Whatever is wrong with solvers: the name must be free for the next worker.
             await self._leave_engine()
             self._takeover.stop()
+
+    async def _tell_when_loaded(self) -> None:
+        await self._pool.loaded()
+        log.info("solvers are loaded", slots=self._settings.worker_slots)
 
     def _watch(self) -> None:
         """Have everything looked after that no request and no job would see to."""

@@ -13,7 +13,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from planners.cell.cell import Cell, load_cell_file, load_cells
+from planners.cell.cell import Cell, ShippedCells, load_cell_file, load_cells
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
 from planners.planning import CertificateFailed, TaskSolver
@@ -45,18 +45,19 @@ class Pipeline:
 
     @classmethod
     def load(cls, handovers_dir: Path | None = None) -> Self:
-        """Load the cells, tools and meshes that are shipped.
+        """Load the tools that are shipped; a cell is loaded when it is first asked for.
 
         Args:
             handovers_dir: where handover databases are kept; None: each is computed for its one task.
         """
         handovers = find_handovers if handovers_dir is None else HandoverStore(handovers_dir).get
         return cls(
-            TaskSolver(load_cells(), load_tools(), handovers, simulate=simulate_plan, software=describe_software())
+            TaskSolver(ShippedCells(), load_tools(), handovers, simulate=simulate_plan, software=describe_software())
         )
 
     def warm_up(self) -> Self:
-        """Load nearly all kernels into this process, in a fraction of a second if they are compiled."""
+        """Load all cells and nearly all kernels into this process, in some seconds if they are compiled."""
+        load_cells()
         self.solve(SolverRequest("warm-up", write_task(reference_task(**FEW_HOLDS))), silent)
         return self
 
@@ -132,7 +133,7 @@ def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Map
     """Return the cells that a request may name: the shipped ones, and its own as its task names it."""
     if request.cell_folder is None:
         return shipped
-    return {**shipped, task_cell: _unpacked_cell(Path(request.cell_folder))}
+    return ShippedCells({task_cell: _unpacked_cell(Path(request.cell_folder))})
 
 
 @lru_cache(maxsize=4)

@@ -215,10 +215,13 @@ class SolverPool:
         """Jobs that have a child, or wait for one."""
         self._closed = False
 
-    async def open(self) -> None:
-        """Start the children and wait until they are ready, or have failed to be."""
+    def open(self) -> None:
+        """Start the children. A job waits for the one that is ready soonest."""
         for _ in range(self._slots):
             self._get_ready(None)
+
+    async def loaded(self) -> None:
+        """Wait until the children are ready, or have failed to be."""
         await asyncio.wait(self._waiting)
 
     async def close(self) -> None:

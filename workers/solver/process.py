@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, BinaryIO, Self
 
 from planners.errors import LiftwrightError
 from planners.progress import Progress, Report
+from workers.loading import loading
 from workers.solver.protocol import HANDOVERS_VARIABLE, Answer, DocumentHeader, Message, SolverRequest
 
 if TYPE_CHECKING:
@@ -139,10 +140,12 @@ def main(prepare: Callable[[], Solve]) -> None:
     """Get ready, and have a fork solve each task that is requested."""
     channel = Channel()
     with ReportedFaults(channel):
-        with _dying_with_the_worker():
+        with _dying_with_the_worker(), loading():
             solve = prepare()
+            # What it took to get ready is done with, and would be kept.
+            gc.collect()
         _adopt_orphans()
-        tell_ready(channel)
+        channel.send(Message(ready=True))
         for request in _requests():
             status = _forked(lambda task=request: _answer_one(solve, task, channel))
             if status != 0:
@@ -262,14 +265,6 @@ def _dying_with_the_worker() -> Iterator[None]:
         os.close(write)
         watcher.join()
         os.close(read)
-
-
-def tell_ready(channel: Channel) -> None:
-    """Say that everything is loaded."""
-    # What is loaded stays: to look through all of it for garbage would cost the job a tenth of a second at a time.
-    gc.collect()
-    gc.freeze()
-    channel.send(Message(ready=True))
 
 
 def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:

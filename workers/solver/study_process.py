@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
-from workers.solver.process import Channel, ReportedFaults, listen_to_the_worker, load_pipeline, tell_ready
+from workers.loading import loading
+from workers.solver.process import Channel, ReportedFaults, listen_to_the_worker, load_pipeline
 from workers.solver.protocol import Message, StudyRequest, uploads_of
 
 Examine = Callable[[Study, int, StudyRequest], StudyPoint]
@@ -23,8 +24,11 @@ def main(prepare: Callable[[], Examine]) -> None:
     channel = Channel()
     requests = listen_to_the_worker()
     with ReportedFaults(channel):
-        examine = prepare()
-        tell_ready(channel)
+        with loading():
+            examine = prepare()
+            # What it took to get ready is done with, and would be kept.
+            gc.collect()
+        channel.send(Message(ready=True))
         while True:
             request = StudyRequest.read(requests.get())
             study = Study.of_document(request.study)

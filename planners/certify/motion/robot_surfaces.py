@@ -19,7 +19,6 @@ from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
-import trimesh
 import yaml
 from pydantic import BaseModel, ValidationError
 from scipy.spatial.transform import Rotation
@@ -368,6 +367,9 @@ def _mesh_vertices(mesh: MeshRecord) -> Array:
 
 def _vertices(path: Path) -> Array:
     """Return the vertices (n, 3) of a mesh in their order."""
+    # Takes a third of a second to import, and is needed when there is a plan to certify.
+    import trimesh
+
     try:
         return np.asarray(trimesh.load_mesh(path, process=False, maintain_order=True, skip_materials=True).vertices)
     except (OSError, ValueError) as error:
