@@ -14,15 +14,18 @@ LONG_FIRST = (
     "benchmarks/test_report",
     "soak/",
     "viewer/test_viewer_in_browser",
-    "viewer/test_documents_in_browser",
-    "acceptance/",
-    "regrasp/test_hard_objects",
     "integration/",
+    "acceptance/",
+    "viewer/test_documents_in_browser",
+    "viewer/",
+    "regrasp/test_hard_objects",
+    "manipulation/",
+    "remedies/",
     "simulation/",
     "certify/",
     "contract_http/",
 )
-"""Beginnings of paths of files that take long, the longest first."""
+"""Beginnings of paths of files that take long, the longest first; but none beside another that waits for its plans."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -16,7 +16,7 @@ PATIENCE_SECONDS = 300.0
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[ServiceProcess]:
-    service = ServiceProcess(tmp_path, FAKE_SOLVER, "api", api_processes=2).start()
+    service = ServiceProcess(tmp_path, FAKE_SOLVER, "api", fresh=True, api_processes=2).start()
     wait_for(lambda: further(service), PATIENCE_SECONDS)
     yield service
     service.stop()

@@ -9,6 +9,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from support.plan_shelf import PlanShelf
+from support.samples import sample
 
 import planners
 
@@ -17,8 +19,12 @@ SHOWN = [planners, planners.solve, planners.Plan.read]
 
 
 @pytest.mark.parametrize("shown", SHOWN, ids=lambda shown: shown.__name__)
-def test_usage_in_docstrings_works(shown: ModuleType | Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_usage_in_docstrings_works(
+    shown: ModuleType | Callable[..., object], monkeypatch: pytest.MonkeyPatch, shelf: PlanShelf
+) -> None:
     monkeypatch.chdir(ROOT)
+    if sample(quick=shown is not planners.solve, whole=False):
+        monkeypatch.setattr(planners, "solve", shelf.plan)
     (usage,) = doctest.DocTestFinder(recurse=False).find(shown, module=import_module("planners"), globs={})
     assert usage.examples
     assert not doctest.DocTestRunner().run(usage).failed

@@ -298,8 +298,9 @@ def test_a_process_with_threads_forks_none() -> None:
         solve("now", SolverCommand((sys.executable, "-c", THREADED), {}))
 
 
+@pytest.mark.slow
 def test_the_real_solver_is_one_thread_when_it_is_ready() -> None:
-    """Compiled kernels and libraries of linear algebra keep none either."""
+    """Compiled kernels and libraries of linear algebra keep none either: as every job shows, which is a fork."""
 
     async def run() -> None:
         child = await SolverProcess.start(SolverCommand(SOLVER_COMMAND, {}))

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import psutil
 import pytest
+from support.samples import sample
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
-PLACES = 4
+PLACES = sample(quick=2, whole=4)
 
 
 @pytest.fixture

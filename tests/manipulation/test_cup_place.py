@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.plan_shelf import PlanShelf
+from support.service import task
 
 from planners import read_task, solve
 from planners.cell.cell import load_cells
@@ -96,8 +98,8 @@ BOUNDS = {(0.1, 0.0): 0.3, (0.0, 0.1): 0.2, (-0.1, 0.0): 0.05}
 
 
 @pytest.fixture(scope="module")
-def a_plan() -> Plan:
-    return solve(read_task(AB1))
+def a_plan(shelf: PlanShelf) -> Plan:
+    return shelf.plan(read_task(task("ab1.json")))
 
 
 class Planning:

@@ -24,7 +24,7 @@ def cell() -> Cell:
 
 @pytest.fixture(scope="module")
 def plan(shelf: PlanShelf) -> Plan:
-    return Plan.model_validate(shelf.document(task("pb1.json", options={"simulate": False})))
+    return shelf.plan(read_task(task("pb1.json")))
 
 
 @pytest.fixture(scope="module")

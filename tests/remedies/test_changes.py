@@ -18,6 +18,7 @@ from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
+from tests.support.plan_shelf import PlanShelf
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 TOP = 1.094
@@ -103,12 +104,12 @@ def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres() -> None:
     assert "board" in plan.explanation.summary
 
 
-def test_a_goal_far_off_comes_nearer_the_least_way_first() -> None:
+def test_a_goal_far_off_comes_nearer_the_least_way_first(shelf: PlanShelf) -> None:
     lid = json.loads((TASKS / "lid_under_roof.json").read_bytes())["objects"][0]
     far = {**lid, "goal_pose": [0.78, -0.7, *lid["goal_pose"][2:]]}
     task = posted("lid_under_roof", objects=[far], obstacles=[])
     assert isinstance(task, SuctionToolTask)
-    failed = solve(posted("lid_too_heavy", options={"remedies": False}))
+    failed = shelf.plan(posted("lid_too_heavy"))
     first, *_ = ToolChanges(task, build_scene, failed).by_kind()
     goals = np.array([change.patch[0].value[:2] for change in list(first)[:3]])  # type: ignore[index]
     ways = np.linalg.norm(goals - [0.78, -0.7], axis=1)

@@ -19,6 +19,7 @@ from planners.progress import Report, silent
 from planners.remedies.change import Effort, TaskChange
 from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, find_remedies
 from planners.scene.scene import build_scene
+from tests.support.plan_shelf import PlanShelf
 from tests.support.samples import among
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
@@ -34,9 +35,9 @@ def posted(name: str, more: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module", params=among(UNSOLVED, ["too weak a cup"]))
-def unsolved(request: pytest.FixtureRequest) -> tuple[dict[str, Any], Plan]:
+def unsolved(request: pytest.FixtureRequest, shelf: PlanShelf) -> tuple[dict[str, Any], Plan]:
     body = posted(*UNSOLVED[request.param])
-    return body, solve(read_task(body))
+    return body, shelf.plan(read_task(body))
 
 
 def test_every_remedy_stands_a_plan_of_the_changed_task(unsolved: tuple[dict[str, Any], Plan]) -> None:
@@ -81,8 +82,8 @@ def force(newtons: float) -> TaskChange:
 
 
 @pytest.fixture(scope="module")
-def a_plan() -> Plan:
-    return solve(AB1)
+def a_plan(shelf: PlanShelf) -> Plan:
+    return shelf.plan(AB1)
 
 
 def found(kinds: list[list[TaskChange]], helps: Any, plan: Plan, steps: int = 1000) -> list[Remedy]:

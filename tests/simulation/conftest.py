@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import pytest
+from support.plan_shelf import PlanShelf
+from support.service import task
 
 from planners.contract.task_spec import read_task
 from planners.plan.plan import Plan
 from planners.plan.segment import Segment
 from planners.plan.simulation import LiftSimulation
-from planners.planning import plan
-from planners.progress import silent
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
 from workers.simulation.simulate import simulate_lift
 
-TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 SHORTEST = "pb1"
 """Of the papers' lifts."""
 
@@ -34,11 +30,12 @@ class Run:
     stages: list[tuple[str, float]]
 
 
-def execute(name: str = SHORTEST, **changes: Any) -> Run:
-    """Plan a task of the papers with changes, and lift it."""
-    task = read_task(json.loads((TASKS / f"{name}.json").read_text()) | changes)
-    scene = build_scene(task)
-    found = Plan.read(plan(task, scene, silent, perf_counter).write())
+def execute(shelf: PlanShelf, name: str = SHORTEST, **changes: Any) -> Run:
+    """Lift a task of the papers with changes."""
+    read = read_task(task(f"{name}.json", **changes))
+    scene = build_scene(read)
+    assert isinstance(scene, PlateLiftScene)
+    found = shelf.plan(read).model_copy(update={"simulation": None})
     seen: list[tuple[str, float]] = []
     simulation = simulate_lift(found, scene, lambda report: seen.append((report.stage, report.done / report.total)), 3)
     return Run(scene, found, simulation, seen)
@@ -63,15 +60,15 @@ def squeezing(found: Plan, force: float | None) -> Plan:
 
 
 @pytest.fixture(scope="session")
-def run() -> Run:
+def run(shelf: PlanShelf) -> Run:
     """With the paper's lifter."""
-    return execute()
+    return execute(shelf)
 
 
 @pytest.fixture(scope="session")
-def cable_run() -> Run:
+def cable_run(shelf: PlanShelf) -> Run:
     """With a cup on a cable."""
-    return execute(lifter_model="cable")
+    return execute(shelf, lifter_model="cable", options={"simulate": False})
 
 
 @pytest.fixture(scope="session")

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulation.conftest import execute, squeezing
+from support.plan_shelf import PlanShelf
 
 from planners.plan.simulation import LiftSimulation
 from planners.progress import silent
@@ -139,7 +140,7 @@ def test_fingers_squeeze_with_a_stated_force_where_an_older_plan_commands_none(r
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ab1", "ab2", "ab3", "pb1", "pb2"])
-def test_every_lift_of_the_paper_goes_as_it_was_planned(name: str) -> None:
-    lifted = execute(name)
+def test_every_lift_of_the_paper_goes_as_it_was_planned(name: str, shelf: PlanShelf) -> None:
+    lifted = execute(shelf, name)
     assert lifted.simulation.outcome == "lifted", lifted.simulation.cause
     assert largest_excess(lifted.simulation.manipulation) < 1.0

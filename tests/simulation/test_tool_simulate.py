@@ -5,19 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 import pytest
 from simulation.conftest import squeezing, tampered
+from support.plan_shelf import PlanShelf
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import rotation_y, rotation_z, transform
 from planners.plan.plan import Plan
 from planners.plan.segment import Segment
 from planners.plan.simulation import ToolSimulation
-from planners.planning import plan
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
@@ -40,12 +39,12 @@ class ToolRun:
 
 
 @pytest.fixture(scope="module")
-def tool_run() -> ToolRun:
-    """The first domino of the shipped pile, planned and executed as it is."""
-    task = read_task({**TASK, "objects": TASK["objects"][:1]})
+def tool_run(shelf: PlanShelf) -> ToolRun:
+    """The first domino of the shipped pile, executed as it is planned."""
+    task = read_task({**TASK, "objects": TASK["objects"][:1], "external_id": "one domino"})
     scene = build_scene(task)
     assert isinstance(scene, SuctionToolScene)
-    found = Plan.read(plan(task, scene, silent, perf_counter).write())
+    found = shelf.plan(task).model_copy(update={"simulation": None})
     seen: list[float] = []
     simulation = simulate_plan(found, scene, lambda report: seen.append(report.done / report.total), 0)
     assert isinstance(simulation, ToolSimulation)

@@ -15,7 +15,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planners.contract.task_spec import read_task
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
+from planners.plan.plan import Plan
 from planners.progress import Progress, silent
 from planners.scene.scene import build_scene, with_centres
 from workers.settings import HANDOVERS_FOLDER
@@ -41,6 +42,13 @@ class PlanShelf:
         self._folder = folder
 
     @property
+    def drawings(self) -> Path:
+        """Where services find the robots' drawings that others have made."""
+        folder = self._folder.with_name("drawings")
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    @property
     def solver(self) -> tuple[str, ...]:
         """The command of a solver that shares this shelf."""
         return (sys.executable, "-m", "tests.support.plan_shelf", str(self._folder))
@@ -48,6 +56,10 @@ class PlanShelf:
     def document(self, task: Mapping[str, Any]) -> dict[str, Any]:
         """Return what comes of a task by all that the product does, certificate and simulation too."""
         return json.loads(self.take(SolverRequest(NOBODY, dict(task)), silent))
+
+    def plan(self, task: PlateLiftTask | SuctionToolTask) -> Plan:
+        """Return the plan of a task as `planners.solve` returns it, and simulated unless the task wants none."""
+        return Plan.read(self.take({"id": NOBODY, "task": write_task(task)}, silent))
 
     def take(self, request: SolverRequest, progress: Progress) -> bytes:
         """Return the document of a request; where another process is making it, wait for that."""

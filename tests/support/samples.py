@@ -11,8 +11,9 @@ T = TypeVar("T")
 
 
 class _Extent:
-    whole = False
-    """Whether this run has the option `--all`; known before any file of tests is read."""
+    whole = True
+    """Whether this run has the option `--all`, which is known before any file of tests is read; else nothing is saved
+    on, as in benchmarks."""
 
 
 def take(*, whole: bool) -> None:

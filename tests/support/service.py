@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -19,11 +17,13 @@ import httpx
 import psutil
 
 from planners.regrasp.grasps.handovers import handover_key
-from workers.settings import HANDOVERS_FOLDER
-from workers.solver.warm_up import MARK
+from workers.settings import HANDOVERS_FOLDER, WorkerSettings
+from workers.solver.warm_up import MARK, mark_warm
 from workers.stores.handover_store import HandoverStore
 
-ROOT = Path(__file__).resolve().parents[2]
+from .program import COMMAND_LINE, ROOT, Program, launch
+from .samples import sample
+
 TASKS = ROOT / "assets" / "tasks"
 FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
 FAKE_EXAMINER = (sys.executable, "-m", "tests.support.fake_examiner")
@@ -44,10 +44,13 @@ class ServiceProcess:
         data_dir: Path,
         solver: tuple[str, ...] | None,
         command: str = "serve",
-        module: str = "app.cli.main",
+        module: str = COMMAND_LINE,
+        *,
+        fresh: bool = False,
         **settings: Any,
     ) -> None:
-        self._command, self._module = command, module
+        """Take what `program.launch` is to be told."""
+        self._command, self._module, self._fresh, self._solver = command, module, fresh, solver
         self._environment = {f"LIFTWRIGHT_{name.upper()}": str(value) for name, value in settings.items()}
         if solver is not None:
             self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
@@ -55,14 +58,14 @@ class ServiceProcess:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         self.address = f"http://127.0.0.1:{self.port}"
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: Program | None = None
 
     def start(self) -> Self:
         """Start, and wait until it is ready."""
         words = [self._command, "--port", str(self.port), "--data-dir", str(self._data_dir)]
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", self._module, *words], cwd=ROOT, env={**os.environ, **self._environment}
-        )
+        if self._solver is not None and self._command == "serve":
+            call_warm(self._data_dir, self._solver)
+        self.process = launch(words, self._environment, module=self._module, fresh=self._fresh)
         wait_for(self._ready, STARTUP_SECONDS)
         return self
 
@@ -128,6 +131,12 @@ def warmed(data_dir: Path) -> Path:
     with suppress(FileNotFoundError):
         shutil.copy2(ROOT / "data" / HANDOVERS_FOLDER / MARK, data_dir / HANDOVERS_FOLDER / MARK)
     return data_dir
+
+
+def call_warm(data_dir: Path, solver: tuple[str, ...]) -> None:
+    """Spare a solver of tests, which has nothing to compile, a process that finds that out; not with `--all`."""
+    if sample(quick=True, whole=False):
+        mark_warm(WorkerSettings(data_dir=data_dir, solver_command=solver))
 
 
 def wait_for(holds: Callable[[], T], seconds: float) -> T:

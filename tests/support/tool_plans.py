@@ -13,7 +13,7 @@ from planners.geometry.solid_mesh import SolidMesh
 from planners.planning import HandoverSource, plan
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
-from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers, handover_key
 from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import SuctionTool, tool_descriptions
@@ -25,12 +25,17 @@ FEW = HandoverSettings(
     ToolGraspSettings(rolls=8), HandoverPlaceSettings(step=0.2, finest=0.2, grasps=16, best=2), axis_rolls=1
 )
 """Fewer grasps and handovers than a job has: soon found."""
+_found: dict[str, HandoverDatabase] = {}
 
 
 def few_handovers(
     cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress = silent
 ) -> HandoverDatabase:
-    return find_handovers(cell, tool, FEW, progress)
+    """Find them once for all tests of a process: they depend on the robot and the tool alone."""
+    key = handover_key(cell, tool, FEW)
+    if key not in _found:
+        _found[key] = find_handovers(cell, tool, FEW, progress)
+    return _found[key]
 
 
 def block(**members: Any) -> dict[str, Any]:

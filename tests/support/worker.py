@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any, Self
 
 import psutil
 
-from .service import ROOT, STARTUP_SECONDS, wait_for
+from .program import Program, launch
+from .service import STARTUP_SECONDS, call_warm, wait_for
 
 READY = b'"event": "working"'
 
@@ -26,10 +24,11 @@ class WorkerProcess:
         self._environment = {f"LIFTWRIGHT_{key.upper()}": str(value) for key, value in settings.items()}
         if solver is not None:
             self._environment["LIFTWRIGHT_SOLVER_COMMAND"] = json.dumps(solver)
+        self._solver = solver
         self._log = data_dir / f"{name}.log"
         self._lives = 0
         """How often it has become ready before."""
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: Program | None = None
 
     @property
     def log(self) -> str:
@@ -41,11 +40,9 @@ class WorkerProcess:
         self.data_dir.mkdir(parents=True, exist_ok=True)
         words = ["worker", "--worker-name", self.name, "--data-dir", str(self.data_dir)]
         self._lives = self.log.count(READY.decode())
-        with self._log.open("ab") as told:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "app.cli.main", *words],
-                cwd=ROOT, env={**os.environ, **self._environment}, stderr=told, stdout=told,
-            )  # fmt: skip
+        if self._solver is not None:
+            call_warm(self.data_dir, self._solver)
+        self.process = launch(words, self._environment, told=self._log)
 
     def start(self) -> Self:
         """Start, and wait until it takes jobs."""

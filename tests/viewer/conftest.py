@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from support.lift_documents import lift_document
+from support.plan_shelf import PlanShelf
 
 from planners.cell.cell import Cell, load_cell
+
+
+@pytest.fixture(scope="module")
+def data_dir(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return where a service keeps what is its own; the drawings of robots are made once in a run."""
+    folder = tmp_path_factory.mktemp("data")
+    (folder / "drawings").symlink_to(shelf.drawings)
+    return folder
 
 
 @pytest.fixture(scope="session")

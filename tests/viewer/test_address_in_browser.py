@@ -35,9 +35,9 @@ def folder(document: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -
 
 
 @pytest.fixture(scope="module")
-def service(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+def service(folder: Path, data_dir: Path) -> Iterator[ServiceProcess]:
     solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
-    with running_service(tmp_path_factory.mktemp("data"), solver) as service:
+    with running_service(data_dir, solver) as service:
         yield service
 
 

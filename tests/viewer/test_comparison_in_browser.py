@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,15 +19,17 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path_factory.mktemp("data"), shelf.solver) as service:
+def service(shelf: PlanShelf, data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, shelf.solver) as service:
         yield service
 
 
 @pytest.fixture(scope="module")
-def plans(service: ServiceProcess) -> list[dict[str, Any]]:
+def plans(shelf: PlanShelf, service: ServiceProcess) -> list[dict[str, Any]]:
     """Return a lift that can be, and one whose cup is too weak."""
-    bodies = [task("pb1.json", options={"simulate": False}), task("pb1_weak_cup.json")]
+    bodies = [task("pb1.json"), task("pb1_weak_cup.json")]
+    for body in bodies:
+        shelf.document(body)
     with service.client() as client:
         posted = [client.post("/v1/plans", json=body).json() for body in bodies]
         return [finished(client, plan, 300.0) for plan in posted]

@@ -87,13 +87,15 @@ def kept(documents: dict[str, dict[str, Any]], newer: dict[str, Any]) -> dict[st
 
 
 @pytest.fixture(scope="module")
-def service(kept: dict[str, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+def service(
+    kept: dict[str, dict[str, Any]], data_dir: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[ServiceProcess]:
     folder = tmp_path_factory.mktemp("documents")
     for name, document in kept.items():
         named = {**document, "task": {**document.get("task", {}), "external_id": name}}
         (folder / f"{name}.json").write_text(json.dumps(named))
     solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
-    with running_service(tmp_path_factory.mktemp("data"), solver) as service:
+    with running_service(data_dir, solver) as service:
         yield service
 
 

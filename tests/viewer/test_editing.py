@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -17,8 +18,8 @@ from planners.geometry.pose import from_pose7
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER, worker_slots=1) as service:
+def service(data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, FAKE_SOLVER, worker_slots=1) as service:
         yield service
 
 

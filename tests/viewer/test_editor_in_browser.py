@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,8 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path_factory.mktemp("data"), shelf.solver) as service:
+def service(shelf: PlanShelf, data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, shelf.solver) as service:
         yield service
 
 

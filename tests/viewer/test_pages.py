@@ -36,12 +36,12 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+def service(shelf: PlanShelf, data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
     folder = tmp_path_factory.mktemp("documents")
     for name in PLANS:
         (folder / f"{name}.json").write_text(json.dumps(shelf.document(task(f"{name}.json"))))
     solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
-    with running_service(tmp_path_factory.mktemp("data"), solver) as service:
+    with running_service(data_dir, solver) as service:
         yield service
 
 

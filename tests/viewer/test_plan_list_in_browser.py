@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,8 +22,8 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER) as service:
+def service(data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, FAKE_SOLVER) as service:
         yield service
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -45,7 +46,7 @@ pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
-def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+def service(shelf: PlanShelf, data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
     folder = tmp_path_factory.mktemp("documents")
     documents = {name: shelf.document(task(f"{name}.json")) for name in (UNSOLVED, SOLVED)}
     for name, remedies in ((UNSOLVED, REMEDIES), ("none helps", [])):
@@ -54,7 +55,7 @@ def service(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Itera
     for name, document in documents.items():
         (folder / f"{name}.json").write_text(json.dumps(document))
     solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
-    with running_service(tmp_path_factory.mktemp("data"), solver) as service:
+    with running_service(data_dir, solver) as service:
         yield service
 
 

@@ -16,8 +16,7 @@ from tests.support.scan_frames import shipped
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    data_dir: Path = tmp_path_factory.mktemp("data")
+def service(data_dir: Path) -> Iterator[ServiceProcess]:
     with running_service(data_dir, FAKE_SOLVER) as service:
         yield service
 
