@@ -49,6 +49,9 @@ class SuctionLifter:
         """[N]"""
         self.stiffness = settings.stiffness(cup.max_force)
         """[N/m]"""
+        self._source = np.array(
+            [self.limit, self.stiffness, settings.damping_time, settings.saturation * self.limit], dtype=float
+        )
         self.pull = 0.0
         """Outward along the pad's normal; for a cable its tension [N]."""
         self.force = np.zeros(3)
@@ -78,8 +81,8 @@ class SuctionLifter:
         self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.standard_normal()
         exerted, given = np.zeros(6), np.zeros(3)
         self.pull = _given(
-            plate, self._arm, self._axes, self._limits, wrench, self._error, point, velocity,
-            self.limit, self.stiffness, s.damping_time, s.saturation * self.limit, self._cable, exerted, given,
+            plate, self._arm, self._axes, self._limits, wrench, self._error, point, velocity, self._source,
+            self._cable, exerted, given,
         )  # fmt: skip
         self.force = given
         return exerted
@@ -192,13 +195,14 @@ def _pulled(  # noqa: C901, PLR0913 - one compiled pass
 
 @njit(cache=True, nogil=True)
 def _given(  # noqa: PLR0913 - one compiled pass
-    plate, pad_arm, axes, limits, wrench, error, point, speed, limit, stiffness, time, most, cable, exerted, given
+    plate, pad_arm, axes, limits, wrench, error, point, speed, source, cable, exerted, given
 ):
     """Return the pull of the force source, see `SuctionLifter.give`; write the wrench and the force in it.
 
-    `wrench` (6,) is planned and exerted with this relative `error`; the spring is as stiff as the cup's `limit` [N]
-    says by a fifth of it. The rest is as in `_pulled`.
+    `wrench` (6,) is planned and exerted with this relative `error`; `source` (4,) is the cup's largest force [N], the
+    stiffness that it has from a fifth of that on, and `time` and `most`. The rest is as in `_pulled`.
     """
+    limit, stiffness, time, most = source
     force, excess = np.empty(3), np.zeros(3)
     for i in range(3):
         force[i] = (1.0 + error) * wrench[i]

@@ -11,7 +11,7 @@ from planners.cell.hand import Gripper
 from planners.contract.arrays import rounded
 from planners.geometry.pose import Array, Transform, rotation_angle
 from planners.plan.plan import Plan
-from planners.plan.segment import Attachment, Grip, SegmentKind, riding_on
+from planners.plan.segment import Attachment, Grip, Segment, SegmentKind, riding_on
 from planners.plan.simulation import GoalError, SimulatedToolMotion, ToolEnding
 from planners.progress import Progress, Report
 from planners.scene.moved_object import MovedObject
@@ -27,6 +27,8 @@ from workers.simulation.world import FreeBody, ToolWorld
 _REPORT_EVERY = 50
 """Steps between two reports of progress."""
 _NO_LOAD = (0.0, 0.0)
+_SWITCHING = (SegmentKind.GRIP, SegmentKind.RELEASE, SegmentKind.ATTACH, SegmentKind.DETACH)
+"""Segments within which fingers or vacuum change."""
 ToolFailure = Failure[ToolEnding]
 
 
@@ -64,6 +66,8 @@ class ToolExecution:
         self._tracks = {name: Track() for name in world.bodies}
         self._standing = StandingWatch(world.bodies, settings.watch)
         self._passing: frozenset[str] = frozenset()
+        self._done: Segment | None = None
+        """The segment in which nothing is left to be taken or let go."""
         self._look = round(settings.watch.period / settings.step)
         self._record = round(settings.record_period / settings.step)
         self._steps = 0
@@ -141,8 +145,13 @@ class ToolExecution:
     # Taking and letting go, as the plan says.
 
     def _take_and_let_go(self, moment: PlannedMoment) -> ToolFailure | None:
+        if moment.segment is self._done:
+            return None
         self._let_pass(moment.number)
-        return self._move_fingers(self._wanted_grips(moment)) or self._switch_vacuum(self._wanted_suction(moment))
+        failure = self._move_fingers(self._wanted_grips(moment)) or self._switch_vacuum(self._wanted_suction(moment))
+        if failure is None and moment.segment.kind not in _SWITCHING:
+            self._done = moment.segment
+        return failure
 
     def _wanted_grips(self, moment: PlannedMoment) -> tuple[Grip, ...]:
         kind, s, grips = moment.segment.kind, self.settings, self._grips[moment.number]
@@ -265,37 +274,39 @@ class StandingWatch:
         """Begin with all bodies standing where they are."""
         self._bodies, self._settings = bodies, settings
         self._least_cosine = math.cos(settings.tilt)
-        self._places = {name: body.T_world_body for name, body in self._bodies.items()}
-        self._centers = {name: body.center for name, body in self._bodies.items()}
+        self._R_center_bodies = np.array([body.T_center_body[:3, :3] for body in bodies.values()])
+        self._centers, self._verticals = self._places()
+        """(n, 3) of all bodies when they were let go: where their centres of mass were, and what was upwards in their
+        own axes."""
 
     def look(self, held: Iterable[str], time: float) -> ToolFailure | None:
         """Return what has fallen, toppled or been pushed until a time [s]; what is held now may do as it likes."""
-        held = frozenset(held)
-        failure = None
-        for name, body in self._bodies.items():
-            if name in held:
-                self._places[name], self._centers[name] = body.T_world_body, body.center
-            elif failure is None:
-                failure = self._fallen(name, body, time)
-        return failure
-
-    def _fallen(self, name: str, body: FreeBody, time: float) -> ToolFailure | None:
-        s, way = self._settings, body.center - self._centers[name]
-        if -way[2] > s.fall:
+        centers, verticals = self._places()
+        taken = frozenset(held)
+        for i, name in enumerate(self._bodies):
+            if name in taken:
+                self._centers[i], self._verticals[i] = centers[i], verticals[i]
+        # What is held is where it was let go by this.
+        ways, cosines = centers - self._centers, np.einsum("ij,ij->i", verticals, self._verticals)
+        fell, toppled = -ways[:, 2] > self._settings.fall, cosines < self._least_cosine
+        shifts = np.hypot(ways[:, 0], ways[:, 1])
+        moved = fell | toppled | (shifts > self._settings.shift)
+        if not moved.any():
+            return None
+        first = int(np.argmax(moved))
+        name = [*self._bodies][first]
+        if fell[first]:
             if name == TOOL_NAME:
                 return Failure("tool_slipped", time, "the tool fell: no hand held it and it stood on nothing")
             return Failure("object_dropped", time, f"{name} fell where the vacuum let it go")
-        if _cosine_of_tilt(self._places[name], body.T_world_body) < self._least_cosine:
+        if toppled[first]:
             return Failure("toppled", time, f"{name} toppled over")
-        shift = math.hypot(way[0], way[1])
-        if shift > s.shift:
-            return Failure("off_goal", time, f"{name} was pushed {1e3 * shift:.0f} mm from where it stood")
-        return None
+        return Failure("off_goal", time, f"{name} was pushed {1e3 * shifts[first]:.0f} mm from where it stood")
 
-
-def _cosine_of_tilt(T_world_a: Transform, T_world_b: Transform) -> float:
-    """Return the cosine of the angle by which the vertical of one pose is off that of another [1]."""
-    return float(T_world_a[2, :3] @ T_world_b[2, :3])
+    def _places(self) -> tuple[Array, Array]:
+        """Return where all centres of mass are (n, 3), world, and what is upwards (n, 3) in each body's own axes."""
+        motions = np.array([body.motion for body in self._bodies.values()])
+        return motions[:, 3], np.einsum("ij,ijk->ik", motions[:, 2], self._R_center_bodies)
 
 
 def goal_error(moved: MovedObject, T_world_object: Transform) -> GoalError:
