@@ -47,3 +47,10 @@ def test_a_plan_is_begun_with_nothing_of_the_service_and_no_second_opinion() -> 
 def test_only_the_cell_that_is_asked_for_is_loaded() -> None:
     asked = "from planners.cell import cell\nassert len(cell.ShippedCells()) > 1\ncell.ShippedCells()['dual_ur3e_lift']"
     loaded_by(f"{asked}\nassert cell.load_cell.cache_info().currsize == 1")
+
+
+def test_a_process_that_has_loaded_libraries_for_good_ends_without_a_word() -> None:
+    """Bindings complain of whatever of theirs is left when the interpreter ends."""
+    program = "from workers.loading import loading\nwith loading():\n    import planners.motion.rrt_connect\n"
+    ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (ended.stdout, ended.stderr) == ("", "")
