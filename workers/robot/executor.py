@@ -121,8 +121,10 @@ class Executor:
             link.load(write_urscript(self._schedule, arm, functions=self._settings.functions))
             self._pace(arm, self._settings.speed)
         until, ready = self._clock.now() + self._settings.patience, float("inf")
+        states, silences = self._beat(), dict.fromkeys(ARMS, 0.0)
         while (now := self._clock.now()) < until:
             states = self._beat()
+            silences = {arm: self._links[arm].silence(state.timestamp) for arm, state in states.items()}
             if all(
                 state.barrier == self._confirmed + 1 and state.state is ProgramState.WAITING
                 for state in states.values()
@@ -138,9 +140,12 @@ class Executor:
                 )
                 return None
             self._wait()
-        states = self._beat()
-        refused = next((arm for arm in ARMS if states[arm].state is ProgramState.WRONG_START), None)
-        return Stop(StopReason.ENDED, None) if refused is None else Stop(StopReason.WRONG_START, refused)
+        for arm in ARMS:
+            if silences[arm] > self._settings.supervision.silence:
+                return Stop(StopReason.LOST, arm)
+            if states[arm].state is ProgramState.WRONG_START:
+                return Stop(StopReason.WRONG_START, arm)
+        return Stop(StopReason.ENDED, None)
 
     def _beat(self) -> dict[ArmName, ArmState]:
         for link in self._links.values():

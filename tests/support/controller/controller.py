@@ -17,6 +17,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -135,10 +136,8 @@ class Controller:
             ready = self._selector.select(pause)
             for key, _ in ready:
                 key.data()
-            if self._is_held and not ready and not self.faults.silent:
-                # Clients have clocks of their own, and leave where nothing has come for long.
-                for session in list(self._rtde):
-                    self._guarded(session.connection, session.repeat)
+            if self._is_held and not ready:
+                self._repeat()
             if not self._is_held and self._clock() >= self._time + cycle:
                 # A process that waited for the processor catches up, so that its clock is that of the world.
                 self._time += cycle
@@ -146,6 +145,11 @@ class Controller:
 
     def _clock(self) -> float:
         return self._time if self._is_held else time.monotonic()
+
+    def _repeat(self) -> None:
+        """Tell again what was told last: clients have clocks of their own, and leave where nothing comes for long."""
+        for session in [] if self.faults.silent else list(self._rtde):
+            self._guarded(session.connection, session.repeat)
 
     def _cycle_passes(self) -> None:
         """Let one control cycle pass, after everything that clients have sent by now has been taken."""
@@ -313,7 +317,11 @@ class Controller:
     def load(self, script: str) -> None:
         """Start a script, in place of what runs; one that is not in the subset is refused and told of."""
         try:
-            self.program_name, start = translate(script, self.intrinsics)
+            with ThreadPoolExecutor(1) as beside:
+                reading = beside.submit(translate, script, self.intrinsics)
+                while not wait([reading], REPEATED).done:
+                    self._repeat()
+            self.program_name, start = reading.result()
         except ScriptRefused as error:
             self.messages.append(f"refused: {error}")
             return
