@@ -100,7 +100,7 @@ class ForgetfulStore(PlanStore):
     """A store that takes no progress."""
 
     def add_event(self, plan_id: str, event: PlanEvent) -> None:
-        raise DataError("INSERT …", {}, ValueError(f"too long: {event['stage']} of {plan_id}"))
+        raise DataError("INSERT …", {}, ValueError(f"too long: {event.stage} of {plan_id}"))
 
 
 class QuickPool:
