@@ -15,7 +15,16 @@ from planners.errors import SceneError
 from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
-from planners.scene.clashes import PlacedBody, first_overlap, placed_body, raised, refuse_inside, refuse_overlaps
+from planners.scene.clashes import (
+    BodyInCell,
+    PlacedBody,
+    first_overlap,
+    placed_at_start,
+    placed_body,
+    raised,
+    refuse_inside,
+    refuse_overlaps,
+)
 from planners.scene.moved_object import MovedObject, symmetry_turns
 from planners.scene.placements import CONTAINMENT_SLACK, box_top
 from planners.scene.rest import REST_GAP, Footing, LevelFace, Unsupported, find_footing, level_places, lowest_point
@@ -85,6 +94,8 @@ def place_tool(
     footing = find_footing(tool.body.solid, T_world_tool, tool.com, still.places)
     if isinstance(footing, Unsupported):
         raise SceneError("/tool_pose", f"the tool {footing.reason}")
+    if task.tool_pose is None:
+        _refuse_unfit(tool.at(footing.T_world_body).body, cell, still)
     return replace(tool.at(footing.T_world_body), supports=footing.supports)
 
 
@@ -171,6 +182,17 @@ def _tool_pose(task: SuctionToolTask, cell: Cell) -> Transform:
     if cell.tool_rest is None:
         raise SceneError("/tool_pose", f"the cell {cell.name} has no tool rest; say where the tool is")
     return cell.tool_rest.T_world_tool
+
+
+def _refuse_unfit(tool: Body, cell: Cell, still: StillBodies) -> None:
+    """Refuse a tool that the cell's rest is too narrow for, if nobody has said to put it there."""
+    try:
+        refuse_inside([placed_at_start(tool, "/tool_pose")], still.cell, {tool.name: tool.solid.excess})
+    except BodyInCell as unfit:
+        detail = (
+            f"the rest of {cell.name}, where a tool stands if nothing is said, does not take this one: {unfit.detail}"
+        )
+        raise SceneError("/tool_pose", f"{detail}; say where it stands, for instance on the table") from unfit
 
 
 def _check_tool(tool: SuctionTool) -> None:

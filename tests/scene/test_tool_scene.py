@@ -15,7 +15,7 @@ from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.planning import stated_bodies
 from planners.scene.scene import build_scene
-from planners.scene.suction_tool import load_tool
+from planners.scene.suction_tool import known_tools, load_tool
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool", "lid_under_roof", "lid_too_heavy")
@@ -62,6 +62,24 @@ def test_the_tool_stands_in_the_cells_rest_unless_told_otherwise(build):
     assert scene.tool.supports == ("table",)
     standing = build(task("domino_pile", tool_pose=[0.4, -0.1, TABLE_TOP, 1, 0, 0, 0]))
     assert standing.tool.T_world_tool == pytest.approx(from_pose7([0.4, -0.1, TABLE_TOP, 1, 0, 0, 0]))
+
+
+@pytest.mark.parametrize("tool", known_tools())
+def test_a_tool_that_the_rest_is_too_narrow_for_is_refused_until_it_is_said_where_it_stands(tool, build):
+    (*_, height), tall = np.ptp(load_tool(tool).body.solid.surface()[0], axis=0), 0.05
+    vertices = np.vstack([part.vertices for part in load_tool(tool).body.solid.convex_parts])
+    half = np.abs(vertices[vertices[:, 2] < tall][:, :2]).max()
+    assert height > tall
+    body = task("domino_pile", tool=tool)
+    room = load_cells()["dual_ur3e_tool"].tool_rest
+    clearance = min(wall.center[0] - 0.5 * wall.size[0] for wall in room.walls if wall.name.endswith("front"))
+    if half <= clearance - room.T_world_tool[0, 3] + 1e-3:
+        build(body)
+        return
+    with pytest.raises(SceneError, match=r"does not take this one: .* say where it stands") as caught:
+        build(body)
+    assert caught.value.pointer == "/tool_pose"
+    build({**body, "tool_pose": [0.5, -0.6, TABLE_TOP, 1, 0, 0, 0]})
 
 
 @pytest.mark.parametrize("tool", ["long_symmetric", "short_asymmetric"])
