@@ -191,8 +191,12 @@ def test_a_plan_rebuilt_from_the_bag_is_certified_as_the_plan_is(
     assert planned is not None
     assert rebuilt.passed
     assert [each.name for each in rebuilt.checks] == [each.name for each in planned.checks]
+    # Stamps are whole nanoseconds. A step that is one longer bends a cubic 6 v / h^2 times as much otherwise.
+    bent = max(6e-9 * np.abs(each.velocities).max() / np.diff(each.time).min() ** 2 for each in program.plan.segments)
     for mine, its in zip(rebuilt.checks, planned.checks, strict=True):
-        assert mine.margin == pytest.approx(its.margin, rel=1e-5, abs=1e-6), mine.name
+        off = bent if mine.name == "joint_accelerations" else 1e-6
+        margin = None if its.margin is None else pytest.approx(its.margin, rel=1e-5, abs=off)
+        assert mine.margin == margin, mine.name
 
 
 @pytest.mark.parametrize("name", TASKS)
