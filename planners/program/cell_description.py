@@ -162,8 +162,8 @@ class CellDescription:
                     SubElement(group, "link", name=part.name)
         self._write_states(robot)
         for arm in ARMS:
-            names = {"name": f"{arm}_hand", "parent_link": f"{arm}_flange"}
-            SubElement(robot, "end_effector", **names, group=f"{arm}_hand", parent_group=arm)
+            hand = {"name": f"{arm}_hand", "parent_link": f"{arm}_flange", "group": f"{arm}_hand", "parent_group": arm}
+            SubElement(robot, "end_effector", hand)
         frames = {body.name: body.frame for body in self.cell.collision_bodies()}
         for a, b in sorted(self.cell.excluded_pairs):
             moves = not (_joints_before(frames[a]) == _joints_before(frames[b]) == 0)

@@ -17,7 +17,7 @@ import planners.program.ros2_messages as ros
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry.convex import NamePair, prism, sorted_pair
 from planners.geometry.pose import Array
-from planners.geometry.surface import hull_with_faces
+from planners.geometry.surface import Hull, hull_with_faces
 from planners.plan.contacts import InertiaEntry
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS, BodyDocument
@@ -307,10 +307,10 @@ class _Recorder:
         )
 
 
-def _surface(shape: Prism | InlineMesh) -> tuple[Array, Array]:
+def _surface(shape: Prism | InlineMesh) -> Hull:
     """Return vertices (n, 3) [m] and triangles (m, 3) of a shape."""
     if isinstance(shape, InlineMesh):
-        return shape.vertices, np.array(shape.faces)
+        return shape.vertices, np.array(shape.faces, dtype=np.int64)
     return hull_with_faces(prism(shape.outline, shape.height).vertices)
 
 
