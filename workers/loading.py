@@ -13,8 +13,8 @@ def loading() -> Iterator[None]:
     """Look for no garbage while a block imports libraries and loads files, nor ever in what it has loaded.
 
     All of that stays, and there is much of it: to look through it again and again takes a tenth of the time of loading
-    it, and of each job a tenth of a second at a time. When the interpreter ends it is looked through once more: bindings
-    tell of every class that is left then.
+    it, and of each job a tenth of a second at a time. When the interpreter ends it is looked through once more:
+    bindings tell of every class that is left then.
     """
     gc.disable()
     try:
