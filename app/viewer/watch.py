@@ -6,7 +6,7 @@ import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 import anyio
 import numpy as np
@@ -56,62 +56,57 @@ class WatcherFault(LiftwrightError):
         super().__init__(f"The service could not {deed}: an error of its own ({met}, fault {self.name} in its log)")
 
 
-class PageRequest(BaseModel):
+RequestType = TypeVar("RequestType", bound=str)
+
+
+class PageRequest(BaseModel, Generic[RequestType]):
     """What a page asks for by its websocket."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    type: str
+    type: RequestType
 
 
-class OpenPlan(PageRequest):
+class OpenPlan(PageRequest[Literal["open"]]):
     """Show a plan."""
 
-    type: Literal["open"]
     plan: str
 
 
-class OpenPerceived(PageRequest):
+class OpenPerceived(PageRequest[Literal["open_perceived"]]):
     """Show a perceived scene."""
 
-    type: Literal["open_perceived"]
     scene: str
 
 
-class ShowTime(PageRequest):
+class ShowTime(PageRequest[Literal["time"]]):
     """Show a time of the plan or of its simulation [s]."""
 
-    type: Literal["time"]
     source: SourceName
     time: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
-class SetLayer(PageRequest):
+class SetLayer(PageRequest[Literal["layer"]]):
     """Show or hide a layer."""
 
-    type: Literal["layer"]
     layer: Literal[plan_scene.LAYERS + perceived_scene.LAYERS]  # pyright: ignore[reportInvalidTypeForm]
     visible: bool
 
 
-class SetDetail(PageRequest):
+class SetDetail(PageRequest[Literal["detail"]]):
     """Draw so much from the next plan on, and the cell until there is one."""
 
-    type: Literal["detail"]
     light: bool
 
 
-class Look(PageRequest):
+class Look(PageRequest[Literal["view"]]):
     """Move the camera."""
 
-    type: Literal["view"]
     view: Literal[tuple(VIEWS)]  # pyright: ignore[reportInvalidTypeForm]
 
 
-class TellCamera(PageRequest):
+class TellCamera(PageRequest[Literal["camera"]]):
     """Tell where the camera is."""
-
-    type: Literal["camera"]
 
 
 @dataclass(frozen=True)

@@ -53,18 +53,16 @@ Metres = Annotated[float, Field(ge=-20.0, le=20.0, allow_inf_nan=False)]
 log = structlog.get_logger(__name__)
 
 
-class StartFrom(PageRequest):
+class StartFrom(PageRequest[Literal["start"]]):
     """Give a task to begin with."""
 
-    type: Literal["start"]
     of: Literal["example", "plan", "scene"]
     name: Pointer
 
 
-class DrawDraft(PageRequest):
+class DrawDraft(PageRequest[Literal["draw"]]):
     """Show a task, finished or not."""
 
-    type: Literal["draw"]
     task: Any
     chosen: Pointer | None
     wrong: Annotated[list[Pointer], Field(max_length=MOST_THINGS)]
@@ -72,27 +70,24 @@ class DrawDraft(PageRequest):
     """How many moves that were told of the task takes into account."""
 
 
-class Nudge(PageRequest):
+class Nudge(PageRequest[Literal["nudge"]]):
     """Move a thing a little, and have it come to lie."""
 
-    type: Literal["nudge"]
     pointer: Pointer
     by: tuple[Metres, Metres]
     turn: Annotated[float, Field(ge=-7.0, le=7.0, allow_inf_nan=False)]
     """About the vertical [rad]."""
 
 
-class ShowPath(PageRequest):
+class ShowPath(PageRequest[Literal["path"]]):
     """Draw the way of what a plan moves, in place of the last one; None: no way."""
 
-    type: Literal["path"]
     plan: Pointer | None
 
 
-class Judge(PageRequest):
+class Judge(PageRequest[Literal["judge"]]):
     """Say at once whether the last path would hold with the forces of a task."""
 
-    type: Literal["judge"]
     task: Any
 
 
