@@ -43,6 +43,7 @@ CAMERA_DIGITS = 3
 LONGEST_REASON = 120
 """Of closing [bytes]."""
 Answered = TypeVar("Answered")
+RequestType = TypeVar("RequestType", bound=str)
 log = structlog.get_logger(__name__)
 
 
@@ -54,9 +55,6 @@ class WatcherFault(LiftwrightError):
         """Stands in the log with what the error says: that can hold paths and addresses."""
         met = type(error).__name__
         super().__init__(f"The service could not {deed}: an error of its own ({met}, fault {self.name} in its log)")
-
-
-RequestType = TypeVar("RequestType", bound=str)
 
 
 class PageRequest(BaseModel, Generic[RequestType]):
