@@ -14,7 +14,7 @@ export OPENBLAS_NUM_THREADS := 1
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (minutes the first time, no time after that)
+setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (some minutes the first time, no time after that)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
 	@echo "setting up: packages"
