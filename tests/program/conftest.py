@@ -10,6 +10,7 @@ from support.service import task
 
 from planners.cell.cell import load_cell
 from planners.plan.plan import Plan
+from workers.solver.protocol import SolverRequest
 
 TASKS = ("ab1", "domino_pile")
 
@@ -17,7 +18,7 @@ TASKS = ("ab1", "domino_pile")
 @pytest.fixture(scope="session")
 def documents(shelf: PlanShelf) -> dict[str, bytes]:
     """Return the documents of `TASKS`, by name."""
-    return {name: shelf.take({"id": name, "task": task(f"{name}.json")}, lambda _: None) for name in TASKS}
+    return {name: shelf.take(SolverRequest(name, task(f"{name}.json")), lambda _: None) for name in TASKS}
 
 
 @pytest.fixture(scope="session")

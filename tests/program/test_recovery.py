@@ -15,6 +15,7 @@ from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.recovery import BACK_SPEED, CannotPlanOn, task_from, way_back
 from planners.program.schedule import Schedule
+from workers.solver.protocol import SolverRequest
 
 COLUMNS = {"left": slice(0, 6), "right": slice(6, 12)}
 TASKS = ("ab1", "domino_pile")
@@ -33,7 +34,7 @@ def path(moving: Schedule) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def schedules(shelf: PlanShelf) -> dict[str, Schedule]:
-    documents = {name: shelf.take({"id": name, "task": task(f"{name}.json")}, lambda _: None) for name in TASKS}
+    documents = {name: shelf.take(SolverRequest(name, task(f"{name}.json")), lambda _: None) for name in TASKS}
     return {name: Schedule.of(Plan.read(document)) for name, document in documents.items()}
 
 

@@ -59,7 +59,7 @@ class PlanShelf:
 
     def plan(self, task: PlateLiftTask | SuctionToolTask) -> Plan:
         """Return the plan of a task as `planners.solve` returns it, and simulated unless the task wants none."""
-        return Plan.read(self.take({"id": NOBODY, "task": write_task(task)}, silent))
+        return Plan.read(self.take(SolverRequest(NOBODY, write_task(task)), silent))
 
     def take(self, request: SolverRequest, progress: Progress) -> bytes:
         """Return the document of a request; where another process is making it, wait for that."""
