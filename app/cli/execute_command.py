@@ -55,12 +55,12 @@ class ExecuteRequest:
     """URScript for fingers and vacuum that are mounted; None: as they are exported."""
 
 
-def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] = ArmLink) -> int:
+def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | None = None) -> int:
     """Execute a plan, or tell what executing it would be; returns the exit code.
 
     Args:
         request: what is executed, where and how.
-        connect: makes the link to a controller, given its host.
+        connect: makes the link to a controller, given its host; None: an `ArmLink` on the wall's clock.
 
     Raises:
         BadInput: A file cannot be made sense of.
@@ -73,7 +73,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] = Ar
         try:
             schedule = Schedule.of(exportable(document, cell))
             check_urscript(cell)
-            links = {arm: connect(host) for arm, host in request.hosts.items()}
+            links = {arm: (connect or ArmLink)(host) for arm, host in request.hosts.items()}
         except (NotExportable, NoLink) as why:
             sys.stderr.write(f"liftwright: {request.plan}: {why}\n")
             return REFUSED
@@ -262,8 +262,10 @@ class _Session:
                 return None
 
     def _is_away(self, arm: ArmName) -> bool:
-        state = self._links[arm].state()
-        return state.safety_mode not in NORMAL_MODES or self._links[arm].silence(state.timestamp) > SILENT_FOR_GOOD
+        link = self._links[arm]
+        state = link.state()
+        link.silence(state.timestamp)
+        return state.safety_mode not in NORMAL_MODES or link.unheard() > SILENT_FOR_GOOD
 
     def _write_task(self, schedule: Schedule, reached: float) -> None:
         positions = np.concatenate([self._links[arm].state().positions for arm in ARMS])

@@ -111,7 +111,7 @@ class _Denser:
                 plan = denser.plan_keeping(0.0, explained=False)
                 if plan.outcome is PlanningOutcome.SOLVED:
                     return plan
-            self._proofs += denser.balance.telling_proofs
+            self._proofs += [proof for proof in denser.balance.telling_proofs if not _is_among(proof, proofs)]
             if not proofs:
                 self.whole = denser
                 self.may_hold_as_stated = way or known[0] <= 1.0 or denser.may_hold_as_stated()
@@ -134,10 +134,16 @@ class _Denser:
         # Transfers are nearly all edges: as many as pairs of poses times pairs of holds.
         room = last.settings.largest_graph / more**2
         if last.reach.edge_count <= room:
-            return wanted, ()
+            # A graph that lacks what proofs rule out says nothing of one that has it.
+            return wanted, () if last is self.whole else (*self._proofs,)
         left = max(1, last.reach.edges_left(last.balance.ruled_out))
         share = min(1.0, _ROOM * (room / left) ** 0.25)
-        return ((share * wanted[0], share * wanted[1]), self._proofs) if share**2 * more >= _WORTHWHILE else None
+        worthwhile = share**2 * more >= _WORTHWHILE
+        return ((share * wanted[0], share * wanted[1]), (*self._proofs,)) if worthwhile else None
+
+
+def _is_among(proof: UnbalanceProof, proofs: Sequence[UnbalanceProof]) -> bool:
+    return any(proof is each for each in proofs)
 
 
 def _thinning(planner: PlateLiftPlanner) -> float:

@@ -137,7 +137,9 @@ def test_both_arms_move_as_planned_and_stay_together() -> None:
     assert steps == [1, 2, 3, 4, 1]
 
 
-def execute_and(site: Cell, step: int, act: Callable[[], object], after: float = 0.3) -> tuple[Execution, float]:
+def execute_and(
+    site: Cell, step: int, act: Callable[[], object], after: float = 0.3, **settings: Any
+) -> tuple[Execution, float]:
     """Execute, and do something a while after a step was begun; returns how it ended, and when that was done."""
     done: list[float] = []
 
@@ -150,7 +152,7 @@ def execute_and(site: Cell, step: int, act: Callable[[], object], after: float =
         done.append(site.clock.now())
         act()
 
-    ended = site.execute(confirm)
+    ended = site.execute(confirm, **settings)
     assert len(done) == 1
     return ended, done[0]
 
@@ -253,6 +255,18 @@ def test_a_computer_that_is_a_little_late_goes_on_and_one_that_is_too_late_stops
             assert running(site.stand_ins[arm].recording(), 1)[-1]
 
 
+def test_a_silent_controller_stops_the_other_arm_however_seldom_the_computer_looks() -> None:
+    """A computer that looks so seldom counts hardly any of the silence, and knows nothing of that arm all the same."""
+    seldom = 0.03
+    with cell() as site:
+        execution, since = execute_and(site, 1, lambda: site.stand_ins["right"].tell(silent=True), period=seldom)
+        assert execution.stop is not None
+        assert execution.stop.reason in (StopReason.LATE, StopReason.LOST)
+        site.clock.sleep(3 * STANDSTILL)
+        # Two looks find nothing new, at most one more goes by before that, and then the arm brakes.
+        assert site.stand_ins["left"].recording().still_since() - since < 3 * seldom + 0.5 * STANDSTILL
+
+
 class HandClock:
     """A clock that shows what a test sets."""
 
@@ -276,6 +290,7 @@ def test_time_in_which_nobody_looked_says_nothing_of_a_controller() -> None:
             clock.sleep(CYCLE)
             link.silence(told)
         assert link.silence(told) > SupervisionSettings().silence
+        assert link.unheard() == pytest.approx(0.03 + 10 * CYCLE)
         link.clock = site.clock
 
 

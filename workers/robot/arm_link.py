@@ -98,7 +98,8 @@ class ArmLink:
             self._script.connect()
         except (RuntimeError, ValueError) as error:
             raise NoLink(f"the controller at {host} does not answer as one of Universal Robots: {error}") from error
-        self._seen, self._looked_at, self._silence = -1.0, self.clock.now(), 0.0
+        self._looked_at = self._seen_at = self.clock.now()
+        self._seen, self._silence = -1.0, 0.0
         self._heartbeat = 0
         self._is_lost = False
 
@@ -134,8 +135,16 @@ class ArmLink:
         self._silence += min(now - self._looked_at, LONGEST_LOOK)
         self._looked_at = now
         if timestamp != self._seen:
-            self._seen, self._silence = timestamp, 0.0
-        return float("inf") if self._is_lost or not self._receive.isConnected() else self._silence
+            self._seen, self._seen_at, self._silence = timestamp, now, 0.0
+        return self._silence if self._is_connected else float("inf")
+
+    def unheard(self) -> float:
+        """Return since when nothing new was heard when somebody looked last, whoever is to blame for it [s]."""
+        return self._looked_at - self._seen_at if self._is_connected else float("inf")
+
+    @property
+    def _is_connected(self) -> bool:
+        return not self._is_lost and self._receive.isConnected()
 
     def beat(self) -> None:
         """Tell the program that somebody supervises it."""

@@ -160,12 +160,15 @@ class Executor:
             states = {arm: link.state() for arm, link in self._links.items()}
             silences = {arm: self._links[arm].silence(states[arm].timestamp) for arm in ARMS}
             stop = self._supervisor.fault(states, silences)
+            if stop is None and all(state.state is ProgramState.DONE for state in states.values()):
+                return None
+            late = max(late, *(link.unheard() for link in self._links.values()))
             if late > self._settings.supervision.late and (stop is None or stop.reason is StopReason.ENDED):
                 # The programs may have noticed before this did, and ended.
                 stop = Stop(StopReason.LATE, None)
             if stop is None and self._asked_to_stop.is_set():
                 stop = Stop(StopReason.ASKED, None)
-            if stop is not None or all(state.state is ProgramState.DONE for state in states.values()):
+            if stop is not None:
                 return stop
             for link in self._links.values():
                 link.beat()

@@ -36,7 +36,8 @@ class SupervisionSettings:
     silence: float = 0.02
     """A controller that tells nothing new for longer counts as lost: ten cycles of an e-Series [s]."""
     late: float = 0.04
-    """Between two looks at the arms: below that at which programs stop by themselves, see `HEARTBEAT_RATE` [s]."""
+    """Between two looks at the arms, or since either told something new: below that at which programs stop by
+    themselves, see `HEARTBEAT_RATE` [s]."""
     deviation: float = 0.03
     """Of a joint from the plan: what an arm at full speed moves in a few control cycles [rad]."""
     apart: float = 0.1
