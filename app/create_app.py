@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
 from threading import Thread
 
+import structlog
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import State
 
 from app.access.access_control import AccessControl
 from app.access.audit_log import AuditLog
@@ -52,7 +54,8 @@ from app.viewer.page import recording_software
 from app.viewer.scene_servers import SceneServers, WatcherRoom
 from planners.cell.cell import ShippedCells, load_cells
 from planners.contract.strict_json import parse_json
-from planners.scene.suction_tool import SuctionTool, load_tools
+from planners.errors import LiftwrightError
+from planners.scene.suction_tool import load_tools
 from workers.engine.deadline import PatientQuestion
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
@@ -77,6 +80,7 @@ DESCRIPTION = (
     "suction tool. Post a task, follow its job, fetch a certified plan document. SI units; world frame on the floor "
     "under the robot."
 )
+log = structlog.get_logger(__name__)
 
 
 def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
@@ -94,7 +98,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             app.state.supervisor = supervisor
             app.state.tools = await run_in_threadpool(load_tools)
             app.state.cells = CellCollection(ShippedCells(), CellStore(database, settings.cells_dir))
-            ahead = Thread(target=_load_ahead, args=(app.state.tools,), name="loading ahead", daemon=True)
+            app.state.unloadable = None
+            ahead = Thread(target=_load_ahead, args=(app.state,), name="loading ahead", daemon=True)
             app.state.cell_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
             app.state.known_tasks = KnownTasks()
             app.state.meshes = MeshStore(database)
@@ -164,12 +169,19 @@ def _authenticator(settings: ServiceSettings, database: Database) -> Authenticat
     return kind(keys, SessionStore(database), AuditLog(database), limiter)
 
 
-def _load_ahead(tools: Mapping[str, SuctionTool]) -> None:
-    """Check a task of each kind, and load all cells, so that hardly a request waits for files or compiled kernels."""
-    for name in REFERENCE_TASKS:
-        sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())
-        accept_task(sent, ShippedCells(), tools=tools)
-    load_cells()
+def _load_ahead(state: State) -> None:
+    """Check a task of each kind, and load all cells, so that hardly a request waits for files or compiled kernels.
+
+    What is shipped and cannot be loaded is told by `/readyz`: it is a fault of the installation, and of no task.
+    """
+    try:
+        for name in REFERENCE_TASKS:
+            sent = parse_json(resources.files("assets").joinpath("tasks", name).read_bytes())
+            accept_task(sent, ShippedCells(), tools=state.tools)
+        load_cells()
+    except LiftwrightError as error:
+        log.error("what is shipped cannot be loaded", error=str(error))
+        state.unloadable = str(error)
 
 
 def write_openapi(path: Path) -> None:

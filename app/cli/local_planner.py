@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -27,6 +28,9 @@ from workers.loading import loading
 from workers.settings import WorkerSettings
 from workers.solver.progress import ProgressScale
 from workers.solver.protocol import SolverRequest
+
+if TYPE_CHECKING:
+    from workers.solver.pipeline import Pipeline
 
 HANDOVERS = "handovers"
 """Stage that is reported only where handovers are not found in the data directory."""
@@ -102,15 +106,11 @@ class LocalPlanner:
             raise SceneError(error.pointer, detail) from error
 
     def _plan(self, file: TaskFile, accepted: AcceptedTask) -> Planned:
-        with loading():
-            # Here, because what it loads takes longer than it takes to refuse a task.
-            from workers.solver.pipeline import Pipeline
-
         # A command that only reads a file makes no data directory of its own.
         folder, handovers = self._settings.data_dir, self._settings.handovers_dir
         keeps = folder.is_dir() or "data_dir" in self._settings.model_fields_set
         kept = f"kept in {handovers}" if keeps else f"not kept: no {folder} here, and no --data-dir"
-        pipeline = Pipeline.load(handovers if keeps else None)
+        pipeline = _pipeline().load(handovers if keeps else None)
         with ProgressBar(file.stem) as bar:
             task, begun = write_task(accepted), set[str]()
             scale = ProgressScale.of(task)
@@ -166,3 +166,12 @@ def _named(sent: Any, scene: SceneDocument) -> dict[str, Any]:
         raise SceneError("/kind", "only tasks of suction tools take their objects from a scene", ["suction_tool"])
     name = hashlib.sha256(scene.model_dump_json().encode()).hexdigest()[:32]
     return {**sent, "scene_id": sent.get("scene_id") or name}
+
+
+@cache
+def _pipeline() -> type[Pipeline]:
+    """Import what plans, once: that takes longer than it takes to refuse a task."""
+    with loading():
+        from workers.solver.pipeline import Pipeline
+
+        return Pipeline

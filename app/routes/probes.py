@@ -42,6 +42,8 @@ async def readyz(request: Request) -> dict[str, str]:
     except DATABASE_GONE as error:
         log.warning("database cannot be used", error=said_by(error))
         raise NotReady("the database cannot be reached, or takes no writes; the log says why") from error
+    if request.app.state.unloadable is not None:
+        raise NotReady("a shipped cell cannot be loaded; the log says why")
     supervisor: Supervisor = request.app.state.supervisor
     if stuck := supervisor.stuck:
         raise NotReady(f"what does not get on, as the log says: {', '.join(stuck)}")

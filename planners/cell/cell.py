@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from threading import Lock
 from types import MappingProxyType
 
 import numpy as np
@@ -185,6 +186,9 @@ def load_cell(name: str) -> Cell:
     return _load(shelf.find("cells", name), shelf)
 
 
+_LOADING = Lock()
+
+
 class ShippedCells(Mapping[str, Cell]):
     """The shipped cells by name, each of which is loaded when it is first asked for, and others beside them."""
 
@@ -197,7 +201,9 @@ class ShippedCells(Mapping[str, Cell]):
             return self._others[name]
         if name not in known_cells():
             raise KeyError(name)
-        return load_cell(name)
+        # One of several threads that ask at once loads it: there is one value of each cell.
+        with _LOADING:
+            return load_cell(name)
 
     def __contains__(self, name: object) -> bool:
         return name in self._others or name in known_cells()

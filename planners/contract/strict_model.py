@@ -69,7 +69,12 @@ def _descriptions(model: type) -> dict[str, str]:
     """Return the strings below the annotated members of a class's own source, by member."""
     if not issubclass(model, DescribedModel):
         return {}
-    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
+    try:
+        source = inspect.getsource(model)
+    except OSError:
+        # Installed without its sources: a schema that describes less is better than none.
+        return {}
+    (definition,) = ast.parse(textwrap.dedent(source)).body
     assert isinstance(definition, ast.ClassDef)
     return {
         member.target.id: inspect.cleandoc(below.value.value)

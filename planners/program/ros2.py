@@ -181,7 +181,8 @@ TO MOVE ROBOTS
   - Between two samples the plan is the cubic with the positions and velocities there. A joint_trajectory_controller
     takes that cubic if it is sent no accelerations, else a quintic that is within {_quintic(plan):.1e} rad of it.
   - Before a step set the payload that trajectories.json states, and fingers and vacuum as the bag says; wait until
-    fingers have closed before the next step begins.
+    fingers have closed before the next step begins. Of a payload, mass is in kg and com in m in <arm>_flange, the hand
+    included; width is in m, squeeze the force of each pad in N.
   - Check that the arms are where the first step begins, to 0.01 rad.
   - The lift behind a vacuum lifter follows what wrists feel, and is not in here.
 

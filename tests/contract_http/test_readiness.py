@@ -15,11 +15,12 @@ from fastapi import FastAPI
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
 from support.serving import served
 
+from app import create_app as create_app_module
 from app.create_app import create_app
 from app.resources.plan_feed import PlanFeed
 from app.serve import LoadedWhileServing
 from app.settings import ServiceSettings
-from planners.errors import LiftwrightError
+from planners.errors import AssetError, LiftwrightError
 from workers.engine import supervisor, worker
 from workers.engine.takeover import Takeover
 from workers.engine.worker import Worker
@@ -137,3 +138,18 @@ def test_a_service_that_still_loads_stops_when_it_is_told_to() -> None:
         assert client.get("/readyz").status_code == 503
     loaded.set()
     assert service.failure is None
+
+
+def test_a_service_whose_shipped_cells_cannot_be_loaded_is_not_ready(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> None:
+        raise AssetError("a mesh of ur3e is missing")
+
+    monkeypatch.setattr(create_app_module, "load_cells", missing)
+    settings = ServiceSettings(
+        data_dir=tmp_path, solver_command=FAKE_SOLVER, study_command=FAKE_EXAMINER, worker_slots=1
+    )
+    with served(settings) as address:
+        wait_for(lambda: httpx.get(f"{address}/readyz").status_code == 503, 30.0)
+        assert "a shipped cell cannot be loaded" in httpx.get(f"{address}/readyz").json()["detail"]

@@ -69,7 +69,7 @@ def launch(
             return subprocess.Popen(command, cwd=ROOT, env=environment)
         with told.open("ab") as file:
             return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=file, stderr=file)
-    process = _forks().Process(target=_run, args=(list(words), environment, told), daemon=False)
+    process = _forks().Process(target=_run, args=(list(words), environment, told), daemon=True)
     process.start()
     return _Fork(process)
 
@@ -86,6 +86,7 @@ class _Fork:
         self._process.join(timeout)
         code = self.poll()
         if code is None:
+            self._process.kill()
             raise TimeoutError(f"process {self.pid} has not ended within {timeout} s")
         return code
 

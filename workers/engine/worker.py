@@ -128,8 +128,11 @@ class Worker:
             self._takeover.stop()
 
     async def _tell_when_loaded(self) -> None:
-        await self._pool.loaded()
-        log.info("solvers are loaded", slots=self._settings.worker_slots)
+        loaded, slots = await self._pool.loaded(), self._settings.worker_slots
+        if loaded == slots:
+            log.info("solvers are loaded", slots=slots)
+        else:
+            log.warning("not all solvers could be loaded", loaded=loaded, slots=slots)
 
     def _watch(self) -> None:
         """Have everything looked after that no request and no job would see to."""

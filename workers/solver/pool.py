@@ -220,9 +220,10 @@ class SolverPool:
         for _ in range(self._slots):
             self._get_ready(None)
 
-    async def loaded(self) -> None:
-        """Wait until the children are ready, or have failed to be."""
-        await asyncio.wait(self._waiting)
+    async def loaded(self) -> int:
+        """Wait until the children are ready, or have failed to be; returns how many are ready."""
+        done, _ = await asyncio.wait(self._waiting)
+        return sum(not child.cancelled() and child.result() is not None for child in done)
 
     async def close(self) -> None:
         """End all children that wait; those that work end with their jobs."""

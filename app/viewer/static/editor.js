@@ -378,12 +378,17 @@ class Editor {
     });
     const body = JSON.stringify({ task: { ...task, cup: { ...task.cup, position: task.cup.position ?? [0, 0] } }, axes });
     byId("cup-study").disabled = true;
-    const answer = await fetch("../v1/studies", { method: "POST", headers: { "Content-Type": "application/json" }, body });
-    const told = await answer.json();
-    byId("cup-study").disabled = false;
-    byId("cup-map").hidden = !answer.ok;
-    if (answer.ok) byId("cup-map").href = told.links.view;
-    else [byId("planning").hidden, byId("plan-progress").hidden, byId("plan-status").textContent] = [false, true, told.detail];
+    byId("cup-map").hidden = true;
+    try {
+      const answer = await fetch("../v1/studies", { method: "POST", headers: { "Content-Type": "application/json" }, body });
+      const told = await answer.json();
+      if (!answer.ok) throw new Error(told.detail);
+      [byId("cup-map").href, byId("cup-map").hidden] = [told.links.view, false];
+    } catch (error) {
+      [byId("planning").hidden, byId("plan-progress").hidden, byId("plan-status").textContent] = [false, true, error.message];
+    } finally {
+      byId("cup-study").disabled = false;
+    }
   }
 
   /** Tell how a plan comes on, until it has ended or another one is asked for. */
