@@ -18,6 +18,7 @@ LONG_FIRST = (
     "acceptance/",
     "viewer/test_documents_in_browser",
     "viewer/",
+    "robot/test_execution",
     "regrasp/test_hard_objects",
     "manipulation/",
     "remedies/",
