@@ -15,7 +15,7 @@ from planners.cell.cell import load_cells
 from tests.benchmarks.attempt_file import AttemptFile, Unfinished
 from tests.benchmarks.bench_random_lifts import RandomLiftFigures
 from tests.benchmarks.certified_plan import BROKEN, SOLVED, UNCERTIFIED
-from tests.benchmarks.lift_attempt import INFEASIBLE, NOT_FOUND, LiftAttempt
+from tests.benchmarks.lift_attempt import DENSITIES, INFEASIBLE, NOT_FOUND, LiftAttempt
 from tests.benchmarks.random_lift_report import limits, sections
 from tests.benchmarks.random_lifts import (
     BOARDED,
@@ -32,6 +32,7 @@ from tests.benchmarks.random_lifts import (
 )
 
 SEEDS = range(60)
+DENSEST = DENSITIES[0]
 
 
 def lift(seed: int, outcome: str = SOLVED, density: float | None = None, **figures) -> LiftAttempt:
@@ -58,18 +59,22 @@ def text_of(*attempts: LiftAttempt) -> str:
 def test_every_unsolved_lift_is_listed_with_its_reason_and_what_a_denser_search_said() -> None:
     text = text_of(
         lift(1), lift(2, INFEASIBLE), lift(3, NOT_FOUND), lift(4, NOT_FOUND), lift(5, UNCERTIFIED, reason="slips"),
-        lift(3, density=3.0), lift(4, NOT_FOUND, 2.0),
+        lift(3, density=DENSEST), lift(4, NOT_FOUND, DENSITIES[1]),
     )  # fmt: skip
     assert re.search(r"seed 2, infeasible: what became of 2", text)
-    assert re.search(r"seed 3, not_found \(×3: solved\): what became of 3", text)
-    assert re.search(r"seed 4, not_found \(×2: not_found\): what became of 4", text)
+    assert f"seed 3, not_found (×{DENSEST:g}: solved): what became of 3" in text
+    assert f"seed 4, not_found (×{DENSITIES[1]:g}: not_found): what became of 4" in text
     assert re.search(r"seed 5, certificate failed: slips", text)
     assert not re.search(r"seed 1,", text)
 
 
 @pytest.mark.parametrize(
     "attempts",
-    [(lift(1, reserve=0.1, length=9, contact_changes=3),), (lift(1),), (lift(1, NOT_FOUND), lift(1, NOT_FOUND, 3.0))],
+    [
+        (lift(1, reserve=0.1, length=9, contact_changes=3),),
+        (lift(1),),
+        (lift(1, NOT_FOUND), lift(1, NOT_FOUND, DENSEST)),
+    ],
 )
 def test_all_rows_of_a_table_are_as_wide_as_its_head_whatever_came_out(attempts: tuple[LiftAttempt, ...]) -> None:
     for block in re.findall(r"(?:^\|.*\n)+", text_of(*attempts), re.MULTILINE):
@@ -80,13 +85,13 @@ def test_wrong_answers_and_broken_plans_break_limits() -> None:
     def kept(*attempts: LiftAttempt) -> list[bool]:
         return [limit.kept for limit in limits(figures_of(*attempts))[:2]]
 
-    lost = [attempt for seed in range(100) for attempt in (lift(seed, NOT_FOUND), lift(seed, NOT_FOUND, 3.0))]
+    lost = [attempt for seed in range(100) for attempt in (lift(seed, NOT_FOUND), lift(seed, NOT_FOUND, DENSEST))]
     assert kept(*lost) == [True, True]
     right = [attempt for attempt in lost if not (attempt.dense and attempt.seed < 3)]
-    assert kept(*right, lift(0, density=3.0), lift(1, density=3.0), lift(2, NOT_FOUND, 3.0)) == [True, True]
-    assert kept(*right, *(lift(seed, density=3.0) for seed in range(3))) == [True, False]
+    assert kept(*right, lift(0, density=DENSEST), lift(1, density=DENSEST), lift(2, NOT_FOUND, DENSEST)) == [True, True]
+    assert kept(*right, *(lift(seed, density=DENSEST) for seed in range(3))) == [True, False]
     assert kept(lift(1), lift(2, UNCERTIFIED)) == [False, True]
-    assert kept(lift(1, NOT_FOUND), lift(1, BROKEN, 3.0)) == [False, True]
+    assert kept(lift(1, NOT_FOUND), lift(1, BROKEN, DENSEST)) == [False, True]
 
 
 def test_a_run_in_pieces_makes_no_attempt_twice_and_keeps_their_order(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from support.service import FAKE_SOLVER, task
 from support.serving import served
 
 from app import task_intake
+from app.resources import plan_collection
 from app.settings import ServiceSettings
 from planners.contract.task_spec import read_task, write_task
 from planners.errors import SceneError
@@ -57,7 +58,7 @@ def test_an_upgrade_that_adds_a_member_with_a_default_does_not_make_it_another_t
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = post(client, task(), "upgrade").raise_for_status().json()
-    monkeypatch.setattr(task_intake, "write_task", with_a_new_member)
+    monkeypatch.setattr(plan_collection, "write_task", with_a_new_member)
     again = post(client, task(), "upgrade")
     assert (again.status_code, again.json().get("id")) == (202, first["id"])
 

@@ -179,13 +179,13 @@ def torque_at_the_pad(cup: SuctionLifter, plate: Array, wrench: Array) -> Array:
     return wrench[3:] - skew(place - plate[3]) @ wrench[:3]
 
 
-TURNED = (rotation_from_vector([0.4, -0.2, 0.7]), np.array([0.3, 0.0, 1.2]), np.zeros(3), np.zeros(3))
+TURNED = standing(rotation_from_vector([0.4, -0.2, 0.7]), np.array([0.3, 0.0, 1.2]))
 
 
 def given(cup: SuctionLifter, pull: float, torque: Array) -> tuple[Array, Array]:
     """The torques about the pad, (3,) each in world axes, of `give` and of `hoist`."""
     place, velocity = at_rest(cup, TURNED)
-    force = pull * TURNED[0] @ np.array([0.0, 0.0, 1.0])
+    force = pull * TURNED[:3] @ np.array([0.0, 0.0, 1.0])
     manipulated = cup.give(np.concatenate([force, torque]), place, velocity, TURNED, STEP)
     cup.hang(TURNED, torque)
     return torque_at_the_pad(cup, TURNED, manipulated), torque_at_the_pad(cup, TURNED, cup.hoist(0.0, 0.0, TURNED))
@@ -195,7 +195,7 @@ def test_a_cup_gives_a_planned_torque_that_its_pad_bears(scene) -> None:
     pad, kappa = scene.cup, 20.0
     bending = np.pi * pad.radius * kappa / np.sqrt(2.0)
     twist = ContactSettings().friction_factor * pad.mu * pad.radius * 0.5 * pad.max_force
-    torque = TURNED[0] @ pad.T_plate_cup[:3, :3] @ [0.99 * bending, -0.99 * bending, 0.99 * twist]
+    torque = TURNED[:3] @ pad.T_plate_cup[:3, :3] @ [0.99 * bending, -0.99 * bending, 0.99 * twist]
     for got in given(stiff(scene, kappa), 0.5 * pad.max_force, torque):
         assert got == pytest.approx(torque)
 
@@ -204,13 +204,13 @@ def test_a_cup_gives_no_more_torque_about_each_axis_than_its_pad_bears(scene) ->
     pad, kappa = scene.cup, 20.0
     limit = SuctionPad(Cup(pad.T_plate_cup, pad.radius, pad.max_force, pad.mu, kappa), 0.0, pad.mu)
     bending = limit.bending_limit * pad.radius
-    axes = TURNED[0] @ pad.T_plate_cup[:3, :3]
+    axes = TURNED[:3] @ pad.T_plate_cup[:3, :3]
     for got in given(stiff(scene, kappa), 0.5 * pad.max_force, axes @ [0.5 * bending, -3.0 * bending, 0.0]):
         assert axes.T @ got == pytest.approx([0.5 * bending, -bending, 0.0])
 
 
 def test_a_cup_that_is_nearly_a_hinge_gives_nearly_no_bending(scene) -> None:
     hinge = stiff(scene, 0.005)
-    axes = TURNED[0] @ scene.cup.T_plate_cup[:3, :3]
+    axes = TURNED[:3] @ scene.cup.T_plate_cup[:3, :3]
     for got in given(hinge, 0.5 * scene.cup.max_force, axes @ [1.6, 1.6, 0.0]):
         assert np.linalg.norm(got) < 0.001
