@@ -47,7 +47,7 @@ def plan_lift(
         progress: told what is being done; may raise `PlanningCancelled`.
         memory: of the reach in other lifts, to which this one's is added; the plan is the same without it.
         persistent: whether to try denser samplings where nothing is found. What is found without is found with them.
-        explained: whether to look for the causes where nothing is found; that takes as long as all the rest.
+        explained: whether to look for the causes where nothing is found; that takes balances of its own.
     """
     planner = PlateLiftPlanner(scene, settings, progress, memory)
     plan = planner.plan(explained=explained and settings.reserve == 0.0)
