@@ -27,8 +27,8 @@ STOP_ACCELERATION = 40.0
 """Of the joints when a program stops by itself: from 3 rad/s they stand still in less than 0.1 s [rad/s²]."""
 FASTEST_LIFT = 0.25
 """The hands never rise faster behind a lifter [m/s]."""
-LIFT_ACCELERATION = 1.0
-"""With which hands take on the law's speed [m/s²]."""
+LIFT_ACCELERATION = 4.0
+"""With which hands take on the law's speed, and brake: from the fastest they stand still in less than 0.1 s [m/s²]."""
 LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
 SHARE_RATE = 16.0

@@ -29,7 +29,7 @@ from planners.contract.task_spec import PlateLiftTask
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.schedule import ProgramStep, Schedule
-from planners.program.urscript import LIFT_ACCELERATION, ProgramState
+from planners.program.urscript import ProgramState
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.executor import Confirm, Execution, ExecutionSettings, Executor
@@ -442,15 +442,14 @@ def test_hands_follow_whoever_raises_the_lifter_unevenly(lift: Schedule, seed: i
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_cup_that_lets_go_leaves_both_hands_at_rest_with_the_plate(lift: Schedule, seed: int) -> None:
-    """What the lifter bore comes on the hands at once: they brake as hard as they may, and nothing goes down."""
+    """What the lifter bore comes on the hands at once: they rise no more, and nothing goes down."""
     slip = 1.0
     _, lifter, recordings = executed(lift, seed, slip + 0.5, lets_go=slip)
     assert lifter is not None
     rises = np.diff([each.followed for each in lifter.samples])
     times = np.array([each.time for each in lifter.samples[1:]])
     assert rises[times < slip].max() > 1e-6, "they stood still before"
-    fastest = rises.max() / CYCLE
-    assert np.abs(rises[times > slip + STANDSTILL + fastest / LIFT_ACCELERATION]).max() < 1e-9
+    assert np.abs(rises[times > slip + STANDSTILL]).max() < 1e-9
     assert rises.min() > -1e-9
     for recording in recordings.values():
         assert (recording.safety_mode == NORMAL).all()
