@@ -95,7 +95,7 @@ class PlateLiftPlanner:
             return proof
         if not self.fits:
             return too_large(self.sampling, self.record.rejections, self.reach.edge_count)
-        return self.planned(self.begin(), explained=explained)
+        return self.planned(self.begin(), explained=explained, thorough=explained)
 
     def proof(self) -> LiftPlan | None:
         """Return the answer where it takes no search: that there is no plan. None where a search has to tell."""

@@ -28,14 +28,15 @@ class MotionFailure:
     alone: bool
     """Whether this holds only where the other arm idles."""
 
-    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges (edges,) it kills."""
-        node = graph.edge_nodes[:, 0]
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
+        """Return the edges (n,) that it kills."""
+        edges = graph.transfers(self.motion)
+        node = graph.edge_nodes[edges, 0]
         mine, others = _numbers(graph, self.hand)
         dead = np.isin(mine[node], _without(graph, self.hand, self.index, self.survivors))
         if self.alone:
             dead &= others[node] == 0
-        return dead & (graph.edge_motion == self.motion)
+        return edges[dead]
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,9 @@ class BlockedMotion:
 
     motion: int
 
-    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges (edges,) it kills."""
-        return graph.edge_motion == self.motion
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
+        """Return the edges (n,) that it kills."""
+        return graph.transfers(self.motion)
 
 
 @dataclass(frozen=True)
@@ -58,15 +59,12 @@ class TransitFailure:
     index: int
     survivors: int
 
-    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges (edges,) it kills."""
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
+        """Return the edges (n,) that it kills."""
+        edges = graph.transits(self.pose, self.hand)
         mine, _ = _numbers(graph, self.hand)
         poor = _without(graph, self.hand, self.index, self.survivors)
-        return (
-            _changes(graph, self.hand)
-            & (graph.node_pose[graph.edge_nodes[:, 0]] == self.pose)
-            & np.isin(mine[graph.edge_nodes].max(axis=1), poor)
-        )
+        return edges[np.isin(mine[graph.edge_nodes[edges, 1]], poor)]
 
     def nodes(self, graph: ManipulationStateGraph) -> Iterator[int]:
         """Return the start nodes it kills: a plan begins with a hand that comes, on no edge of the graph."""
@@ -87,9 +85,10 @@ class RiseFailure:
     index: int
     survivors: int
 
-    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges (n,) it kills: none."""
-        return np.zeros(len(graph.edge_motion), bool)
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
+        """Return the edges (n,) that it kills: none."""
+        del graph
+        return np.empty(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -102,16 +101,18 @@ class PairFailure:
     pose: int | None = None
     changing: Hand | None = None
 
-    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges (edges,) it kills."""
-        grips = [n for n, hold in enumerate(graph.grips, start=1) if _within(hold, self.grip)]
-        pushes = [n for n, hold in enumerate(graph.pushes, start=1) if _within(hold, self.push)]
-        ends = graph.edge_nodes
-        dead = np.isin(graph.node_grip[ends].max(axis=1), grips) & np.isin(graph.node_push[ends].max(axis=1), pushes)
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
+        """Return the edges (n,) that it kills."""
         if self.motion is not None:
-            return dead & (graph.edge_motion == self.motion)
-        assert self.changing is not None
-        return dead & _changes(graph, self.changing) & (graph.node_pose[ends[:, 0]] == self.pose)
+            edges = graph.transfers(self.motion)
+        else:
+            assert self.pose is not None
+            assert self.changing is not None
+            edges = graph.transits(self.pose, self.changing)
+        # Both hands are there at the second end of either.
+        node = graph.edge_nodes[edges, 1]
+        of_grip, of_push = _holds_within(graph.grips, self.grip), _holds_within(graph.pushes, self.push)
+        return edges[of_grip[graph.node_grip[node]] & of_push[graph.node_push[node]]]
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,8 @@ class EdgeFailure:
     """One edge was given up, told by its two nodes so that it can be found again in a graph with split holds."""
 
     ends: tuple[_NodeKey, _NodeKey]
+    motion: int
+    """Of the plate; -1: a hand comes or goes."""
 
     @classmethod
     def of(cls, graph: ManipulationStateGraph, edge: int) -> EdgeFailure:
@@ -142,12 +145,17 @@ class EdgeFailure:
         one, other = (
             _NodeKey(int(graph.node_pose[node]), *graph.hold_of(int(node))) for node in graph.edge_nodes[edge]
         )
-        return cls((one, other))
+        return cls((one, other), int(graph.edge_motion[edge]))
 
-    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which edges (edges,) it kills."""
-        one, other = (end.nodes(graph)[graph.edge_nodes] for end in self.ends)
-        return (one[:, 0] & other[:, 1]) | (one[:, 1] & other[:, 0])
+    def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
+        """Return the edges (n,) that it kills."""
+        if self.motion < 0:
+            pose = self.ends[0].pose
+            edges = np.concatenate([graph.transits(pose, "push"), graph.transits(pose, "grip")])
+        else:
+            edges = graph.transfers(self.motion)
+        one, other = (end.are(graph, graph.edge_nodes[edges]) for end in self.ends)
+        return edges[(one[:, 0] & other[:, 1]) | (one[:, 1] & other[:, 0])]
 
 
 @dataclass(frozen=True)
@@ -158,12 +166,12 @@ class _NodeKey:
     grip: HandHold | None
     push: HandHold | None
 
-    def nodes(self, graph: ManipulationStateGraph) -> NDArray[np.bool_]:
-        """Return which nodes (nodes,) it, or parts of it, are."""
+    def are(self, graph: ManipulationStateGraph, nodes: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Return which of some nodes (...,) are it, or parts of it."""
         return (
-            (graph.node_pose == self.pose)
-            & _holds_within(graph.grips, self.grip)[graph.node_grip]
-            & _holds_within(graph.pushes, self.push)[graph.node_push]
+            (graph.node_pose[nodes] == self.pose)
+            & _holds_within(graph.grips, self.grip)[graph.node_grip[nodes]]
+            & _holds_within(graph.pushes, self.push)[graph.node_push[nodes]]
         )
 
 
@@ -207,7 +215,7 @@ class Failures:
 
     def _apply_unbalanced(self, motion: int, graph: ManipulationStateGraph) -> int:
         impossible = self._balance.impossible_holds(motion)
-        edges = np.flatnonzero(graph.edge_motion == motion)
+        edges = graph.transfers(motion)
         node = graph.edge_nodes[edges, 0]
         grip_row = np.array([0, *(hold.index + 1 for hold in graph.grips)])[graph.node_grip[node]]
         push_row = np.array([0, *(hold.index + 1 for hold in graph.pushes)])[graph.node_push[node]]
@@ -221,7 +229,7 @@ def _apply(failure: GraphFailure, graph: ManipulationStateGraph) -> int:
         graph.lost_starts.update(lost)
         killed += len(lost)
     if not isinstance(failure, LoneTransitFailure):
-        killed += _kill(graph, np.flatnonzero(failure.edges(graph)))
+        killed += _kill(graph, failure.edges(graph))
     return killed
 
 
@@ -235,13 +243,6 @@ def _kill(graph: ManipulationStateGraph, edges: NDArray[np.int64]) -> int:
 def _numbers(graph: ManipulationStateGraph, hand: Hand) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the nodes' hold numbers of a hand, and of the other."""
     return (graph.node_grip, graph.node_push) if hand == "grip" else (graph.node_push, graph.node_grip)
-
-
-def _changes(graph: ManipulationStateGraph, hand: Hand) -> NDArray[np.bool_]:
-    """Return the edges on which a hand comes or goes."""
-    mine, _ = _numbers(graph, hand)
-    ends = mine[graph.edge_nodes]
-    return graph.edge_kind & (ends[:, 0] != ends[:, 1])
 
 
 def _without(graph: ManipulationStateGraph, hand: Hand, index: int, survivors: int) -> list[int]:

@@ -8,6 +8,7 @@ of two holds, at one plate pose, where one hold is a subset of the other.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -18,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 
 from planners.graph.search import DEAD, Knowledge, StateGraph, graph_from_edges, whole
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
+from planners.manipulation.reach.hand_reach import Hand
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,9 @@ class ManipulationStateGraph:
     """(E, 2)"""
     edge_motion: NDArray[np.int32]
     """(E,) the DCSG edge of a TRANSFER, -1 for a TRANSIT."""
+    first_transits: tuple[int, int]
+    """The first edge on which the push comes or goes, and the first on which the grip does. Transfers stand before
+    them, ordered by motion; each kind of transit is ordered by pose."""
     starts: tuple[int, ...]
     goal: NDArray[np.bool_]
     heuristic: NDArray[np.int64]
@@ -86,6 +91,22 @@ class ManipulationStateGraph:
     def kind(self, edge: int) -> EdgeKind:
         """Return what happens on an edge."""
         return EdgeKind.TRANSIT if self.edge_kind[edge] else EdgeKind.TRANSFER
+
+    def transfers(self, motion: int) -> NDArray[np.int64]:
+        """Return the edges (n,) on which the plate makes a motion of the DCSG."""
+        among = self.edge_motion[: self.first_transits[0]]
+        return np.arange(*np.searchsorted(among, (motion, motion + 1)))
+
+    def transits(self, pose: int, changing: Hand) -> NDArray[np.int64]:
+        """Return the edges (n,) on which a hand comes or goes at a pose, to the second node of each."""
+        push, grip = self.first_transits
+        among = range(push, grip) if changing == "push" else range(grip, len(self.edge_motion))
+        begin, end = (bisect_left(among, at, key=self._pose_of) for at in (pose, pose + 1))
+        return np.arange(among.start + begin, among.start + end)
+
+    def _pose_of(self, edge: int) -> int:
+        """Return the pose at the first end of an edge."""
+        return int(self.node_pose[self.edge_nodes[edge, 0]])
 
     def unexamined(self) -> ManipulationStateGraph:
         """Return a copy to be examined; call it while nothing is known of this one."""
@@ -148,9 +169,10 @@ def build_graph(
     number[candidate] = np.arange(len(node_pose), dtype=np.int32)
 
     transfer = _transfer_edges(poses, number)
-    transit = _transit_edges(number)
-    nodes = np.concatenate([transfer[0], transit])
-    motion = np.concatenate([transfer[1], np.full(len(transit), -1, np.int32)])
+    push_comes, grip_comes = _transit_edges(number)
+    nodes = np.concatenate([transfer[0], push_comes, grip_comes])
+    transits = len(push_comes) + len(grip_comes)
+    motion = np.concatenate([transfer[1], np.full(transits, -1, np.int32)])
     is_transit = motion < 0
 
     rank = np.array([pose.restraint for pose in poses.poses])
@@ -174,6 +196,7 @@ def build_graph(
         edge_kind=is_transit,
         edge_nodes=nodes,
         edge_motion=motion,
+        first_transits=(len(transfer[0]), len(transfer[0]) + len(push_comes)),
         starts=tuple(int(n) for n in np.nonzero((node_pose == poses.flat) & single)[0]),
         goal=high[node_pose] & (node_grip > 0) & (node_push > 0),
         heuristic=whole(np.array([_cheapest_lift(costs, r) for r in rank]))[node_pose],
@@ -206,7 +229,7 @@ def _candidates(
 def _transfer_edges(
     poses: DenseContactStateGraph, number: NDArray[np.int32]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Edges inside the graph of each hold: (E, 2) nodes, and the DCSG edge of each."""
+    """Edges inside the graph of each hold: (E, 2) nodes, and the DCSG edge of each, by which they are ordered."""
     nodes, motions = [np.empty((0, 2), np.int32)], [np.empty(0, np.int32)]
     for k, (i, j) in enumerate(poses.edges):
         both = (number[i] >= 0) & (number[j] >= 0)
@@ -215,16 +238,21 @@ def _transfer_edges(
     return np.concatenate(nodes), np.concatenate(motions)
 
 
-def _transit_edges(number: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Edges between holds of which one is a subset of the other, at one pose: a pair and each of its hands."""
+def _transit_edges(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Edges (E, 2) between holds of which one is a subset of the other, at one pose: of each hand and a pair.
+
+    Returns:
+        Those on which the push comes or goes, and those on which the grip does, each ordered by pose.
+    """
     pairs = number[:, 1:, 1:]
     grip_alone = np.broadcast_to(number[:, 1:, :1], pairs.shape)
     push_alone = np.broadcast_to(number[:, :1, 1:], pairs.shape)
-    found = []
-    for alone in (grip_alone, push_alone):
+
+    def with_a_pair(alone: NDArray[np.int32]) -> NDArray[np.int32]:
         there = (pairs >= 0) & (alone >= 0)
-        found.append(np.column_stack([alone[there], pairs[there]]))
-    return np.concatenate(found)
+        return np.column_stack([alone[there], pairs[there]])
+
+    return with_a_pair(grip_alone), with_a_pair(push_alone)
 
 
 def _motion_costs(poses: DenseContactStateGraph, rank: NDArray[np.int64], costs: TransitionCost) -> NDArray[np.float64]:
