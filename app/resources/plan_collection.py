@@ -24,7 +24,7 @@ from app.errors import (
 from app.resources.queries import PlanQuery, page_of
 from app.resources.schemas import PlanResource, plan_address, plan_resource
 from planners.contract.task_spec import TaskSpec, read_task, write_task
-from workers.stores.job_queue import JobQueue
+from workers.stores.job_queue import JobQueue, Pace
 from workers.stores.jobs import Job, JobOrder, JobState
 from workers.stores.plan_store import (
     NO_ORDER,
@@ -37,7 +37,7 @@ from workers.stores.plan_store import (
     fingerprint,
 )
 from workers.stores.plan_writer import PlanWriter
-from workers.stores.tables import AuditRow, Position
+from workers.stores.tables import AuditRow, Position, now_us
 
 NEW_JOB = Job(JobState.QUEUED, None, None)
 
@@ -143,8 +143,8 @@ class PlanCollection:
         owner = None if self._caller.scope is Scope.ADMIN else self._caller.owner
         shown, position = page_of(self.store.newest(size + 1, query.position, query.filter(owner)), size)
         jobs = self.queue.jobs([record.id for record in shown])
-        places = self._places(jobs)
-        plans = [self._resource(record, jobs[record.id], places) for record in shown if record.id in jobs]
+        places, pace = self._places(jobs)
+        plans = [self._resource(record, jobs[record.id], places, pace) for record in shown if record.id in jobs]
         # A job may have gone on since it was found.
         return [plan for plan in plans if query.state in (None, plan.state)], position
 
@@ -206,18 +206,21 @@ class PlanCollection:
         jobs = self.queue.jobs([record.id])
         if record.id not in jobs:
             raise PlanNotFound(record.id)
-        return self._resource(record, jobs[record.id], self._places(jobs))
+        return self._resource(record, jobs[record.id], *self._places(jobs))
 
-    def _places(self, jobs: Mapping[str, Job]) -> dict[str, int]:
-        """Return the places in the queue of those that wait."""
+    def _places(self, jobs: Mapping[str, Job]) -> tuple[dict[str, int], Pace | None]:
+        """Return the places in the queue of those that wait, and how fast it goes on."""
         waiting = [plan_id for plan_id, job in jobs.items() if job.state is JobState.QUEUED]
-        return self.queue.places(waiting, self._room.jobs) if waiting else {}
+        if not waiting:
+            return {}, None
+        return self.queue.places(waiting, self._room.jobs), self.queue.pace(self._room.jobs)
 
-    def _resource(self, record: PlanRecord, job: Job, places: Mapping[str, int]) -> PlanResource:
+    def _resource(self, record: PlanRecord, job: Job, places: Mapping[str, int], pace: Pace | None) -> PlanResource:
         # What was stored between the two reads belongs to the state that was read last.
         fresh = self.store.get(record.id) if job.state.done and record.finished_us is None else record
         place = places.get(record.id) if job.state is JobState.QUEUED else None
-        return plan_resource(fresh or record, job, place)
+        expected_us = None if place is None or pace is None else now_us() + round(1e6 * pace.wait(place))
+        return plan_resource(fresh or record, job, place, expected_us)
 
 
 def _refusal(why: NoRoom, room: Room) -> ServiceError:

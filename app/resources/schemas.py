@@ -212,6 +212,9 @@ class PlanResource(Resource):
     state: PlanState
     queue_position: int | None = None
     """Of a job that waits for a worker: 1 if it is the next to begin. None: it does not wait, or for its start."""
+    expected_start: datetime | None = None
+    """When it most likely begins, after how long jobs took of late and how many run at a time. None: it does not wait
+    for a worker, or no job has run yet to tell from."""
     done: bool
     """Whether it will never change again."""
     job_order_state: Literal["AllowedToStart", "Running", "Ended", "Aborted"]
@@ -354,8 +357,17 @@ def plan_address(plan_id: str) -> str:
     return f"/v1/plans/{plan_id}"
 
 
-def plan_resource(record: PlanRecord, job: Job, queue_position: int | None = None) -> PlanResource:
-    """Return the resource of a plan and its job."""
+def plan_resource(
+    record: PlanRecord, job: Job, queue_position: int | None = None, expected_us: int | None = None
+) -> PlanResource:
+    """Return the resource of a plan and its job.
+
+    Args:
+        record: the plan.
+        job: its job.
+        queue_position: see `PlanResource`.
+        expected_us: when it likely begins [microseconds since 1970, UTC].
+    """
     address = plan_address(record.id)
     succeeded = job.state is JobState.SUCCEEDED
     return PlanResource.model_validate(
@@ -369,6 +381,7 @@ def plan_resource(record: PlanRecord, job: Job, queue_position: int | None = Non
             "end_time": _time(record.end_us),
             "state": job.state.value,
             "queue_position": queue_position,
+            "expected_start": _time(expected_us),
             "job_order_state": JOB_ORDER_STATES[job.state],
             "done": job.state.done,
             "outcome": record.outcome if succeeded else None,

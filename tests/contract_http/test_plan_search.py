@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import httpx
@@ -112,12 +113,26 @@ def test_who_waits_is_told_a_place_and_the_next_one_comes_after(
         client.post("/v1/plans", json=task(external_id="waits"), params={"priority": priority}).json()
         for priority in (0, 5)
     )
-    places = [client.get(plan["links"]["self"]).json()["queue_position"] for plan in (early, late)]
+    waiting = [client.get(plan["links"]["self"]).json() for plan in (early, late)]
+    places = [plan["queue_position"] for plan in waiting]
     assert places == [places[0], places[0] + 1]
     assert plans[0]["queue_position"] is None
+    # No job that ended took longer than from its post to its end, and each slot does the next one when it is free.
+    ended = [each for each in found(client) if each["done"]]
+    longest = max(_moment(each["finished_at"]) - _moment(each["created_at"]) for each in ended)
+    now = datetime.now(UTC)
+    early_at, late_at = (_moment(plan["expected_start"]) for plan in waiting)
+    assert early_at < late_at <= now + places[1] * longest / slots + timedelta(seconds=1.0)
+    assert early_at > now - timedelta(seconds=5.0)
+    assert plans[0]["expected_start"] is None
     for plan in (late, early, *in_the_way):
         client.post(plan["links"]["cancel"])
-    assert client.get(late["links"]["self"]).json()["queue_position"] is None
+    cancelled = client.get(late["links"]["self"]).json()
+    assert cancelled["queue_position"] is cancelled["expected_start"] is None
+
+
+def _moment(told: str) -> datetime:
+    return datetime.fromisoformat(told)
 
 
 def test_every_kind_and_state_of_a_plan_can_be_asked_for() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import faulthandler
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -32,4 +34,7 @@ def served(settings: ServiceSettings, *, with_worker: bool = True) -> Iterator[s
     finally:
         server.should_exit = True
         thread.join(timeout=30)
+        if thread.is_alive():
+            # What it still waits for.
+            faulthandler.dump_traceback(sys.__stderr__)
         assert not thread.is_alive()

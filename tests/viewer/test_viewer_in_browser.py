@@ -375,6 +375,9 @@ def test_a_recording_plays_plan_and_simulation_with_no_server(
         page.get_by_role("toolbar", name="Camera").get_by_role("button", name=button).click()
         wait_until_it_differs(page, plain)
     wait_until_it_is_as_before(page, before)
+    # At the start a ghost of the start is hardly seen.
+    drag_to(page, 0.6)
+    wait_until_it_differs(page, before)
     for layer in ("start", "forces"):
         plain = settled(page)
         page.locator(f"#layer-{layer}").click()

@@ -41,8 +41,12 @@ APPLICATION_VERSION = "1"
 PORTABLE_JSON = "portable_json"
 """What the engine writes for `WorkflowSerializationFormat.PORTABLE`."""
 STUDY_ID_LENGTH = 32
+TIMED = (JobState.SUCCEEDED, JobState.FAILED)
+"""How jobs end that were not stopped."""
 TURNS_REMEMBERED = 200
 """Of so many jobs that were begun last it is known whose they were [1]; more owners than that take less even turns."""
+JOBS_TIMED = 50
+"""From so many jobs that were begun last it is told how long one takes [1]."""
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
 
@@ -60,6 +64,20 @@ class Depth:
     def due(self) -> int:
         """How many of them want a worker now."""
         return self.queued + self.running
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast jobs are done of late."""
+
+    running: int
+    """Jobs that run at a time."""
+    seconds: float
+    """Mean duration of those that ended [s]."""
+
+    def wait(self, place: int) -> float:
+        """Return how long a job at a place in the queue waits most likely [s]: those that run are halfway through."""
+        return self.seconds * (place - 0.5) / self.running
 
 
 @dataclass(frozen=True)
@@ -255,6 +273,22 @@ class JobQueue:
         )
         rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
         return {row.workflow_uuid: row.place for row in rows}
+
+    def pace(self, most: int) -> Pace | None:
+        """Return how fast jobs are done; None where none runs, or none of those that were begun last has ended.
+
+        Args:
+            most: jobs that run are counted up to it.
+        """
+        jobs = self._jobs
+        columns = jobs.c.status, jobs.c.started_at_epoch_ms, jobs.c.updated_at
+        begun = sa.select(*columns).where(jobs.c.queue_name == QUEUE, jobs.c.started_at_epoch_ms.is_not(None))
+        latest = begun.order_by(jobs.c.started_at_epoch_ms.desc()).limit(JOBS_TIMED).subquery()
+        ended = latest.c.status.in_([status for status, state in STATE_OF_STATUS.items() if state in TIMED])
+        mean = sa.select(sa.func.avg(latest.c.updated_at - latest.c.started_at_epoch_ms)).where(ended)
+        (found,) = self._database.rows(sa.select(self._count(jobs.c.status == RUNNING, most), mean.scalar_subquery()))
+        running, milliseconds = found
+        return Pace(running, 1e-3 * float(milliseconds)) if running and milliseconds is not None else None
 
     def is_next(self, job: sa.ColumnElement[str]) -> sa.ColumnElement[bool]:
         """Return what holds of the id of that job alone which is to be begun next."""

@@ -348,7 +348,12 @@ function nameOf(plan) {
 }
 
 function progressOf(plan) {
-  if (plan.state === "queued") return plan.queue_position ? `waiting, ${ordinal(plan.queue_position)} in the queue` : "waiting for its start";
+  if (plan.state === "queued") {
+    if (!plan.queue_position) return "waiting for its start";
+    const seconds = Math.round((Date.parse(plan.expected_start) - Date.now()) / 1e3);
+    const begins = seconds > 0 ? `, begins in about ${seconds < 90 ? `${seconds} s` : `${Math.round(seconds / 60)} min`}` : "";
+    return `waiting, ${ordinal(plan.queue_position)} in the queue${begins}`;
+  }
   return `${plan.state} ${Math.round(100 * plan.progress.fraction)} %`;
 }
 
