@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -36,5 +35,5 @@ def served(settings: ServiceSettings, *, with_worker: bool = True) -> Iterator[s
         thread.join(timeout=30)
         if thread.is_alive():
             # What it still waits for.
-            faulthandler.dump_traceback(sys.__stderr__)
+            faulthandler.dump_traceback(2)
         assert not thread.is_alive()

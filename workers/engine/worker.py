@@ -14,6 +14,7 @@ import structlog
 from dbos import DBOS, DBOSConfig, WorkflowSerializationFormat, error
 from dbos._dbos import _get_dbos_instance
 
+from workers.engine.deadline import PatientQuestion
 from workers.engine.executor_lock import AdvisoryLock
 from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, count_failures, delete_old
 from workers.engine.job_runner import JobFailed, JobRunner
@@ -153,7 +154,9 @@ class Worker:
         with suppress(TimeoutError):
             # Without a database the engine's threads wait for it, and cannot be told not to.
             async with asyncio.timeout(GOODBYE_SECONDS):
-                await asyncio.to_thread(DBOS.destroy, destroy_registry=True)
+                # Nor may they hold up the end of this process, as a thread of the loop's own would.
+                left = PatientQuestion(partial(DBOS.destroy, destroy_registry=True)).ask()
+                await asyncio.shield(asyncio.wrap_future(left))
         logging.getLogger("dbos").removeFilter(_is_news)
 
     def _register(self) -> None:
