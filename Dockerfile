@@ -1,4 +1,4 @@
-# One image for API and workers. Not built yet; say so in the README until it was.
+# One image for API and workers. `make fleet` builds and runs it.
 ARG BASE=python:3.11.14-slim-bookworm
 FROM ${BASE} AS source
 WORKDIR /source
@@ -10,9 +10,7 @@ COPY workers ./workers
 RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
 
 FROM ${BASE}
-ARG COMMIT=""
-ENV LIFTWRIGHT_COMMIT=${COMMIT} \
-    LIFTWRIGHT_DATA_DIR=/data \
+ENV LIFTWRIGHT_DATA_DIR=/data \
     NUMBA_CACHE_DIR=/kernels \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1
@@ -32,6 +30,9 @@ RUN pip install --no-cache-dir --constraint /wheels/constraints.txt "$(echo /whe
 USER liftwright
 WORKDIR /home/liftwright
 RUN liftwright warmup
+# Not before: what is above is the same for every commit that changes no file of it.
+ARG COMMIT=""
+ENV LIFTWRIGHT_COMMIT=${COMMIT}
 # The root file system is read-only when it runs. The compiler refuses a cache that it cannot write to, so that each
 # container gets a copy of the kernels.
 VOLUME /data /kernels

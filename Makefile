@@ -9,7 +9,7 @@ CORES := --numprocesses auto --dist loadfile --no-loadscope-reorder
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo demo-robot test test-all check format openapi bench clean
+.PHONY: help setup demo demo-robot test test-all check format openapi fleet bench clean
 
 help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -46,6 +46,9 @@ format: setup ## put code into its format
 
 openapi: setup ## write docs/openapi.json anew, after a change of the HTTP interface
 	@$(BIN)/python -m app.create_app docs/openapi.json
+
+fleet: setup ## build and run the fleet of docker-compose.yml in containers, break, upgrade and restore it; as root, with podman
+	@$(BIN)/python -m tests.deployment.fleet
 
 bench: setup ## benchmarks with progress, into tests/benchmarks/RESULTS.md; PART="lifts kernels" measures these only, "lifts_random --most 40" in pieces
 	@$(BIN)/python -m tests.benchmarks $(PART)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.benchmarks import (
+    fleet_part,
     kernel_part,
     lift_part,
     lifter_part,
@@ -41,6 +42,7 @@ PARTS = {
         Part("load", "The service: under load", service_part.measure_load),
         Part("fuzz", "The service: bad input", service_part.measure_bad_input),
         Part("faults", "The service: killed at random", service_part.measure_faults),
+        Part("fleet", "The service: a fleet in containers", fleet_part.measure),
     )
 }
 """In the order in which they stand in the report."""

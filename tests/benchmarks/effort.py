@@ -50,6 +50,7 @@ class Effort:
     """Where, whether that is PostgreSQL, jobs, kills."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 20_000
+    fleet: bool = True
     piles: tuple[Pile, ...] = PILES
     layouts: int = bench_piles.LAYOUTS
     """Of each pile."""
@@ -77,6 +78,6 @@ QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
-    fuzz_cases=0, random_lifts=2, reserve_runs=1, study_places=2,
+    fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1, study_places=2,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""
