@@ -1,13 +1,22 @@
 # One image for API and workers. `make fleet` builds and runs it.
 ARG BASE=python:3.11.14-slim-bookworm
-FROM ${BASE} AS source
+FROM ${BASE} AS packages
+RUN apt-get update \
+    && apt-get install --no-install-recommends --yes binutils \
+    && rm -rf /var/lib/apt/lists/* /var/cache/apt/*
 WORKDIR /source
 COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY app ./app
 COPY assets ./assets
 COPY planners ./planners
 COPY workers ./workers
-RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels .
+# What nothing of ours reads is a third of it: headers, the physics engine's sample worlds and its symbols, and a solver's
+# second build with another library.
+RUN pip wheel --no-cache-dir --no-deps --wheel-dir /wheels . \
+    && pip install --no-cache-dir --constraint constraints.txt --root /packages "$(echo /wheels/*.whl)[postgres]" \
+    && find /packages -depth \( -path '*/cmeel.prefix/include' -o -name pybullet_data -o -name '_scs_mkl.*' \) \
+        -exec rm -r {} + \
+    && find /packages -name 'pybullet.*.so' -exec strip --strip-unneeded {} +
 
 FROM ${BASE}
 ENV LIFTWRIGHT_DATA_DIR=/data \
@@ -18,15 +27,13 @@ ENV LIFTWRIGHT_DATA_DIR=/data \
 # Pinocchio is linked with OpenMP's library, which a slim image lacks.
 RUN apt-get update \
     && apt-get install --no-install-recommends --yes libgomp1 \
-    && rm -rf /var/lib/apt/lists/*
-
-# The packages are there once, installed: compiled kernels belong to the path of their source.
-COPY --from=source /wheels /source/constraints.txt /wheels/
-RUN pip install --no-cache-dir --constraint /wheels/constraints.txt "$(echo /wheels/*.whl)[postgres]" \
+    && rm -rf /var/lib/apt/lists/* /var/cache/apt/* \
     && useradd --create-home --uid 10001 liftwright \
     && mkdir -p /data /kernels \
     && chown -R liftwright /data /kernels
 
+# The packages are there once, installed: compiled kernels belong to the path of their source.
+COPY --from=packages /packages /
 USER liftwright
 WORKDIR /home/liftwright
 RUN liftwright warmup

@@ -103,6 +103,9 @@ class Containers:
             tree = self.folder / "debian"
             shutil.rmtree(tree, ignore_errors=True)
             self.run("debootstrap", "--variant=minbase", "--include=ca-certificates", "bookworm", tree)
+            for left in ("var/lib/apt/lists", "var/cache/apt"):
+                shutil.rmtree(tree / left)
+                (tree / left).mkdir()
             self.run("tar", "--create", f"--file={self.folder / 'debian.tar'}", f"--directory={tree}", ".")
             self.podman("import", self.folder / "debian.tar", DEBIAN)
             shutil.rmtree(tree)

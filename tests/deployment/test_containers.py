@@ -152,14 +152,16 @@ def test_the_image_is_built_as_linters_ask() -> None:
 
 def test_system_libraries_are_installed_before_packages_need_them_and_leave_no_lists_behind() -> None:
     """Slim images lack OpenMP's library: pinocchio's wheel is linked with it, and does not bring it."""
+    for line in arguments("RUN"):
+        if "apt-get" in line:
+            update, install, clean = (part.strip() for part in line.split("&&")[:3])
+            assert update == "apt-get update"
+            assert install.startswith("apt-get install --no-install-recommends --yes ")
+            assert clean == "rm -rf /var/lib/apt/lists/* /var/cache/apt/*"
     runs = arguments("RUN", FINAL)
     (system,) = [number for number, line in enumerate(runs) if "apt-get" in line]
-    update, install, clean = (part.strip() for part in runs[system].split("&&"))
-    assert update == "apt-get update"
-    assert install.startswith("apt-get install --no-install-recommends --yes ")
-    assert clean == "rm -rf /var/lib/apt/lists/*"
-    assert "libgomp1" in install.split()
-    assert system < next(number for number, line in enumerate(runs) if "pip install" in line)
+    assert "libgomp1" in runs[system].split("&&")[1].split()
+    assert system < runs.index("liftwright warmup")
 
 
 def test_the_image_does_not_run_as_root_and_its_user_is_that_of_compose() -> None:

@@ -2,4 +2,4 @@
 FROM localhost/debian:bookworm-slim
 RUN apt-get update \
     && apt-get install --no-install-recommends --yes python3.11 python3-pip python-is-python3 \
-    && rm -rf /var/lib/apt/lists/* /usr/lib/python3.11/EXTERNALLY-MANAGED
+    && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /usr/lib/python3.11/EXTERNALLY-MANAGED
