@@ -157,8 +157,8 @@ class Fleet:
     def restore(self, file: Path) -> None:
         """Restore the database into an empty one."""
         name = self.names("postgres")[0]
-        self._containers.podman("cp", file, f"{name}:/tmp/backup")
-        self._with_password(name, "pg_restore", "--host=127.0.0.1", "--username=liftwright", "--dbname=liftwright", "/tmp/backup")  # fmt: skip  # noqa: E501
+        self._containers.podman("cp", file, f"{name}:/var/lib/postgresql/data/backup")
+        self._with_password(name, "pg_restore", "--host=127.0.0.1", "--username=liftwright", "--dbname=liftwright", "/var/lib/postgresql/data/backup")  # fmt: skip  # noqa: E501
 
     def down(self) -> None:
         """Take all of it down, with what it kept."""
@@ -166,8 +166,8 @@ class Fleet:
 
     def _into_file(self, file: Path, *words: str) -> None:
         name = self.names("postgres")[0]
-        self._with_password(name, *words, "--file=/tmp/backup")
-        self._containers.podman("cp", f"{name}:/tmp/backup", file)
+        self._with_password(name, *words, "--file=/var/lib/postgresql/data/backup")
+        self._containers.podman("cp", f"{name}:/var/lib/postgresql/data/backup", file)
 
     def _with_password(self, name: str, *words: str) -> None:
         self._containers.podman("exec", f"--env=PGPASSWORD={PASSWORD}", name, *words)
