@@ -88,12 +88,20 @@ class Containers:
         """Tell whether an image is there."""
         return bool(self.podman("images", "--quiet", image).strip())
 
-    def build(self, image: str, file: Path, context: Path, **arguments: str) -> None:
-        """Build an image; what has not changed is taken from the build before."""
+    def build(self, image: str, file: Path, context: Path, *, with_pip: bool = False, **arguments: str) -> None:
+        """Build an image; what has not changed is taken from the build before.
+
+        Args:
+            image: its name.
+            file: the Dockerfile.
+            context: what it may copy.
+            with_pip: whether it installs packages, as pip on this machine does.
+            arguments: of the build.
+        """
         given = [f"--build-arg={name}={value}" for name, value in arguments.items()]
         self.run(
             self._programs / "buildah", "bud", "--isolation=chroot", "--network=host", "--format=docker", "--layers",
-            *self._pip_mounts(), *given, f"--tag={image}", f"--file={file}", context,
+            *(self._pip_mounts() if with_pip else ()), *given, f"--tag={image}", f"--file={file}", context,
         )  # fmt: skip
 
     def make_bases(self) -> None:

@@ -28,6 +28,8 @@ from tests.deployment.containers import BASES, Containers
 
 ROOT = Path(__file__).resolve().parents[2]
 IMAGE = "liftwright:0.1.0"
+BACKUP = "/var/lib/postgresql/data/backup"
+"""Where a container of the database may write."""
 FOLDER = Path("/var/tmp/liftwright-fleet")
 """For images and volumes, some GB."""
 PASSWORD = "p@ss/w:rd#1 %"
@@ -87,7 +89,8 @@ class Fleet:
         """Build the image, and return how long it took [s]."""
         begun = time.monotonic()
         base = next(image for image in BASES if "python" in image)
-        self._containers.build(IMAGE, self.source / "Dockerfile", self.source, BASE=base, COMMIT=commit)
+        file = self.source / "Dockerfile"
+        self._containers.build(IMAGE, file, self.source, with_pip=True, BASE=base, COMMIT=commit)
         return time.monotonic() - begun
 
     def image_bytes(self) -> int:
@@ -157,8 +160,9 @@ class Fleet:
     def restore(self, file: Path) -> None:
         """Restore the database into an empty one."""
         name = self.names("postgres")[0]
-        self._containers.podman("cp", file, f"{name}:/var/lib/postgresql/data/backup")
-        self._with_password(name, "pg_restore", "--host=127.0.0.1", "--username=liftwright", "--dbname=liftwright", "/var/lib/postgresql/data/backup")  # fmt: skip  # noqa: E501
+        self._containers.podman("cp", file, f"{name}:{BACKUP}")
+        words = ("--host=127.0.0.1", "--username=liftwright", "--dbname=liftwright", BACKUP)
+        self._with_password(name, "pg_restore", *words)
 
     def down(self) -> None:
         """Take all of it down, with what it kept."""
@@ -166,8 +170,8 @@ class Fleet:
 
     def _into_file(self, file: Path, *words: str) -> None:
         name = self.names("postgres")[0]
-        self._with_password(name, *words, "--file=/var/lib/postgresql/data/backup")
-        self._containers.podman("cp", f"{name}:/var/lib/postgresql/data/backup", file)
+        self._with_password(name, *words, f"--file={BACKUP}")
+        self._containers.podman("cp", f"{name}:{BACKUP}", file)
 
     def _with_password(self, name: str, *words: str) -> None:
         self._containers.podman("exec", f"--env=PGPASSWORD={PASSWORD}", name, *words)
