@@ -149,6 +149,23 @@ def test_a_transfer_knows_its_motion(case):
             assert ends == {int(i) for i in POSES.edges[motion]}
 
 
+def test_edges_are_found_by_motion_and_by_the_hand_that_comes_or_goes_at_a_pose(case):
+    """Oracle: a look at every edge."""
+    built, _ = case
+    transit = built.edge_motion < 0
+    for motion in range(len(POSES.edges)):
+        assert built.transfers(motion).tolist() == np.flatnonzero(built.edge_motion == motion).tolist()
+    for pose, (hand, mine) in itertools.product(
+        range(len(POSES.poses)), [("grip", built.node_grip), ("push", built.node_push)]
+    ):
+        there = built.node_pose[built.edge_nodes] == pose
+        changes = mine[built.edge_nodes[:, 0]] != mine[built.edge_nodes[:, 1]]
+        found = built.transits(pose, hand)
+        assert found.tolist() == np.flatnonzero(transit & there.all(axis=1) & changes).tolist()
+        both = (built.node_grip > 0) & (built.node_push > 0)
+        assert both[built.edge_nodes[found, 1]].all()
+
+
 def test_plans_start_flat_with_one_hand_and_end_in_the_air_with_both(case):
     built, expected = case
     flat = {node for node in expected.nodes if node[0] == POSES.flat and (node[1] is None or node[2] is None)}
