@@ -105,7 +105,7 @@ class Containers:
         )  # fmt: skip
 
     def make_bases(self) -> None:
-        """Make what stands in for images of a registry, unless it is there."""
+        """Make what stands in for images of a registry; what has not changed is there."""
         if not self.has(DEBIAN):
             self._note("Debian, from its packages")
             tree = self.folder / "debian"
@@ -119,9 +119,8 @@ class Containers:
             shutil.rmtree(tree)
             (self.folder / "debian.tar").unlink()
         for image, file in BASES.items():
-            if not self.has(image):
-                self._note(f"what stands in for {image}")
-                self.build(image, STAND_INS / file, STAND_INS)
+            self._note(f"what stands in for {image}")
+            self.build(image, STAND_INS / file, STAND_INS)
 
     def composer(self) -> str:
         """Return podman-compose, which is installed in an environment of its own: it is no package of ours."""
