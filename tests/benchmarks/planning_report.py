@@ -105,9 +105,9 @@ def _processes(results: PlanningFigures) -> str:
     )
     if service is not None:
         text += (
-            f" `liftwright serve` is ready after {cell(service.start)} s; the first time, with an empty data directory, "
-            f"after {cell(service.first_start)} s. All tasks posted at once take {cell(service.in_a_row)} s each, the start "
-            "of each job's process included."
+            f" `liftwright serve` is ready after {cell(service.start)} s; the first time, with an empty data "
+            f"directory, after {cell(service.first_start)} s. All tasks posted at once take "
+            f"{cell(service.in_a_row)} s each, the start of each job's process included."
         )
     head = ("task", "peak memory [MiB]", "POST to 202 [ms]", "202 to done [s]", "ended as")
     return "\n\n".join(["### Processes and the running service", text, table(head, rows)])
