@@ -34,7 +34,12 @@ cgroup_manager = "cgroupfs"
 events_logger = "file"
 """
 WRAPPER = """#!/bin/sh
-exec {program} --root {folder}/storage --runroot {folder}/run --storage-driver overlay "$@"
+begin() {{ exec {program} --root {folder}/storage --runroot {folder}/run --storage-driver overlay "$@"; }}
+case "$1" in
+    # Podman otherwise mounts a /run of its own over what is to be written there, which Docker does not.
+    run|create) command=$1; shift; begin "$command" --read-only-tmpfs=false "$@" ;;
+    *) begin "$@" ;;
+esac
 """
 
 

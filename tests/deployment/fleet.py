@@ -123,7 +123,7 @@ class Fleet:
     def start_database(self) -> None:
         """Start the database alone, and wait until it answers."""
         self.compose("up", "--detach", "--no-build", "postgres")
-        wait_until(lambda: self._is_healthy(self.names("postgres")[0]), STARTUP_SECONDS, "the database answers")
+        wait_until(lambda: bool(self.healthy("postgres")), STARTUP_SECONDS, "the database answers")
 
     def issue_key(self) -> None:
         """Issue a key, as the compose file says."""
@@ -163,6 +163,11 @@ class Fleet:
         self._containers.podman("cp", file, f"{name}:{BACKUP}")
         words = ("--host=127.0.0.1", "--username=liftwright", "--dbname=liftwright", BACKUP)
         self._with_password(name, "pg_restore", *words)
+
+    def log(self) -> None:
+        """Keep the last lines that each container has written, in the log of all commands."""
+        for name in self._containers.podman("ps", "--all", "--format={{.Names}}").split():
+            self._containers.run("sh", "-c", f"podman logs --tail=50 {name} 2>&1", check=False)
 
     def down(self) -> None:
         """Take all of it down, with what it kept."""
@@ -207,6 +212,10 @@ def measure(folder: Path, note: Callable[[str], None]) -> FleetFigures:
     fleet.down()
     try:
         _run(fleet, figures, note)
+    except BaseException:
+        # What they say is gone with them.
+        fleet.log()
+        raise
     finally:
         fleet.down()
     return figures
