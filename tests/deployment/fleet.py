@@ -172,6 +172,9 @@ class Fleet:
     def down(self) -> None:
         """Take all of it down, with what it kept."""
         self.compose("down", "--volumes", "--timeout=30")
+        # One that ends and is begun again, over and over, is not taken down by compose.
+        for kind in ("pod", "container", "volume"):
+            self._containers.podman(kind, "rm", "--force", "--all")
 
     def _into_file(self, file: Path, *words: str) -> None:
         name = self.names("postgres")[0]
