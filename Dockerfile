@@ -39,6 +39,8 @@ WORKDIR /home/liftwright
 RUN liftwright warmup
 # Not before: what is above is the same for every commit that changes no file of it.
 ARG COMMIT=""
+# Buildah takes a variable from its cache whatever the argument is, unless something before it ran anew.
+RUN : "${COMMIT}"
 ENV LIFTWRIGHT_COMMIT=${COMMIT}
 # The root file system is read-only when it runs. The compiler refuses a cache that it cannot write to, so that each
 # container gets a copy of the kernels.
