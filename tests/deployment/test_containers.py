@@ -14,6 +14,7 @@ import yaml
 
 from app.cli.main import _parser
 from app.settings import ServiceSettings
+from tests.deployment.containers import BASES, STAND_INS
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
@@ -208,5 +209,8 @@ def test_the_command_of_the_image_is_ours() -> None:
     assert _parser().parse_args(words).command == "serve"
 
 
-def test_the_readme_says_that_nobody_has_built_them() -> None:
-    assert re.search(r"docker-compose\.yml\)\s+have not been built", (ROOT / "README.md").read_text())
+def test_what_stands_in_for_a_base_is_named_as_where_it_is_asked_for() -> None:
+    asked = {line.partition("=")[2] for line in arguments("ARG") if line.startswith("BASE=")}
+    asked |= {service["image"] for service in SERVICES.values() if "build" not in service}
+    assert {f"docker.io/library/{image}" for image in asked} == set(BASES)
+    assert all((STAND_INS / file).is_file() for file in BASES.values())
