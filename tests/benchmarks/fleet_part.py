@@ -33,7 +33,7 @@ def measure(effort: Effort, note: Note, folder: Path) -> Findings:
         Limit("kernels compiled after the start", "= 0", figures.compiled, figures.compiled == 0),
     ]
     rows = [
-        ("the image is built, its bases there [s]", figures.building),
+        ("the image is built; layers that an earlier run has made are there [s]", figures.building),
         ("it is built again for another commit that changes none of its files [s]", figures.rebuilding),
         ("shipped tasks planned, certified and simulated", sum(outcomes.values())),
         *((f"… of which {outcome.replace('_', ' ')}", number) for outcome, number in sorted(outcomes.items())),
