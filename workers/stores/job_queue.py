@@ -286,9 +286,11 @@ class JobQueue:
         latest = begun.order_by(jobs.c.started_at_epoch_ms.desc()).limit(JOBS_TIMED).subquery()
         ended = latest.c.status.in_([status for status, state in STATE_OF_STATUS.items() if state in TIMED])
         mean = sa.select(sa.func.avg(latest.c.updated_at - latest.c.started_at_epoch_ms)).where(ended)
-        (found,) = self._database.rows(sa.select(self._count(jobs.c.status == RUNNING, most), mean.scalar_subquery()))
-        running, milliseconds = found
-        return Pace(running, 1e-3 * float(milliseconds)) if running and milliseconds is not None else None
+        counted = self._count(jobs.c.status == RUNNING, most).label("running")
+        (now,) = self._database.rows(sa.select(counted, mean.scalar_subquery().label("milliseconds")))
+        if not now.running or now.milliseconds is None:
+            return None
+        return Pace(now.running, 1e-3 * float(now.milliseconds))
 
     def is_next(self, job: sa.ColumnElement[str]) -> sa.ColumnElement[bool]:
         """Return what holds of the id of that job alone which is to be begun next."""
