@@ -36,7 +36,7 @@ def address(tmp_path_factory: pytest.TempPathFactory, place: dict[str, str]) -> 
 @pytest.fixture
 def client(address: str) -> Iterator[httpx.Client]:
     """Talk to it; what a test leaves unfinished is cancelled."""
-    with httpx.Client(base_url=address, timeout=30.0) as client:
+    with httpx.Client(base_url=address, timeout=120.0) as client:
         yield client
         for plan in client.get("/v1/plans", params={"page_size": 200}).json()["plans"]:
             if not plan["done"]:

@@ -34,7 +34,7 @@ from client.models import PlateLiftTask
 client = Client(base_url=sys.argv[1])
 with open(sys.argv[2]) as file:
     task = PlateLiftTask.from_dict(__import__("json").load(file))
-plan = post_plan.sync(client=client, body=task, prefer="wait=20")
+plan = post_plan.sync(client=client, body=task, prefer="wait=60")
 assert plan.done and plan.state == "succeeded" and plan.outcome == "solved", plan
 assert get_plan.sync(plan.id, client=client).finished_at is not None
 assert plan.id in [listed.id for listed in list_plans.sync(client=client).plans]

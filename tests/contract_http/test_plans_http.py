@@ -28,7 +28,7 @@ def post(client: httpx.Client, wish: str = "now", **headers: str) -> httpx.Respo
 
 
 def solved(client: httpx.Client) -> dict:
-    answer = post(client, Prefer="wait=20")
+    answer = post(client, Prefer="wait=60")
     assert answer.status_code == 200
     return answer.json()
 
@@ -57,9 +57,9 @@ def test_a_job_goes_from_queued_to_succeeded_with_times_in_order(client: httpx.C
 
 
 def test_waiting_is_honoured_when_asked_for(client: httpx.Client) -> None:
-    answer = post(client, Prefer="respond-async, wait=20")
+    answer = post(client, Prefer="respond-async, wait=60")
     assert answer.status_code == 200
-    assert answer.headers["Preference-Applied"] == "wait=20"
+    assert answer.headers["Preference-Applied"] == "wait=60"
     assert answer.json()["done"] is True
     too_long = post(client, "hang", Prefer="wait=0")
     assert too_long.status_code == 202
@@ -84,7 +84,7 @@ def test_a_preference_that_is_not_understood_is_ignored(client: httpx.Client, pr
 def test_a_preference_is_found_on_any_of_several_lines(client: httpx.Client) -> None:
     headers = [("Prefer", "respond-async"), ("Prefer", 'wait="20"')]
     answer = client.post("/v1/plans", json=task(external_id="now"), headers=headers)
-    assert (answer.status_code, answer.headers["Preference-Applied"]) == (200, "wait=20")
+    assert (answer.status_code, answer.headers["Preference-Applied"]) == (200, "wait=60")
 
 
 def test_the_same_key_with_another_body_is_refused(client: httpx.Client) -> None:
@@ -125,7 +125,7 @@ def test_there_is_no_document_before_the_job_has_succeeded(client: httpx.Client)
 
 
 def test_a_fault_of_the_solver_is_told_in_the_plan_and_gives_no_document(client: httpx.Client) -> None:
-    answer = post(client, "fail", Prefer="wait=20")
+    answer = post(client, "fail", Prefer="wait=60")
     assert answer.status_code == 200
     plan = answer.json()
     assert (plan["state"], plan["outcome"], plan["attempts"]) == ("failed", None, 1)
@@ -134,7 +134,7 @@ def test_a_fault_of_the_solver_is_told_in_the_plan_and_gives_no_document(client:
 
 
 def test_a_job_whose_solver_always_dies_is_given_up_after_three_attempts(client: httpx.Client) -> None:
-    plan = post(client, "die", Prefer="wait=20").json()
+    plan = post(client, "die", Prefer="wait=60").json()
     assert (plan["state"], plan["attempts"]) == ("failed", 3)
     assert "SIGKILL" in plan["error"]["detail"]
 

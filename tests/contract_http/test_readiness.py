@@ -63,9 +63,9 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
         broken = False
         # Nobody follows a plan or a study: what looks for news has nothing to do well yet.
         axes = [{"pointer": "/cup/max_force", "values": [15, 20]}]
-        study = client.post("/v1/studies", json={"task": task(), "axes": axes}, headers={"Prefer": "wait=20"})
+        study = client.post("/v1/studies", json={"task": task(), "axes": axes}, headers={"Prefer": "wait=60"})
         assert study.is_success
-        plan = client.post("/v1/plans", json=task(external_id="now"), headers={"Prefer": "wait=20"}).json()
+        plan = client.post("/v1/plans", json=task(external_id="now"), headers={"Prefer": "wait=60"}).json()
         assert plan["state"] == "succeeded"
         wait_for(lambda: told() == "", 20)
 

@@ -210,5 +210,5 @@ def test_points_are_counted_in_the_metrics(client: httpx.Client) -> None:
 def test_plans_go_on_while_studies_fill_all_places(client: httpx.Client) -> None:
     for _ in range(2):
         post(client, "hang")
-    plan = client.post("/v1/plans", json=task(external_id="now"), headers={"Prefer": "wait=20"})
+    plan = client.post("/v1/plans", json=task(external_id="now"), headers={"Prefer": "wait=60"})
     assert plan.json()["outcome"] == "solved"
