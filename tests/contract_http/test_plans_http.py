@@ -82,7 +82,7 @@ def test_a_preference_that_is_not_understood_is_ignored(client: httpx.Client, pr
 
 
 def test_a_preference_is_found_on_any_of_several_lines(client: httpx.Client) -> None:
-    headers = [("Prefer", "respond-async"), ("Prefer", 'wait="20"')]
+    headers = [("Prefer", "respond-async"), ("Prefer", 'wait="60"')]
     answer = client.post("/v1/plans", json=task(external_id="now"), headers=headers)
     assert (answer.status_code, answer.headers["Preference-Applied"]) == (200, "wait=60")
 
