@@ -42,11 +42,11 @@ QUICK, MANY = "ab1", 6
 
 @dataclass
 class FleetFigures:
-    """What was measured. Seconds, and shares of nothing."""
+    """What was measured, in seconds where nothing else is said."""
 
     image_bytes: int = 0
     building: float = 0.0
-    """Of the image, its bases there."""
+    """Of the image; layers that an earlier run has made are there."""
     rebuilding: float = 0.0
     """For another commit that changes none of its files."""
     starting: float = 0.0
@@ -70,8 +70,8 @@ class FleetFigures:
 class Fleet:
     """The services of docker-compose.yml."""
 
-    def __init__(self, containers: Containers, note: Callable[[str], None]) -> None:
-        self._containers, self.note = containers, note
+    def __init__(self, containers: Containers) -> None:
+        self._containers = containers
         self.source = containers.folder / "source"
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self._port = probe.getsockname()[1]
@@ -109,10 +109,6 @@ class Fleet:
         told = self._containers.podman("ps", "--format={{.Names}}", f"--filter=name=liftwright_{service}_")
         return told.split()
 
-    def execute(self, service: str, *words: object, number: int = 0) -> str:
-        """Run something in a container of a service."""
-        return self._containers.podman("exec", self.names(service)[number], *words)
-
     def up(self, *words: object) -> float:
         """Start what does not run, and return after how long the API was ready [s]."""
         begun = time.monotonic()
@@ -140,10 +136,10 @@ class Fleet:
 
     def compiled_since_start(self, service: str) -> int:
         """Count kernels that the containers of a service have written since they were started."""
-        count = 0
-        for number in range(len(self.names(service))):
-            newer = "find /kernels -name '*.nb?' -newer /proc/1/cmdline | wc -l"
-            count += int(self.execute(service, "sh", "-c", newer, number=number))
+        count, podman = 0, self._containers.podman
+        for name in self.names(service):
+            started = podman("inspect", "--format={{.State.StartedAt.Unix}}", name).strip()
+            count += int(podman("exec", name, "sh", "-c", f"find /kernels -name '*.nb?' -newermt @{started} | wc -l"))
         return count
 
     @contextmanager
@@ -155,7 +151,9 @@ class Fleet:
 
     def dump(self, file: Path) -> None:
         """Back the database up, while all of it runs, as docs/operations.md says."""
-        self._into_file(file, "pg_dump", "--format=custom", "--host=127.0.0.1", "--username=liftwright", "liftwright")
+        name, words = self.names("postgres")[0], ("--host=127.0.0.1", "--username=liftwright", f"--file={BACKUP}")
+        self._with_password(name, "pg_dump", "--format=custom", *words, "liftwright")
+        self._containers.podman("cp", f"{name}:{BACKUP}", file)
 
     def restore(self, file: Path) -> None:
         """Restore the database into an empty one."""
@@ -175,11 +173,6 @@ class Fleet:
         # One that ends and is begun again, over and over, is not taken down by compose.
         for kind in ("pod", "container", "volume"):
             self._containers.podman(kind, "rm", "--force", "--all")
-
-    def _into_file(self, file: Path, *words: str) -> None:
-        name = self.names("postgres")[0]
-        self._with_password(name, *words, f"--file={BACKUP}")
-        self._containers.podman("cp", f"{name}:{BACKUP}", file)
 
     def _with_password(self, name: str, *words: str) -> None:
         self._containers.podman("exec", f"--env=PGPASSWORD={PASSWORD}", name, *words)
@@ -206,7 +199,7 @@ def measure(folder: Path, note: Callable[[str], None]) -> FleetFigures:
         RuntimeError: Something did not go as it has to.
     """
     containers = Containers(folder, note)
-    fleet, figures = Fleet(containers, note), FleetFigures()
+    fleet, figures = Fleet(containers), FleetFigures()
     containers.make_bases()
     fleet.take_source()
     note("building the image")
