@@ -58,6 +58,7 @@ SECTIONS = {
     "The service: under load": ("Aimed at and reached",),
     "The service: bad input": ("Aimed at and reached",),
     "The service: killed at random": ("Aimed at and reached",),
+    "The service: a fleet in containers": ("Aimed at and reached",),
 }
 
 

@@ -54,7 +54,7 @@ def certified(client: httpx.Client, plan: dict[str, Any]) -> dict[str, Any]:
         last.update(client.get(plan["links"]["self"]).json())
         return last["certified_at"] is not None
 
-    wait_for(known, 30)
+    wait_for(known)
     return last
 
 
@@ -150,9 +150,9 @@ def test_webhooks_are_told_of_certified_plans_if_they_want_to_know_and_of_the_en
     webhook = client.post("/v1/webhooks", json=spec).raise_for_status().json()
     assert webhook["certified"] is wants
     plan = certified(client, post(client, "simulate-hang", webhook=webhook["id"]))
-    wait_for(lambda: len(receiver.at(path)) == wants, 30)
+    wait_for(lambda: len(receiver.at(path)) == wants)
     client.post(plan["links"]["cancel"])
-    wait_for(lambda: len(receiver.at(path)) == 1 + wants, 30)
+    wait_for(lambda: len(receiver.at(path)) == 1 + wants)
     messages = [json.loads(body) for _, body in receiver.at(path)]
     assert [each["type"] for each in messages] == [*(["plan.certified"] if wants else []), "plan.cancelled"]
     told = [(each["data"]["id"], each["data"]["state"], each["data"]["outcome"]) for each in messages]

@@ -108,7 +108,7 @@ def test_who_waits_is_told_a_place_and_the_next_one_comes_after(
     slots = client.get("/v1/capabilities").json()["limits"]["worker_slots"]
     in_the_way = [client.post("/v1/plans", json=task(external_id="hang")).json() for _ in range(slots)]
     for plan in in_the_way:
-        wait_for(lambda plan=plan: client.get(plan["links"]["self"]).json()["state"] == "running", 30.0)
+        wait_for(lambda plan=plan: client.get(plan["links"]["self"]).json()["state"] == "running")
     late, early = (
         client.post("/v1/plans", json=task(external_id="waits"), params={"priority": priority}).json()
         for priority in (0, 5)

@@ -158,7 +158,7 @@ def test_the_last_page_has_no_token(client: httpx.Client) -> None:
 
 def test_cancelling_ends_a_running_job_and_a_queued_one(client: httpx.Client) -> None:
     running, queued = post(client, "hang").json(), post(client, "hang").json()
-    wait_for(lambda: client.get(running["links"]["self"]).json()["state"] == "running", 5)
+    wait_for(lambda: client.get(running["links"]["self"]).json()["state"] == "running")
     for plan in (queued, running):
         answer = client.post(plan["links"]["cancel"])
         assert answer.status_code == 202

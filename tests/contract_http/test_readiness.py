@@ -59,7 +59,7 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
             answer = client.get("/readyz")
             return answer.json()["detail"] if answer.status_code == 503 else ""
 
-        wait_for(lambda: all(name in told() for name in names), 20)
+        wait_for(lambda: all(name in told() for name in names))
         broken = False
         # Nobody follows a plan or a study: what looks for news has nothing to do well yet.
         axes = [{"pointer": "/cup/max_force", "values": [15, 20]}]
@@ -67,7 +67,7 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
         assert study.is_success
         plan = client.post("/v1/plans", json=task(external_id="now"), headers={"Prefer": "wait=60"}).json()
         assert plan["state"] == "succeeded"
-        wait_for(lambda: told() == "", 20)
+        wait_for(lambda: told() == "")
 
 
 @contextmanager
@@ -79,7 +79,7 @@ def loading(load: Callable[[Callable[[str], None]], Any]) -> Iterator[tuple[http
     service.on_failure = lambda: setattr(server, "should_exit", True)
     thread = threading.Thread(target=server.run)
     thread.start()
-    wait_for(lambda: server.started, 20)
+    wait_for(lambda: server.started)
     address = f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
     try:
         with httpx.Client(base_url=address) as client:
@@ -99,7 +99,7 @@ def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for
         return create_app(ServiceSettings(data_dir=tmp_path), with_worker=False)
 
     with loading(load) as (client, _):
-        wait_for(lambda: "compiling for a minute" in client.get("/readyz").json()["detail"], 20)
+        wait_for(lambda: "compiling for a minute" in client.get("/readyz").json()["detail"])
         assert client.get("/livez").json() == {"status": "alive"}
         for method, path in (("GET", "/readyz"), ("GET", "/v1/plans"), ("POST", "/v1/plans"), ("GET", "/viewer/")):
             answer = client.request(method, path)
@@ -110,7 +110,7 @@ def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for
         assert "compiling for a minute" in page.text
         assert 'http-equiv="refresh"' in page.text
         loaded.set()
-        wait_for(lambda: client.get("/readyz").status_code == 200, 60)
+        wait_for(lambda: client.get("/readyz").status_code == 200)
         assert client.get("/v1/plans").json()["plans"] == []
 
 
@@ -123,7 +123,7 @@ def test_a_service_that_can_never_be_loaded_ends_with_the_reason() -> None:
 
     with loading(load) as (_, service):
         tried.set()
-        wait_for(lambda: service.failure is not None, 20)
+        wait_for(lambda: service.failure is not None)
         assert str(service.failure) == "the solver does not work"
 
 
@@ -151,5 +151,5 @@ def test_a_service_whose_shipped_cells_cannot_be_loaded_is_not_ready(
         data_dir=tmp_path, solver_command=FAKE_SOLVER, study_command=FAKE_EXAMINER, worker_slots=1
     )
     with served(settings) as address:
-        wait_for(lambda: httpx.get(f"{address}/readyz").status_code == 503, 30.0)
+        wait_for(lambda: httpx.get(f"{address}/readyz").status_code == 503)
         assert "a shipped cell cannot be loaded" in httpx.get(f"{address}/readyz").json()["detail"]

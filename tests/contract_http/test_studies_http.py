@@ -111,7 +111,7 @@ def test_events_are_the_points_as_they_come_and_can_be_resumed(client: httpx.Cli
 
 def test_a_map_that_is_not_whole_has_what_is_known_and_a_cancelled_study_keeps_it(client: httpx.Client) -> None:
     study = post(client, "slow", [X, {**Y, "values": [0.01 * step for step in range(10)]}]).json()
-    wait_for(lambda: client.get(study["links"]["self"]).json()["known"] >= 3, 20)
+    wait_for(lambda: client.get(study["links"]["self"]).json()["known"] >= 3)
     partial = client.get(study["links"]["map"]).json()
     assert 0 < partial["done"] < partial["count"] == 50
     cancelled = client.post(study["links"]["cancel"])

@@ -11,13 +11,11 @@ import psutil
 import pytest
 from support.service import FAKE_SOLVER, ServiceProcess, task, wait_for
 
-PATIENCE_SECONDS = 300.0
-
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[ServiceProcess]:
     service = ServiceProcess(tmp_path, FAKE_SOLVER, "api", fresh=True, api_processes=2).start()
-    wait_for(lambda: further(service), PATIENCE_SECONDS)
+    wait_for(lambda: further(service))
     yield service
     service.stop()
 
@@ -52,7 +50,7 @@ def test_several_processes_are_one_service_and_end_with_the_first(service: Servi
 
     (other,) = further(service)
     other.kill()
-    wait_for(lambda: further(service) and further(service) != [other], PATIENCE_SECONDS)
+    wait_for(lambda: further(service) and further(service) != [other])
     assert get(service, "/v1/plans").json()["plans"]
 
     left = further(service)

@@ -58,7 +58,7 @@ def gone(processes: list[psutil.Process]) -> bool:
 def test_a_job_whose_solver_is_killed_is_begun_again_and_ends(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "steps-40")
-        wait_for(lambda: running(client, plan), 10)
+        wait_for(lambda: running(client, plan))
         solvers(service)[0].kill()
         plan = finished(client, plan)
         assert (plan["state"], plan["outcome"], plan["attempts"]) == ("succeeded", "solved", 2)
@@ -67,7 +67,7 @@ def test_a_job_whose_solver_is_killed_is_begun_again_and_ends(service: ServicePr
 def test_jobs_survive_a_service_that_is_killed_and_leave_no_process_behind(service: ServiceProcess) -> None:
     with service.client() as client:
         under_way, waiting = post(client, "steps-60"), post(client, "now")
-        wait_for(lambda: running(client, under_way), 10)
+        wait_for(lambda: running(client, under_way))
         shown = client.get(under_way["links"]["self"]).json()["progress"]["fraction"]
     orphans = service.descendants()
     assert orphans
@@ -89,7 +89,7 @@ def test_a_certified_plan_outlives_a_service_that_is_killed_and_is_the_one_that_
 ) -> None:
     with service.client() as client:
         plan = post(client, "simulate-60")
-        wait_for(lambda: client.get(plan["links"]["self"]).json()["certified_at"], 10)
+        wait_for(lambda: client.get(plan["links"]["self"]).json()["certified_at"])
         before = client.get(plan["links"]["document"])
     service.kill()
     service.start()
@@ -104,7 +104,7 @@ def test_a_certified_plan_outlives_a_service_that_is_killed_and_is_the_one_that_
 def test_a_service_that_is_asked_to_stop_gives_its_job_to_the_next_one(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "steps-60")
-        wait_for(lambda: running(client, plan), 10)
+        wait_for(lambda: running(client, plan))
     children = service.descendants()
     service.stop()
     assert gone(children)
@@ -116,10 +116,10 @@ def test_a_service_that_is_asked_to_stop_gives_its_job_to_the_next_one(service: 
 def test_cancelling_ends_the_whole_process_group_within_a_second(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "child")
-        wait_for(lambda: running(client, plan), 10)
+        wait_for(lambda: running(client, plan))
         at_work = solvers(service)[0]
         # The fork at work, and what that starts.
-        wait_for(lambda: len(at_work.children(recursive=True)) == 2, 10)
+        wait_for(lambda: len(at_work.children(recursive=True)) == 2)
         group = [at_work, *at_work.children(recursive=True)]
         begun = time.perf_counter()
         assert client.post(plan["links"]["cancel"]).status_code == 202
@@ -134,7 +134,7 @@ def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next
         with service.client() as client:
             poison = post(client, "hang")
             for _ in range(3):
-                wait_for(lambda: running(client, poison), 20)
+                wait_for(lambda: running(client, poison))
                 service.kill()
                 service.start()
             poison = finished(client, poison)
@@ -142,7 +142,7 @@ def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next
             assert poison["error"]["detail"] == INTERRUPTED_TOO_OFTEN
             assert client.get(poison["links"]["document"]).status_code == 404
             given_up = 'liftwright_failed_jobs_total{why="interruptions"} 1.0'
-            wait_for(lambda: given_up in client.get("/metrics").text.splitlines(), 10)
+            wait_for(lambda: given_up in client.get("/metrics").text.splitlines())
             assert finished(client, post(client, "now"))["outcome"] == "solved"
 
 

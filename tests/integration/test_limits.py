@@ -48,7 +48,7 @@ def test_a_job_beyond_a_limit_fails_with_a_sentence_leaves_no_process_and_does_n
     plan = end_of(client, wish)
     assert plan["state"] == "failed"
     assert plan["error"]["detail"].startswith(sentence)
-    wait_for(lambda: len(service.descendants()) <= 1, 5.0)
+    wait_for(lambda: len(service.descendants()) <= 1)
     assert end_of(client, "now")["outcome"] == "solved"
 
 
@@ -73,10 +73,10 @@ def test_a_full_disk_is_a_503_and_afterwards_everything_goes_on(service: Service
 def test_solvers_stand_back_behind_the_service_within_its_session(service: ServiceProcess) -> None:
     """Between sessions the kernel shares cores evenly, however nice a process is."""
     assert service.process is not None
-    wait_for(service.descendants, 10.0)
+    wait_for(service.descendants)
     api = psutil.Process(service.process.pid)
     for solver in service.descendants():
-        wait_for(lambda solver=solver: solver.nice() == api.nice() + 10, 5.0)
+        wait_for(lambda solver=solver: solver.nice() == api.nice() + 10)
         assert os.getsid(solver.pid) == os.getsid(api.pid)
         assert os.getpgid(solver.pid) != os.getpgid(api.pid)
 
@@ -84,6 +84,6 @@ def test_solvers_stand_back_behind_the_service_within_its_session(service: Servi
 def test_the_limits_hold_for_the_solver_and_not_for_the_service(service: ServiceProcess) -> None:
     assert service.process is not None
     assert psutil.Process(service.process.pid).rlimit(psutil.RLIMIT_DATA) != (400 * 2**20, 400 * 2**20)
-    wait_for(service.descendants, 10.0)
+    wait_for(service.descendants)
     for solver in service.descendants():
         assert solver.rlimit(psutil.RLIMIT_DATA) == (400 * 2**20, 400 * 2**20)

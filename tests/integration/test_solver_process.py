@@ -401,7 +401,7 @@ def test_a_solver_dies_with_the_process_that_started_it() -> None:
     )
     process = subprocess.Popen([sys.executable, "-c", worker], stdout=subprocess.DEVNULL)
     family = psutil.Process(process.pid)
-    wait_for(lambda: len(family.children(recursive=True)) == 3, 20)
+    wait_for(lambda: len(family.children(recursive=True)) == 3)
     below = family.children(recursive=True)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
@@ -413,7 +413,7 @@ def test_the_compiler_dies_with_the_process_that_waits_for_it(tmp_path: Path) ->
     command = [sys.executable, "-m", "app.cli.main", "warmup"]
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.DEVNULL)
     try:
-        started = wait_for(lambda: compilers(process.pid), 60)
+        started = wait_for(lambda: compilers(process.pid))
     finally:
         process.kill()
         process.wait()

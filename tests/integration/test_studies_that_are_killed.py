@@ -34,7 +34,7 @@ def test_what_was_accepted_is_finished_and_what_was_known_is_not_examined_again(
     axes = [{"pointer": "/cup/position/0", "min": -0.1, "max": 0.1, "count": 60}]
     with service.client() as client:
         posted = client.post("/v1/studies", json={"task": task(external_id="slow"), "axes": axes}).json()
-        wait_for(lambda: client.get(posted["links"]["self"]).json()["known"] >= 8, 60)
+        wait_for(lambda: client.get(posted["links"]["self"]).json()["known"] >= 8)
         examiners = service.descendants()
     service.kill()
     wait_for(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in examiners), 5)

@@ -28,7 +28,7 @@ def test_jobs_that_wait_and_run_while_the_software_is_replaced_all_end(postgres:
         wishes = ("steps-5", "steps-40", "steps-3", "now")
         plans = [client.post("/v1/plans", json=task(external_id=wish)).json() for wish in wishes]
         done = finished(client, plans[0])
-        wait_for(lambda: client.get(plans[1]["links"]["self"]).json()["state"] == "running", 20)
+        wait_for(lambda: client.get(plans[1]["links"]["self"]).json()["state"] == "running")
         document = client.get(done["links"]["document"]).content
         service.kill()
         database = open_database(WorkerSettings(data_dir=tmp_path, **place))

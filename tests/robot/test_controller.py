@@ -173,16 +173,16 @@ def test_the_unmodified_client_reads_writes_and_runs_programs(controller: tuple[
         "def sum():\n while True:\n  write_output_integer_register(12, read_input_integer_register(20) + 1)\n"
         "  write_output_float_register(13, read_input_float_register(19) * 2)\n  sync()\n end\nend\n"
     )
-    wait_for(lambda: (receive.getOutputIntRegister(12), receive.getOutputDoubleRegister(13)) == (42, 0.5), 30)
+    wait_for(lambda: (receive.getOutputIntRegister(12), receive.getOutputDoubleRegister(13)) == (42, 0.5))
     assert dashboard.running()
     stand_in.tell(protective_stop="by a test")
-    wait_for(receive.isProtectiveStopped, 30)
-    wait_for(lambda: not dashboard.running(), 30)
+    wait_for(receive.isProtectiveStopped)
+    wait_for(lambda: not dashboard.running())
     dashboard.unlockProtectiveStop()
-    wait_for(lambda: not receive.isProtectiveStopped(), 30)
+    wait_for(lambda: not receive.isProtectiveStopped())
     script.sendScriptCommand("def wrong():\n x = y\nend\n")
     refusal = "refused: line 2, column 6: there is no variable y here"
-    wait_for(lambda: refusal in stand_in.tell()["messages"], 30)
+    wait_for(lambda: refusal in stand_in.tell()["messages"])
     for client in (receive, write, dashboard, script):
         client.disconnect()
 

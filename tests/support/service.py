@@ -28,6 +28,8 @@ TASKS = ROOT / "assets" / "tasks"
 FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
 FAKE_EXAMINER = (sys.executable, "-m", "tests.support.fake_examiner")
 STARTUP_SECONDS = 900.0
+PATIENCE_SECONDS = 300.0
+"""How long tests wait where no time is promised: a busy machine may take long, and is no fault of ours."""
 T = TypeVar("T")
 
 
@@ -139,8 +141,8 @@ def call_warm(data_dir: Path, solver: tuple[str, ...]) -> None:
         mark_warm(WorkerSettings(data_dir=data_dir, solver_command=solver))
 
 
-def wait_for(holds: Callable[[], T], seconds: float) -> T:
-    """Wait until `holds()` is true, and return what it returned."""
+def wait_for(holds: Callable[[], T], seconds: float = PATIENCE_SECONDS) -> T:
+    """Wait until `holds()` is true, and return what it returned; `seconds` are given where they are promised."""
     deadline = time.monotonic() + seconds
     while not (held := holds()):
         assert time.monotonic() < deadline, f"did not hold within {seconds} s"
@@ -148,7 +150,7 @@ def wait_for(holds: Callable[[], T], seconds: float) -> T:
     return held
 
 
-def finished(client: httpx.Client, plan: dict[str, Any], seconds: float = 60.0) -> dict[str, Any]:
+def finished(client: httpx.Client, plan: dict[str, Any], seconds: float = PATIENCE_SECONDS) -> dict[str, Any]:
     """Wait until a plan's job has ended, and return the plan."""
     last: dict[str, Any] = {}
 

@@ -86,7 +86,7 @@ def main(wanted: list[str]) -> None:
             if wanted and name not in wanted:
                 continue
             posted = client.post("/v1/plans", json=task(f"{shot.task}.json"), headers={"Idempotency-Key": shot.task})
-            plan = finished(client, posted.json(), 300.0)
+            plan = finished(client, posted.json())
             page = open_page(plan["links"]["view"], shot.window, shot.colours)
             wait_for_plan(page, shot.task)
             page.wait_for_timeout(DRAWING_MILLISECONDS)

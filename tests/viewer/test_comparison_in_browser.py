@@ -32,7 +32,7 @@ def plans(shelf: PlanShelf, service: ServiceProcess) -> list[dict[str, Any]]:
         shelf.document(body)
     with service.client() as client:
         posted = [client.post("/v1/plans", json=body).json() for body in bodies]
-        return [finished(client, plan, 300.0) for plan in posted]
+        return [finished(client, plan) for plan in posted]
 
 
 @pytest.fixture(scope="module")

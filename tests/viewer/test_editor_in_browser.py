@@ -344,7 +344,7 @@ def test_every_input_has_a_name_and_every_thing_has_fields(page: Page) -> None:
 def test_a_plan_is_changed_where_it_is_watched(open_page: Callable[[str], Page], service: ServiceProcess) -> None:
     body = task("pb1_weak_cup.json")
     with service.client() as client:
-        plan = finished(client, client.post("/v1/plans", json=body).json(), 300.0)
+        plan = finished(client, client.post("/v1/plans", json=body).json())
     page = open_page("?example=pb1")
     page.goto(service.address + plan["links"]["view"])
     wait_for_plan(page, "pb1_weak_cup")

@@ -63,7 +63,7 @@ def settled(client: httpx.Client, webhook: dict[str, Any]) -> dict[str, Any]:
     def newest() -> dict[str, Any]:
         return client.get(webhook["links"]["deliveries"]).json()["deliveries"][0]
 
-    wait_for(lambda: newest()["state"] in ("delivered", "failed"), 30)
+    wait_for(lambda: newest()["state"] in ("delivered", "failed"))
     return newest()
 
 

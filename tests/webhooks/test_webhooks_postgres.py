@@ -34,14 +34,14 @@ def test_a_worker_tells_the_end_of_a_job_again_until_it_is_taken_even_if_it_dies
             worker.start()
             try:
                 plan = client.post("/v1/plans", json=task(external_id="now")).raise_for_status().json()
-                wait_for(lambda: len(receiver.at("/later")) >= 2, 30)
+                wait_for(lambda: len(receiver.at("/later")) >= 2)
                 worker.end(signal.SIGKILL)
                 worker.start()
 
                 def delivery() -> dict:
                     return client.get(webhook["links"]["deliveries"]).json()["deliveries"][0]
 
-                wait_for(lambda: delivery()["state"] == "delivered", 60)
+                wait_for(lambda: delivery()["state"] == "delivered")
                 assert delivery()["plan_id"] == plan["id"]
             finally:
                 worker.end(signal.SIGTERM)
