@@ -365,6 +365,21 @@ class ArmMountFile(PlacementFile):
     home_deg: tuple[Number, Number, Number, Number, Number, Number]
 
 
+class MeshBodyFile(PlacementFile):
+    """A mesh of one closed solid, hollows and all, placed in the world."""
+
+    mesh: MeshFile
+
+
+def _kind_of_body(body: Any) -> str:
+    return "[mesh]" if isinstance(body, MeshBodyFile) or (isinstance(body, Mapping) and "mesh" in body) else "[box]"
+
+
+StillBodyFile = Annotated[
+    Annotated[BoxFile, Tag("[box]")] | Annotated[MeshBodyFile, Tag("[mesh]")], Discriminator(_kind_of_body)
+]
+
+
 class FrameFile(_Part):
     """Upright profiles of a square section, from the floor up."""
 
@@ -379,8 +394,8 @@ class MountFile(Asset):
 
     arms: dict[ArmSide, ArmMountFile]
     table: BoxFile
-    platform: dict[AssetName, BoxFile]
-    """What the arms are mounted on."""
+    platform: dict[AssetName, StillBodyFile]
+    """What the arms are mounted on, and whatever else never moves: pedestals, fences, the legs of the table."""
     frame: FrameFile
 
     @model_validator(mode="after")
@@ -409,6 +424,19 @@ class ToolRestFile(_Part):
     """Of the walls [m]."""
 
 
+class LifterFile(_Part):
+    """The vacuum lifter of a cell for plate lifts; what is left out is as common bellows and ropes are."""
+
+    cup_height: PositiveNumber = 0.04
+    """From the plate to where the cable begins [m]."""
+    cable_radius: PositiveNumber = 0.010
+    """[m]"""
+    cable_length: PositiveNumber = 1.1
+    """From the cup up to the trolley, which follows above it [m]."""
+    max_force: PositiveNumber | None = None
+    """What it lifts at most, whatever a task says of its cup [N]; None: what the task says."""
+
+
 class CellFile(Asset):
     """cells/*.yaml."""
 
@@ -417,6 +445,7 @@ class CellFile(Asset):
     gravity: Triple
     """[m/s^2]"""
     tool_rest: ToolRestFile | None = None
+    lifter: LifterFile | None = None
 
     @model_validator(mode="after")
     def _both_arms_are_there(self) -> Self:

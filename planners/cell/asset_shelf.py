@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -34,10 +34,13 @@ from planners.contract.strict_yaml import NotYaml, parse_yaml
 from planners.errors import AssetError, AssetFault
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, obj_vertices, read_mesh_file
 from planners.geometry.pose import Array
+from planners.geometry.solid_mesh import SolidMesh, take_mesh
 
 AssetKind = Literal["cells", "mounts", "robots", "hands", "sensors", "tools"]
 KINDS: tuple[AssetKind, ...] = ("cells", "mounts", "robots", "hands", "sensors", "tools")
 """Folders of a shelf, and what the files in them are."""
+SHORTEST_STILL, LONGEST_STILL = 1e-3, 20.0
+"""Of a mesh that never moves [m]: what is shorter or longer was most likely drawn in another unit."""
 MESHES = "meshes"
 """The folder of shipped meshes that tasks name, all OBJ and in metres."""
 MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
@@ -102,6 +105,31 @@ class AssetShelf:
         except (QhullError, ValueError) as error:
             where = "" if mesh.package is None else f" of the package {mesh.package!r}"
             raise AssetError(f"{mesh.path}{where} spans no volume") from error
+
+    def solid(self, mesh: MeshFile) -> SolidMesh:
+        """Return the closed solid that a mesh is, in its own frame [m].
+
+        Raises:
+            AssetError: There is no such mesh, it encloses no one solid, or is larger than any part of a cell.
+        """
+        path = self.mesh_path(mesh)
+        try:
+            solid = _solid(path.read_bytes(), MESH_FORMATS.get(path.suffix.lower(), "obj")).scaled(mesh.scale)
+        except MeshRefused as error:
+            raise AssetError(f"{mesh.path}: {error}") from error
+        longest = float(solid.size.max())
+        if not SHORTEST_STILL <= longest <= LONGEST_STILL:
+            hint = "; is the unit of the file what scale says, metres unless told?"
+            raise AssetError(
+                f"{mesh.path} is {longest:.4g} m long; {SHORTEST_STILL:g} to {LONGEST_STILL:g} m fit{hint}"
+            )
+        return solid
+
+
+@lru_cache(maxsize=64)
+def _solid(content: bytes, file_format: MeshFormat) -> SolidMesh:
+    """Take a mesh, once in a process: covering it by convex parts takes up to some seconds."""
+    return take_mesh(content, file_format)
 
 
 def _vertices(path: Path) -> Array:

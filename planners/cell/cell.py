@@ -13,13 +13,23 @@ from types import MappingProxyType
 import numpy as np
 
 from planners.cell.arm import Arm, Robot, load_robot
-from planners.cell.asset_files import ARM_NAMES, BoxFile, CellFile, FrameFile, MountFile, ToolRestFile
+from planners.cell.asset_files import (
+    ARM_NAMES,
+    BoxFile,
+    CellFile,
+    FrameFile,
+    LifterFile,
+    MeshBodyFile,
+    MountFile,
+    ToolRestFile,
+)
 from planners.cell.asset_shelf import AssetShelf, fingerprint, read_cell_file, read_mount_file, shipped_shelf
 from planners.cell.hand import Gripper, Pusher, load_hand
-from planners.contract.shapes import Box
+from planners.contract.shapes import Box, InlineMesh
 from planners.errors import AssetFaults
 from planners.geometry.convex import CollisionBody, box, sorted_pair
-from planners.geometry.pose import Array, Transform, transform
+from planners.geometry.pose import Array, Transform, to_pose7, transform
+from planners.geometry.solid_mesh import SolidMesh
 from planners.plan.scenery import BodyDocument, CellDocument
 
 
@@ -53,6 +63,48 @@ class StaticBox:
 
 
 @dataclass(frozen=True, eq=False)
+class StaticMesh:
+    """One closed solid that never moves."""
+
+    name: str
+    role: str
+    """"frame", as in a plan document."""
+    mesh: SolidMesh
+    """In its own frame [m]."""
+    T_world_mesh: Transform
+
+    def collision_body(self) -> CollisionBody:
+        """Return convex parts that contain it, for collision queries."""
+        parts = tuple(part.placed(self.T_world_mesh) for part in self.mesh.drawn.parts)
+        return CollisionBody(self.name, "cell", "world", parts)
+
+    def document(self) -> BodyDocument:
+        """Return the entry of a plan's `bodies`."""
+        return BodyDocument(
+            role=self.role,
+            shape=InlineMesh.of(self.mesh.vertices, self.mesh.faces, self.mesh.parts),
+            mass=None,
+            com=np.zeros(3),
+            pose=np.array(to_pose7(self.T_world_mesh)),
+            static=True,
+        )
+
+
+@dataclass(frozen=True)
+class CellLifter:
+    """The vacuum lifter that hangs above the table."""
+
+    cup_height: float
+    """From the plate to where the cable begins [m]."""
+    cable_radius: float
+    """[m]"""
+    cable_length: float
+    """[m]"""
+    max_force: float
+    """What it lifts at most [N]; infinite where the cell does not say."""
+
+
+@dataclass(frozen=True, eq=False)
 class ToolRest:
     """A square socket on the table in which a suction tool stands upright on its cup."""
 
@@ -72,10 +124,13 @@ class Cell:
     """By name, left first."""
     boxes: tuple[StaticBox, ...]
     """The table first; the walls of the tool rest, if any, are among them."""
+    meshes: tuple[StaticMesh, ...]
+    """What else never moves."""
     gravity: Array
     """(3,) [m/s^2]."""
     tool_rest: ToolRest | None
     """Where a suction tool is kept."""
+    lifter: CellLifter
     shelf: AssetShelf
     """Where its files were found."""
     mount: str
@@ -84,7 +139,12 @@ class Cell:
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
         """The table and the platform, in frame "world"."""
-        return tuple(static.collision_body() for static in self.boxes)
+        return tuple(static.collision_body() for static in self.still)
+
+    @property
+    def still(self) -> tuple[StaticBox | StaticMesh, ...]:
+        """What never moves: boxes, then meshes."""
+        return (*self.boxes, *self.meshes)
 
     @property
     def table_top(self) -> float:
@@ -157,7 +217,7 @@ class Cell:
 
     def body_documents(self) -> dict[str, BodyDocument]:
         """Return the entries of the table and the platform in a plan's `bodies`."""
-        return {static.name: static.document() for static in self.boxes}
+        return {static.name: static.document() for static in self.still}
 
     def document(self) -> CellDocument:
         """Return a plan's `cell`."""
@@ -243,10 +303,13 @@ def _load(path: Path, shelf: AssetShelf) -> Cell:
     _check_payloads(arms, str(path))
     contents = [file.model_dump_json(), mount.model_dump_json()]
     contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
+    meshes = _meshes(mount, shelf)
+    contents += [fingerprint((each.mesh.vertices.tobytes(), each.mesh.faces.tobytes())) for each in meshes]
     digest = fingerprint(text.encode() for text in contents)
     rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
     boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
-    return Cell(file.name, digest, arms, boxes, np.array(file.gravity), rest, shelf, file.mount)
+    lifter = _lifter(file.lifter or LifterFile())
+    return Cell(file.name, digest, arms, boxes, meshes, np.array(file.gravity), rest, lifter, shelf, file.mount)
 
 
 def _parts(
@@ -288,8 +351,27 @@ def _check_payloads(arms: Mapping[str, Arm], path: str) -> None:
 
 
 def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:
-    platform = [_static_box(f"platform_{name}", "frame", file) for name, file in mount.platform.items()]
+    boxes = ((name, file) for name, file in mount.platform.items() if isinstance(file, BoxFile))
+    platform = [_static_box(f"platform_{name}", "frame", file) for name, file in boxes]
     return (_static_box("table", "table", mount.table), *platform, *_columns(mount.frame))
+
+
+def _meshes(mount: MountFile, shelf: AssetShelf) -> tuple[StaticMesh, ...]:
+    """Load the meshes among what never moves."""
+    faults, meshes = AssetFaults(), []
+    path = str(shelf.find("mounts", mount.name))
+    for name, file in mount.platform.items():
+        if isinstance(file, MeshBodyFile):
+            with faults.at(path, f"/platform/{name}/mesh"):
+                mesh = shelf.solid(file.mesh)
+                meshes.append(StaticMesh(f"platform_{name}", "frame", mesh, file.transform()))
+    faults.raise_any()
+    return tuple(meshes)
+
+
+def _lifter(file: LifterFile) -> CellLifter:
+    most = float("inf") if file.max_force is None else file.max_force
+    return CellLifter(file.cup_height, file.cable_radius, file.cable_length, most)
 
 
 def _tool_rest(file: ToolRestFile, mount: MountFile) -> ToolRest:

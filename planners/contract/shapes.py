@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -14,6 +14,7 @@ from planners.contract.arrays import Rows
 from planners.contract.quantities import Counted, Length, Name, Point2, Scale
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
+from planners.geometry.surface import Faces
 
 SHORTEST_EDGE = 1e-4
 """Outline points closer than this are one point given twice [m]."""
@@ -82,6 +83,16 @@ class InlineMesh(StrictModel):
     """Counter-clockwise from outside; closed."""
     convex_parts: Annotated[list[Annotated[Array, Rows(3, digits=None)]], Field(min_length=1)]
     """Vertices of each convex part."""
+
+    @classmethod
+    def of(cls, vertices: Array, faces: Faces, parts: Iterable[Array]) -> Self:
+        """Return a surface of vertices (n, 3) [m] and triangles (m, 3), with the corners (k, 3) of its convex parts."""
+        return cls(
+            type="mesh",
+            vertices=vertices.tolist(),
+            faces=faces.tolist(),
+            convex_parts=[part.tolist() for part in parts],
+        )
 
     @model_validator(mode="after")
     def _faces_are_of_its_vertices(self) -> Self:

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.spatial import ConvexHull
 
+from planners.geometry.convex import ConvexShape, enclosing_hull
 from planners.geometry.convex_cover import CoverSettings, cover
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, read_mesh_file
 from planners.geometry.pose import Array
@@ -28,6 +31,16 @@ class MeshDocument(TypedDict):
     faces: list[list[int]]
     parts: list[list[list[float]]]
     excess: float
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnParts:
+    """Convex shapes with few corners that contain a solid."""
+
+    parts: tuple[ConvexShape, ...]
+    """In the solid's frame."""
+    excess: float
+    """How far they reach beyond the solid at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +66,13 @@ class SolidMesh:
         """(3,) centre of mass, were it evenly filled."""
         return centroid(self.vertices, self.faces)
 
+    @cached_property
+    def drawn(self) -> DrawnParts:
+        """The convex parts for collision queries: one with many corners is drawn a little larger, with few."""
+        drawn = [enclosing_hull(part) for part in self.parts]
+        beyond = max(_beyond(shape, part) for shape, part in zip(drawn, self.parts, strict=True))
+        return DrawnParts(tuple(ConvexShape(np.ascontiguousarray(shape)) for shape in drawn), self.excess + beyond)
+
     def scaled(self, factor: float) -> SolidMesh:
         """Return the mesh with everything `factor` times as large."""
         parts = tuple(factor * part for part in self.parts)
@@ -76,6 +96,16 @@ class SolidMesh:
             tuple(np.array(part, dtype=float).reshape(-1, 3) for part in document["parts"]),
             float(document["excess"]),
         )
+
+
+def _beyond(drawn: Array, part: Array) -> float:
+    """Bound how far a drawing (m, 3) reaches beyond its part (n, 3) [m]: from its corners to the part's planes."""
+    if drawn is part:
+        return 0.0
+    planes = ConvexHull(part).equations
+    nearest = part[np.argmin(np.linalg.norm(drawn[:, None] - part[None], axis=2), axis=1)]
+    flat = (drawn @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+    return float(np.where(flat > 0.0, np.linalg.norm(drawn - nearest, axis=1), 0.0).max())
 
 
 SAME_VERTEX = 1e-6

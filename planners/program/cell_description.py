@@ -238,6 +238,9 @@ class CellDescription:
 def _parts(cell: Cell) -> Iterator[_WrittenLink]:
     for static in cell.boxes:
         yield _WrittenLink(static.name, WORLD, transform(None, static.center), shapes=(static,), colour=static.role)
+    for still in cell.meshes:
+        parts = still.mesh.drawn.parts
+        yield _WrittenLink(still.name, WORLD, still.T_world_mesh, shapes=parts, colour=still.role)
     for arm in cell.arms.values():
         yield from _arm_parts(arm)
         yield from _hand_parts(arm)

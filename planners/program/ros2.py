@@ -33,7 +33,7 @@ def write_ros2(plan: Plan, cell: Cell) -> dict[str, str | bytes]:
         NotExportable: a body has the name of a link, so that there would be two frames of one name.
     """
     description = CellDescription(cell, package_name(cell))
-    taken = sorted({*plan.bodies, *ARMS} & ({*description.links} - {body.name for body in cell.boxes}))
+    taken = sorted({*plan.bodies, *ARMS} & ({*description.links} - {body.name for body in cell.still}))
     if taken:
         raise NotExportable(f"{', '.join(taken)} would name a body and a link of the cell: name the body otherwise")
     return {

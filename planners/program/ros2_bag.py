@@ -228,7 +228,7 @@ class _Recorder:
             held += [] if segment.push is None else [(segment.push.arm, segment.push.body)]
             held += [(ride.to, body) for body, ride in segment.rides]
             resting = [name for name in self._shown if name not in segment.body_poses]
-            pairs |= {sorted_pair(box.name, name) for box in self.description.cell.boxes for name in resting}
+            pairs |= {sorted_pair(box.name, name) for box in self.description.cell.still for name in resting}
             borne = (each for each in segment.contacts if not isinstance(each, InertiaEntry))
             for by, body in [*held, *((each.by, each.body) for each in borne)]:
                 touching = self.description.hand_links(by) if by in ARMS else (by,)

@@ -168,14 +168,14 @@ def refuse_inside(
     Args:
         bodies: what a task places.
         cell: bodies of the cell.
-        excess: by name, how far convex shapes reach beyond a body [m]; not listed: not at all.
+        excess: by name, how far convex shapes reach beyond a body of either kind [m]; not listed: not at all.
         when: ends the sentence that refuses.
 
     Raises:
         BodyInCell: for the first pair, in the order given, that is deeper in one another than `TOUCHING`.
     """
     for body, part in _near(bodies, cell, 0.0):
-        allowed = TOUCHING + excess.get(body.name, 0.0) + _ROUNDING
+        allowed = TOUCHING + excess.get(body.name, 0.0) + excess.get(part.name, 0.0) + _ROUNDING
         if _box_depth(body, part) > allowed and (deep := depth(body, part)) > allowed:
             raise BodyInCell(body, part, deep, when)
 

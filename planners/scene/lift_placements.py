@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from planners.cell.cell import CellLifter
 from planners.cell.hand import Gripper
 from planners.contract.shapes import Cylinder, Mesh
 from planners.contract.task_spec import (
@@ -124,21 +125,6 @@ def _check_footprint(corners: Array, surface: LevelFace) -> None:
     raise SceneError("/plate_pose", detail)
 
 
-@dataclass(frozen=True)
-class LifterShape:
-    """The bodies that stand for the vacuum lifter: the contract's cable, and a cup as tall as common bellows."""
-
-    cup_height: float = 0.04
-    """[m]"""
-    cable_radius: float = 0.010
-    """[m]"""
-    cable_length: float = 1.1
-    """[m]"""
-
-
-DEFAULT_LIFTER = LifterShape()
-
-
 @dataclass(frozen=True, eq=False)
 class SuctionCup:
     """A cup that sits on the plate's top face from the first sample to the last."""
@@ -217,7 +203,7 @@ def cup_places_on(plate: PlateBody, radius: float, places: Array) -> list[tuple[
     return [(float(x), float(y)) for x, y in inside[np.lexsort((inside[:, 1], inside[:, 0], off))]]
 
 
-def place_cup(cup: LifterCup, plate: PlateBody, lifter: LifterShape) -> SuctionCup:
+def place_cup(cup: LifterCup, plate: PlateBody, lifter: CellLifter) -> SuctionCup:
     """Put the cup on the plate where the plate is at the start."""
     x, y = cup.place
     T_plate_cup = transform(frame_from_z([0.0, 0.0, -1.0], [1.0, 0.0, 0.0]), [x, y, plate.top])

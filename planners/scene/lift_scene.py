@@ -25,7 +25,6 @@ from planners.scene.clashes import CellAtStart, placed_at_start, refuse_inside, 
 from planners.scene.lift_placements import (
     GivenGrip,
     GivenPush,
-    LifterShape,
     SuctionCup,
     cup_places,
     cup_step,
@@ -42,6 +41,7 @@ from planners.scene.placements import (
     find_cell,
     place_obstacle,
     start_positions,
+    still_excess,
 )
 from planners.scene.shape_source import ShapeSource, Uploads
 
@@ -96,9 +96,7 @@ class PlateLiftScene:
         return (self.plate, *support, self.cup.body, self.cup.cable, *self.obstacles)
 
 
-def build_lift_scene(
-    task: PlateLiftTask, cells: Mapping[str, Cell] | None, lifter: LifterShape, uploads: Uploads
-) -> PlateLiftScene:
+def build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, uploads: Uploads) -> PlateLiftScene:
     """Place everything a plate lift names, and refuse what cannot stand as it says.
 
     The arguments are those of `build_scene`.
@@ -116,15 +114,16 @@ def build_lift_scene(
     support = None if task.support is None else place_support(task.support, table, shapes)
     plate, surface = place_plate(task, support, table)
     if task.cup.position is None:
-        return _with_any_place(task, plate, lambda placed: build_lift_scene(placed, cells, lifter, uploads))
+        return _with_any_place(task, plate, lambda placed: build_lift_scene(placed, cells, uploads))
     _check_pad(task, plate)
+    _check_lifter(task, cell)
     scene = PlateLiftScene(
         cell=cell,
         plate=plate,
         support=support,
         support_name="support" if surface.name == "support" else "table",
         support_top=surface.height,
-        cup=place_cup(task.cup, plate, lifter),
+        cup=place_cup(task.cup, plate, cell.lifter),
         lifter_model=task.lifter_model,
         friction=task.friction,
         hand_force_limit=task.hand_force_limit,
@@ -190,6 +189,13 @@ def _check_pad(task: PlateLiftTask, plate: PlateBody) -> None:
         raise SceneError("/cup/position", f"the pad sticks out {beyond:.4g} mm over the edge of the plate's top face")
 
 
+def _check_lifter(task: PlateLiftTask, cell: Cell) -> None:
+    most = cell.lifter.max_force
+    if task.cup.max_force > most:
+        detail = f"the lifter of the cell {cell.name} lifts {most:.4g} N at most, not {task.cup.max_force:.4g} N"
+        raise SceneError("/cup/max_force", detail)
+
+
 def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     """Let what the task places touch the cell, and what never moves overlap what else never moves.
 
@@ -203,7 +209,7 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     cup = [placed_at_start(scene.cup.body, "/cup/position")]
     cable = [placed_at_start(scene.cup.cable, "/cup/position")]
     resting = {sorted_pair("plate", scene.support_name)}
-    excess = {body.name: body.solid.excess for body in scene.bodies()}
+    excess = still_excess(scene.cell) | {body.name: body.solid.excess for body in scene.bodies()}
     refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess)
     refuse_overlaps(plate, [*fixed, *support, *obstacles], resting)
     refuse_overlaps(cup, [*fixed, *support, *obstacles])

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
 from planners.cell.cell import Cell, StaticBox, known_cells, load_cell
+from planners.contract.shapes import Box
 from planners.contract.task_spec import Obstacle
 from planners.errors import SceneError
 from planners.geometry import polygon
-from planners.geometry.pose import Array, from_pose7
+from planners.geometry.pose import Array, Transform, from_pose7, transform
 from planners.scene.body import Body
 from planners.scene.rest import LevelFace
-from planners.scene.shape_source import ShapeSource
+from planners.scene.shape_source import ShapeSource, mesh_solid
+from planners.scene.solid import Solid, solid_of
 
 CONTAINMENT_SLACK = 1e-9
 """Rounding allowed where a point must lie inside a body [m]."""
@@ -23,6 +25,20 @@ def box_top(box: StaticBox) -> LevelFace:
     """Return the top of a box of the cell."""
     outline = polygon.rectangle(box.size[0], box.size[1]) + box.center[:2]
     return LevelFace(box.name, float(box.center[2] + 0.5 * box.size[2]), outline)
+
+
+def still_solids(cell: Cell) -> Iterator[tuple[str, Solid, Transform]]:
+    """Yield name, solid and pose in the world of what belongs to a cell and never moves."""
+    for box in cell.boxes:
+        x, y, z = box.size.tolist()
+        yield box.name, solid_of(Box(type="box", size=(x, y, z))), transform(None, box.center)
+    for still in cell.meshes:
+        yield still.name, mesh_solid(still.mesh), still.T_world_mesh
+
+
+def still_excess(cell: Cell) -> dict[str, float]:
+    """Return by name how far convex shapes reach beyond what belongs to a cell and never moves [m]."""
+    return {still.name: still.mesh.drawn.excess for still in cell.meshes}
 
 
 def place_obstacle(index: int, obstacle: Obstacle, shapes: ShapeSource) -> Body:

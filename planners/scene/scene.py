@@ -14,10 +14,6 @@ from planners.contract.task_spec import (
     SuctionToolTask,
 )
 from planners.geometry.pose import Array
-from planners.scene.lift_placements import (
-    DEFAULT_LIFTER,
-    LifterShape,
-)
 from planners.scene.lift_scene import PlateLiftScene, build_lift_scene
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
@@ -31,7 +27,6 @@ PLANNED_KINDS = KINDS
 def build_scene(
     task: PlateLiftTask,
     cells: Mapping[str, Cell] | None = None,
-    lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> PlateLiftScene: ...
@@ -41,7 +36,6 @@ def build_scene(
 def build_scene(
     task: SuctionToolTask,
     cells: Mapping[str, Cell] | None = None,
-    lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> SuctionToolScene: ...
@@ -51,7 +45,6 @@ def build_scene(
 def build_scene(
     task: PlateLiftTask | SuctionToolTask,
     cells: Mapping[str, Cell] | None = None,
-    lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> PlateLiftScene | SuctionToolScene: ...
@@ -60,7 +53,6 @@ def build_scene(
 def build_scene(
     task: PlateLiftTask | SuctionToolTask,
     cells: Mapping[str, Cell] | None = None,
-    lifter: LifterShape = DEFAULT_LIFTER,
     uploads: Uploads = no_uploads,
     tools: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> PlateLiftScene | SuctionToolScene:
@@ -70,7 +62,6 @@ def build_scene(
         task: What is asked for.
         cells: The cells there are, by name. None: the shipped ones, read from their files, which takes most of the
             time.
-        lifter: The bodies that stand for the vacuum lifter of a plate lift.
         uploads: Finds the meshes that the task names as uploads.
         tools: Suction tools that were loaded before, by name; others are read from their files.
 
@@ -79,7 +70,7 @@ def build_scene(
     """
     if isinstance(task, SuctionToolTask):
         return build_tool_scene(task, cells, uploads, tools)
-    return build_lift_scene(task, cells, lifter, uploads)
+    return build_lift_scene(task, cells, uploads)
 
 
 def with_centres(

@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-from scipy.spatial import ConvexHull
-
 from planners.cell.asset_shelf import known_meshes, read_mesh_asset
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
 from planners.errors import SceneError
-from planners.geometry.convex import ConvexShape, enclosing_hull
-from planners.geometry.pose import Array
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
-from planners.scene.solid import MeshSolid, Solid, inline_mesh, solid_of
+from planners.scene.solid import MeshSolid, Solid, solid_of
 
 PLANNED_SHAPES = ("box", "cylinder", "prism", "mesh")
 """The types of shapes that can be planned with."""
@@ -55,7 +50,7 @@ class ShapeSource:
         if shape not in self._found:
             mesh = self._mesh(shape, pointer).scaled(shape.scale)
             _check_size(mesh, pointer)
-            self._found[shape] = inline_mesh((mesh.vertices, mesh.faces), mesh.parts), mesh_solid(mesh)
+            self._found[shape] = InlineMesh.of(mesh.vertices, mesh.faces, mesh.parts), mesh_solid(mesh)
         return self._found[shape]
 
     def _mesh(self, shape: Mesh, pointer: str) -> SolidMesh:
@@ -71,21 +66,8 @@ class ShapeSource:
 
 
 def mesh_solid(mesh: SolidMesh) -> MeshSolid:
-    """Return a mesh in metres as a solid; a part with many corners is drawn a little larger with few."""
-    drawn = [enclosing_hull(part) for part in mesh.parts]
-    beyond = max(_beyond(shape, part) for shape, part in zip(drawn, mesh.parts, strict=True))
-    parts = tuple(ConvexShape(np.ascontiguousarray(shape)) for shape in drawn)
-    return MeshSolid(mesh.vertices, mesh.faces, parts, mesh.excess + beyond)
-
-
-def _beyond(drawn: Array, part: Array) -> float:
-    """Bound how far a drawing (m, 3) reaches beyond its part (n, 3) [m]: from its corners to the part's planes."""
-    if drawn is part:
-        return 0.0
-    planes = ConvexHull(part).equations
-    nearest = part[np.argmin(np.linalg.norm(drawn[:, None] - part[None], axis=2), axis=1)]
-    flat = (drawn @ planes[:, :3].T + planes[:, 3]).max(axis=1)
-    return float(np.where(flat > 0.0, np.linalg.norm(drawn - nearest, axis=1), 0.0).max())
+    """Return a mesh in metres as a solid."""
+    return MeshSolid(mesh.vertices, mesh.faces, mesh.drawn.parts, mesh.drawn.excess)
 
 
 def _check_size(mesh: SolidMesh, pointer: str) -> None:

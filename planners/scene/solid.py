@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
+from planners.contract.shapes import Box, Cylinder, Prism
 from planners.geometry import polygon, surface
 from planners.geometry.convex import ConvexShape, box, cylinder, prism
 from planners.geometry.pose import Array, Transform
@@ -247,14 +247,3 @@ def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
         case Cylinder():
             rim = polygon.circle(shape.radius, RIM_POINTS)
             return ExtrudedSolid(rim, shape.height, True, cylinder(shape.radius, shape.height))
-
-
-def inline_mesh(mesh: Surface, parts: Iterable[Array]) -> InlineMesh:
-    """Return a surface, with the corners (k, 3) of its convex parts, as the shape of a plan document [m]."""
-    vertices, faces = mesh
-    return InlineMesh(
-        type="mesh",
-        vertices=vertices.tolist(),
-        faces=faces.tolist(),
-        convex_parts=[part.tolist() for part in parts],
-    )

@@ -9,11 +9,12 @@ from types import MappingProxyType
 import numpy as np
 
 from planners.cell.asset_shelf import shipped_shelf, shipped_tool
+from planners.contract.shapes import InlineMesh
 from planners.contract.task_spec import CustomTool, ToolPart
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
 from planners.scene.shape_source import ShapeSource
-from planners.scene.solid import CompoundSolid, inline_mesh
+from planners.scene.solid import CompoundSolid
 
 TOOL_NAME = "tool"
 
@@ -95,7 +96,7 @@ def load_tool(
     solid = _solid(given.shapes, shapes or ShapeSource())
     T = np.eye(4) if T_world_tool is None else T_world_tool
     com = solid.centroid if given.com is None else np.array(given.com)
-    stated = inline_mesh(solid.surface(), (part.vertices for part in solid.convex_parts))
+    stated = InlineMesh.of(*solid.surface(), (part.vertices for part in solid.convex_parts))
     body = Body(TOOL_NAME, "tool", stated, solid, given.mass, com, T, static=False)
     cup = given.cup
     return SuctionTool(name, body, given.mass, com, CupData(cup.radius, cup.max_force, cup.mu, cup.kappa))

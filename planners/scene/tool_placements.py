@@ -26,9 +26,9 @@ from planners.scene.clashes import (
     refuse_overlaps,
 )
 from planners.scene.moved_object import MovedObject, symmetry_turns
-from planners.scene.placements import CONTAINMENT_SLACK, box_top
+from planners.scene.placements import CONTAINMENT_SLACK, box_top, still_excess
 from planners.scene.rest import REST_GAP, Footing, LevelFace, Unsupported, find_footing, level_places, lowest_point
-from planners.scene.shape_source import ShapeSource
+from planners.scene.shape_source import ShapeSource, mesh_solid
 from planners.scene.solid import ExtrudedSolid, Solid
 from planners.scene.standing import Fall, Standing, first_fall
 from planners.scene.suction_tool import SuctionTool, load_tool
@@ -66,10 +66,14 @@ class StillBodies:
         own = tuple(placed_body(body, np.eye(4), None) for body in cell.bodies)
         bodies = list(own)
         places = [box_top(static) for static in cell.boxes]
+        for still in cell.meshes:
+            places += level_places(still.name, mesh_solid(still.mesh), still.T_world_mesh)
         for i, body in enumerate(obstacles):
             bodies.append(placed_body(body.collision_body(), body.T_world_body, f"/obstacles/{i}/pose"))
             places += level_places(body.name, body.solid, body.T_world_body)
-        return cls(own, tuple(bodies), tuple(places), {body.name: body.solid.excess for body in obstacles})
+        return cls(
+            own, tuple(bodies), tuple(places), still_excess(cell) | {body.name: body.solid.excess for body in obstacles}
+        )
 
 
 def place_tool(

@@ -7,10 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
+from planners.contract.shapes import InlineMesh
 from planners.geometry.convex import CollisionBody
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.body import Body
-from planners.scene.solid import CompoundSolid, Solid, inline_mesh
+from planners.scene.solid import CompoundSolid, Solid
 from planners.scene.suction_tool import CupData, SuctionTool
 from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm
@@ -24,7 +25,7 @@ NEAR = 1e-5
 def tool_of(*parts: tuple[Solid, np.ndarray]) -> SuctionTool:
     """Return a tool made of solids, each with its `T_tool_solid`."""
     solid = CompoundSolid(parts)
-    stated = inline_mesh(solid.surface(), [part.vertices for part in solid.convex_parts])
+    stated = InlineMesh.of(*solid.surface(), [part.vertices for part in solid.convex_parts])
     body = Body("tool", "tool", stated, solid, 0.2, np.zeros(3), np.eye(4), static=False)
     return SuctionTool("custom", body, 0.2, np.zeros(3), CupData(0.0175, 20.0, 0.5, 4.5))
 

@@ -1,8 +1,8 @@
 """`liftwright serve`, `api` or `worker` in a process of its own, of which a run of tests starts dozens.
 
 Most of a start is reading modules. So a run has one process that has read them and forks for each program, as the
-service does for its jobs; with `--all` each program is started as a person starts it. What a program is given and does,
-its signals, children and exit code are the same both ways.
+service does for its jobs; programs that plan are started as a person starts them with `--all`. What a program is given
+and does, its signals, children and exit code are the same both ways.
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ from multiprocessing.context import ForkServerContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Protocol
-
-from .samples import sample
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND_LINE = "app.cli.main"
@@ -60,10 +58,10 @@ def launch(
         settings: variables of its environment besides those of this process.
         told: a file to which all is added that it writes; where this process writes to if None.
         module: what is run in its place; always in a process that has read nothing before.
-        fresh: start it as a person does in every run, because what it is told comes before some module is read.
+        fresh: start it as a person does, because what it is told comes before some module is read, or to see that.
     """
     environment = {**os.environ, **settings}
-    if sample(quick=fresh or module != COMMAND_LINE, whole=True):
+    if fresh or module != COMMAND_LINE:
         command = [sys.executable, "-m", module, *words]
         if told is None:
             return subprocess.Popen(command, cwd=ROOT, env=environment)

@@ -67,7 +67,8 @@ class ServiceProcess:
         words = [self._command, "--port", str(self.port), "--data-dir", str(self._data_dir)]
         if self._solver is not None and self._command == "serve":
             call_warm(self._data_dir, self._solver)
-        self.process = launch(words, self._environment, module=self._module, fresh=self._fresh)
+        fresh = self._fresh or (self._solver is None and sample(quick=False, whole=True))
+        self.process = launch(words, self._environment, module=self._module, fresh=fresh)
         wait_for(self._ready, STARTUP_SECONDS)
         return self
 
@@ -136,9 +137,8 @@ def warmed(data_dir: Path) -> Path:
 
 
 def call_warm(data_dir: Path, solver: tuple[str, ...]) -> None:
-    """Spare a solver of tests, which has nothing to compile, a process that finds that out; not with `--all`."""
-    if sample(quick=True, whole=False):
-        mark_warm(WorkerSettings(data_dir=data_dir, solver_command=solver))
+    """Spare a solver of tests, which has nothing to compile, a process that finds that out."""
+    mark_warm(WorkerSettings(data_dir=data_dir, solver_command=solver))
 
 
 def wait_for(holds: Callable[[], T], seconds: float = PATIENCE_SECONDS) -> T:

@@ -164,6 +164,9 @@ class CellWorld:
         bullet.setGravity(*self.cell.gravity, physicsClientId=client)
         for static in self.cell.boxes:
             self._static(box_shape(static.size, client), [*static.center, 1.0, 0.0, 0.0, 0.0])
+        for mesh in self.cell.meshes:
+            for part in mesh.mesh.drawn.parts:
+                self._static(hull_shape(part.vertices, client), to_pose7(mesh.T_world_mesh))
         for body in still:
             for part in body.solid.convex_parts:
                 self._static(hull_shape(part.vertices, client), to_pose7(body.T_world_body))

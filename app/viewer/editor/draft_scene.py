@@ -24,7 +24,6 @@ from app.viewer.editor.placing import STEP, put, written, yaw_of
 from app.viewer.palette import BODIES, Rgb, object_tint, rgb
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.geometry.pose import Array, Transform, rotation_z, transform
-from planners.scene.lift_placements import DEFAULT_LIFTER
 
 Phase = Literal["start", "update", "end"]
 GOAL_OPACITY = 0.45
@@ -195,12 +194,12 @@ class DraftScene:
             pointer: (part.shape, part.T_world_body) for pointer, part in draft.parts.items()
         }
         if draft.cup is not None and draft.plate is not None:
-            pad = Cylinder(type="cylinder", radius=draft.cup.radius, height=DEFAULT_LIFTER.cup_height)
+            pad = Cylinder(type="cylinder", radius=draft.cup.radius, height=self._cell.lifter.cup_height)
             wanted[CUP] = pad, self._cup_pose(draft.plate, draft.cup)
         return wanted
 
     def _cup_pose(self, plate: DraftPart, cup: DraftCup) -> Transform:
-        up = 0.5 * DEFAULT_LIFTER.cup_height * plate.T_world_body[:3, 2]
+        up = 0.5 * self._cell.lifter.cup_height * plate.T_world_body[:3, 2]
         return transform(plate.T_world_body[:3, :3], cup_in_world(plate, cup) + up)
 
     def _draw(self, pointer: str, shape: DrawnShape, T: Transform) -> _Drawn:

@@ -19,11 +19,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.cell.cell import StaticBox
 from planners.contract.quantities import SOFT_FINGER_EPS
-from planners.contract.shapes import Box
 from planners.errors import LiftwrightError
-from planners.geometry.pose import Array, Transform, transform
+from planners.geometry.pose import Array, Transform
 from planners.geometry.wrench import wrench_about
 from planners.graph.rejections import Rejection
 from planners.motion.spacing import spaced, spent_on_the_way
@@ -34,7 +32,7 @@ from planners.regrasp.statics.resting import RestingPoints, resting_points
 from planners.regrasp.suction.suction_hold import SuctionLimit, cup_uses, least_margin
 from planners.regrasp.tool_segment import ExertedForce, HeldReserve, ToolContactSet, ToolHold, ToolSegment
 from planners.scene.body import Body
-from planners.scene.solid import FlatFace, solid_of
+from planners.scene.placements import still_solids
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 
@@ -187,7 +185,7 @@ class HoldStatics:
         bodies = [scene.tool.body, *(moved.body for moved in scene.objects)]
         self._bodies = {body.name: body for body in bodies}
         self._masses = {body.name: _mass_properties(body) for body in bodies}
-        self._fixed = {box.name: (_box_faces(box), transform(None, box.center)) for box in scene.cell.boxes}
+        self._fixed = {name: (solid.flat_pieces(), T) for name, solid, T in still_solids(scene.cell)}
         self._fixed |= {body.name: (body.solid.flat_pieces(), body.T_world_body) for body in scene.obstacles}
 
     def start(self) -> dict[str, Transform]:
@@ -506,11 +504,6 @@ def _inertia(load: _Load, sample: int) -> tuple[ExertedForce, ...]:
     if not wrench.any():
         return ()
     return (ExertedForce("", "inertia", load.centres[sample], np.zeros(3), wrench),)
-
-
-def _box_faces(box: StaticBox) -> list[FlatFace]:
-    x, y, z = box.size.tolist()
-    return solid_of(Box(type="box", size=(x, y, z))).flat_pieces()
 
 
 def _mass_properties(body: Body) -> MassProperties:
