@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from planners.cell.cell import Cell, ShippedCells
-from planners.certify import CellReference, Certificate, RobotSurfaces, certify, load_surfaces
+from planners.certify import CellReference, Certificate, LifterReference, RobotSurfaces, certify, load_surfaces
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.pose import pose_row, to_pose7
@@ -380,7 +380,7 @@ def certificate_of(
         cell: in which it was planned.
         certify: checks it, as `planners.certify.certify` does.
     """
-    return certify(document, _surfaces(cell), _reference(cell))
+    return certify(document, _surfaces(cell), reference_of(cell))
 
 
 @lru_cache(maxsize=MOST_CELLS)
@@ -389,11 +389,12 @@ def _surfaces(cell: Cell) -> RobotSurfaces:
     return load_surfaces({name: (arm.robot.name, arm.hand.name) for name, arm in cell.arms.items()}, cell.shelf.folders)
 
 
-def _reference(cell: Cell) -> CellReference:
+def reference_of(cell: Cell) -> CellReference:
     """Return what the certificate may take for known about a cell."""
     home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
     rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
-    return CellReference(cell.document(), cell.body_documents(), home, rest, _tool_descriptions())
+    lifter = LifterReference(cell.lifter.cup_height, cell.lifter.cable_radius, cell.lifter.cable_length)
+    return CellReference(cell.document(), cell.body_documents(), home, lifter, rest, _tool_descriptions())
 
 
 def _plan(

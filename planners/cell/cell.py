@@ -112,6 +112,11 @@ class ToolRest:
     """Where a tool stands in it."""
     walls: tuple[StaticBox, ...]
 
+    @property
+    def depth(self) -> float:
+        """Height of the walls [m]."""
+        return float(self.walls[0].size[2])
+
 
 @dataclass(frozen=True, eq=False)
 class Cell:

@@ -134,6 +134,14 @@ class Gripper:
         """
         return transform(None, [0.0, 0.0, self.base_height + self._frames(width)["pad"][2, 3]])
 
+    def palm_distance(self, width: float) -> float:
+        """Return how far the pads' centres are from the farthest point of the base at an opening [m].
+
+        Raises:
+            WidthError: The gripper does not open so far.
+        """
+        return float(self._frames(width)["pad"][2, 3] - self.base.vertices[:, 2].max() - self.base.radius)
+
     @cached_property
     def tcp_table(self) -> Array:
         """(n, 2) rows of opening and height of the TCP above the flange, to interpolate linearly [m]."""

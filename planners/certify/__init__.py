@@ -9,9 +9,18 @@ every moment and what hits what, and `geometry`, the shapes of bodies.
 """
 
 from planners.certify.certify import certify
-from planners.certify.evidence import CellReference
+from planners.certify.evidence import CellReference, LifterReference
 from planners.certify.motion.robot_surfaces import RobotSurfaces, load_surfaces
 from planners.certify.settings import CertifySettings
 from planners.plan.verdicts import Certificate, Check
 
-__all__ = ["CellReference", "Certificate", "CertifySettings", "Check", "RobotSurfaces", "certify", "load_surfaces"]
+__all__ = [
+    "CellReference",
+    "Certificate",
+    "CertifySettings",
+    "Check",
+    "LifterReference",
+    "RobotSurfaces",
+    "certify",
+    "load_surfaces",
+]

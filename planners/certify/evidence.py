@@ -16,6 +16,18 @@ from planners.geometry.pose import Array
 from planners.plan.scenery import BodyDocument, CellDocument
 
 
+@dataclass(frozen=True)
+class LifterReference:
+    """How large the vacuum lifter is."""
+
+    cup_height: float
+    """[m]"""
+    cable_radius: float
+    """[m]"""
+    cable_length: float
+    """[m]"""
+
+
 @dataclass(frozen=True, eq=False)
 class CellReference:
     """What is known about the cell without the document."""
@@ -26,6 +38,8 @@ class CellReference:
     """Its static bodies, as plans state them."""
     home: Array
     """(12,) where the arms start when the task does not say [rad]."""
+    lifter: LifterReference
+    """Of plate lifts."""
     tool_pose: Sequence[float] | None = None
     """Where a suction tool stands in the cell's rest, if it has one."""
     tools: Mapping[str, CustomTool] = field(default_factory=dict)

@@ -115,8 +115,9 @@ class LiftSampling:
 
 def jaw_of(workcell: LiftWorkcell) -> Jaw:
     """Return what matters of the gripper to where it can grip."""
-    hand = workcell.gripping_hand
-    return Jaw(hand.width_max, (float(hand.pad_size[0]), float(hand.pad_size[2])))
+    hand, thickness = workcell.gripping_hand, workcell.scene.plate.height
+    room = hand.palm_distance(min(thickness, hand.width_max))
+    return Jaw(hand.width_max, (float(hand.pad_size[0]), float(hand.pad_size[2])), room)
 
 
 def cup_footprint(scene: PlateLiftScene) -> CupFootprint:

@@ -98,7 +98,7 @@ class SuctionToolPlanner:
         rng = np.random.default_rng(scene.seed)
         self.choreographer = ToolChoreographer(queries, HoldStatics(scene), park, settings, rng)
         self._routes = RouteMaker(queries, handovers, self.choreographer.motion.static_hold, park, settings)
-        self.suctions = SuctionFinder(scene.tool.cup, settings.suction, progress)
+        self.suctions = SuctionFinder(scene.tool.cup, scene.cell.gravity, settings.suction, progress)
         still = StillBodies.of(scene.cell, scene.obstacles)
         self.pile = PilePlanner(
             ObjectPlanner(self.choreographer, self._routes, settings, progress),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
+from planners.cell.cell import Cell
 from planners.geometry.pose import Transform
 from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
@@ -22,7 +23,9 @@ class CarrySettings:
     """Straight ways of the tool and of what it carries. Distances are those of the paper where it names them."""
 
     unrest: float = 0.080
-    """Straight up with the tool off its rest [m]: more than the depth of a socket."""
+    """Straight up with the tool off its rest [m]."""
+    out_of_socket: float = 0.030
+    """Straight up beyond the walls of the cell's rest, at least [m]."""
     descent: float = 0.050
     """Along the normal of the facet, onto the object and off it [m]."""
     lift: float = 0.050
@@ -40,6 +43,11 @@ class CarrySettings:
     [rad]; as for handovers."""
     reliefs: tuple[float, ...] = (math.radians(68.0), math.radians(80.0))
     """Tilts from which such turns begin, or at which they end; the next where one is not possible [rad]."""
+
+    def off_rest(self, cell: Cell) -> float:
+        """Return how far the tool is taken straight up off its rest, which may be the cell's socket [m]."""
+        deep = 0.0 if cell.tool_rest is None else cell.tool_rest.depth
+        return max(self.unrest, deep + self.out_of_socket)
 
 
 @dataclass(frozen=True)

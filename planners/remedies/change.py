@@ -19,6 +19,8 @@ AnyTask = PlateLiftTask | SuctionToolTask
 TaskOfKind = TypeVar("TaskOfKind", bound=AnyTask)
 SceneOfKind = TypeVar("SceneOfKind")
 
+_NOWHERE = 1e-6
+"""A way that is shorter leads nowhere [m]."""
 _DIGITS = 9
 """After the decimal point of what a patch writes."""
 _HEIGHTS = (0.05, 0.10, 0.20)
@@ -102,8 +104,9 @@ class Directions:
     """Words for directions on the table, as somebody sees them who stands behind the robot."""
 
     def __init__(self, away: Array) -> None:
-        """Take the direction (2,) that leads away from the robot, in the world."""
-        self.away = away / np.linalg.norm(away)
+        """Take the direction (2,) that leads away from the robot, in the world; x where none does, between the arms."""
+        length = float(np.linalg.norm(away))
+        self.away = away / length if length > _NOWHERE else np.array([1.0, 0.0])
         self.left = np.array([-self.away[1], self.away[0]])
 
     def nearest(self, off: Array) -> Array:

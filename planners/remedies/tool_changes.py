@@ -30,10 +30,10 @@ from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
 """How far things are moved [m]."""
-_BEST_REACH = 0.35
-"""How far in front of the shoulders the place is that both arms reach best [m]."""
-_NEARER = (0.5, 0.4, 0.3, 0.15)
-"""How near to that place things are moved that are farther off, the least way first [m]."""
+_BEST_REACH = 0.7
+"""How far in front of the shoulders the place is that both arms reach best, as a share of an arm's reach [1]."""
+_NEARER = (1.0, 0.8, 0.6, 0.3)
+"""How near to that place things are moved that are farther off, the least way first, as shares of the reach [1]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (45, 90) for sign in (1, -1))
 _FIRST = 2
 """Changes of a kind that are tried together with those of another."""
@@ -64,6 +64,7 @@ class ToolChanges:
         table = scene.cell.boxes[0].center[:2]
         self._directions = Directions(table - bases.mean(axis=0))
         self._middle, self._table_top = bases.mean(axis=0), scene.cell.table_top
+        self._reach = min(arm.robot.reach for arm in scene.cell.arms.values())
         explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
         named = [each for each in task.objects if self._names(each.name)]
@@ -77,13 +78,16 @@ class ToolChanges:
         starts, goals = (
             max(np.linalg.norm(self._way_to_best(pose)) for pose in member) for member in zip(*poses, strict=True)
         )
-        if max(starts, goals) > _NEARER[0]:
-            # What is far off has to come nearer, whatever else is changed.
-            return [self._goals()] if goals >= starts else [self._starts(), self._goals()]
+        far_off: list[Iterator[TaskChange]] = []
+        if max(starts, goals) > _NEARER[0] * self._reach:
+            far_off = places[2:3] if goals >= starts else places[1:3]
+            places = [kind for kind in places if not any(kind is other for other in far_off)]
         rest = [self._tool(), self._limits(), self._aside()]
         first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
-        return [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
+        others = [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
+        # What is far off has to come nearer, most likely.
+        return [*far_off, *others]
 
     def in_pairs(self) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: of different kinds, of each the first ones."""
@@ -111,7 +115,7 @@ class ToolChanges:
     def _moved(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
         """Move start or goal: towards the place that both arms reach best, and a little everywhere."""
         along = self._directions
-        for near in _NEARER:
+        for near in (share * self._reach for share in _NEARER):
             for index, each in self._objects:
                 way = self._way_to_best(getattr(each, member))
                 distance = float(np.linalg.norm(way))
@@ -126,7 +130,7 @@ class ToolChanges:
 
     def _way_to_best(self, pose: Sequence[float]) -> Array:
         """Return the way (2,) from a pose to the place that both arms reach best [m]."""
-        return self._middle + _BEST_REACH * self._directions.away - np.array(pose[:2])
+        return self._middle + _BEST_REACH * self._reach * self._directions.away - np.array(pose[:2])
 
     def _shifted(self, index: int, each: ObjectToMove, member: str, kind: str, sentence: str, way: Array) -> TaskChange:
         told = sentence.format(each.name, self._directions.say(way))

@@ -20,8 +20,8 @@ from planners.scene.clashes import arm_frames
 
 SUNK = 0.005
 """How deep the base of an arm may be in the table that it is mounted on [m]."""
-LEVEL = np.radians(1.0)
-"""Gravity may be off the vertical by so much [rad]."""
+LEVEL = 1e-6
+"""Gravity may be off the vertical by so much, for rounding [rad]: plates are lifted along z, against all of it."""
 LONGEST_PULL = 30.0
 """No planet on which anybody builds has more [m/s^2]."""
 
@@ -82,7 +82,7 @@ def _check_gravity(cell: Cell, faults: AssetFaults) -> None:
     pull = float(np.linalg.norm(cell.gravity))
     if not 0.0 < pull <= LONGEST_PULL:
         detail = f"is {pull:g} m/s^2; more than 0 and at most {LONGEST_PULL:g} are needed, 9.81 on Earth"
-    elif cell.gravity[2] > -np.cos(LEVEL) * pull:
+    elif cell.gravity[2] > 0.0 or float(np.linalg.norm(cell.gravity[:2])) > LEVEL * pull:
         detail = "must point along -z: the table is level, and plates are lifted along z"
     else:
         return

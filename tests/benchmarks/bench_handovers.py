@@ -115,7 +115,7 @@ def _first_suction(scene: SuctionToolScene) -> Transform:
     target = scene.objects[0]
     body = target.body
     assert body.mass is not None
-    load = SuctionLoad(body.mass, body.com, body.T_world_body, target.goals)
+    load = SuctionLoad(body.mass, body.com, body.T_world_body, scene.cell.gravity, target.goals)
     return suction_poses(body.solid.surface(), load, scene.tool.cup, _SETTINGS.suction).poses[0].T_object_tool
 
 

@@ -25,6 +25,7 @@ from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.certify.motion.solids import ConvexSolid
 from planners.geometry.pose import frame_from_z, inverse, rotation_y, skew, to_pose7, transform
 from planners.kinematics.inverse import inverse_kinematics
+from planners.planning import reference_of
 
 Array = NDArray[np.float64]
 STEP = 0.02
@@ -404,7 +405,7 @@ def cell() -> Cell:
 
 @pytest.fixture(scope="session")
 def reference(cell: Cell) -> CellReference:
-    return CellReference(cell.document(), cell.body_documents(), cell.home)
+    return reference_of(cell)
 
 
 @pytest.fixture(scope="session")

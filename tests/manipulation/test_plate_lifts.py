@@ -14,7 +14,7 @@ from support.documents import certified
 from support.samples import told
 
 from planners.cell.cell import Cell, load_cell_file, load_cells
-from planners.certify import CellReference, RobotSurfaces, load_surfaces
+from planners.certify import RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.plan.verdicts import PlanningOutcome
 from planners.planning import plan
@@ -59,7 +59,7 @@ def test_a_lift_is_planned_and_certified_or_it_is_said_why_not(case, cells, surf
     assert document["outcome"] == case["outcome"], explanation
     assert explanation["summary"]
     cell = cells[document["cell"]["name"]]
-    known = CellReference(cell.document(), cell.body_documents(), cell.home)
+    known = reference_of(cell)
     written = document | {"id": "problem", "software": {"name": "liftwright", "version": "0", "commit": None}}
     certificate = certified(written, surfaces, known)
     # What was not found claims nothing.

@@ -33,6 +33,7 @@ M = np.diag([1.0, -1.0, 1.0, 1.0])
 OTHER = {"left": "right", "right": "left"}
 HULLS = 0.01
 """Share of verdicts that may differ: the meshes of the arms' links are not quite their own mirror images."""
+DOWN = np.array([0.0, 0.0, -9.81])
 SETTINGS = ToolPlannerSettings()
 
 
@@ -122,7 +123,7 @@ def test_places_of_the_cup_come_in_the_same_order_on_mirror_images(objects):
     tools = []
     for these in (objects, mirrored(objects)):
         (moved,) = scene_of(*these).objects
-        finder = SuctionFinder(scene_of(*these).tool.cup, SETTINGS.suction, silent)
+        finder = SuctionFinder(scene_of(*these).tool.cup, DOWN, SETTINGS.suction, silent)
         tools.append([moved.body.T_world_body @ each.T_object_tool for each in finder.to_goal(moved).poses])
     assert len(tools[0]) > 8
     np.testing.assert_allclose(M @ np.array(tools[0]) @ M, tools[1], atol=1e-5)

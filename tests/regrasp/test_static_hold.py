@@ -42,7 +42,9 @@ def test_the_cup_bears_where_no_margin_is_negative(scene: SuctionToolScene, pose
     sucked, body = SuckedObject(scene.objects[0].name, OFF_CENTRE), scene.objects[0].body
     assert body.mass is not None
     tilted = np.concatenate([poses, poses[:, :, [1, 0, 2, 3]] * [1, 1, -1, 1]])
-    wrenches = cup_wrenches(weight(body.mass), tilted @ OFF_CENTRE, body.com, inverse(OFF_CENTRE))
+    wrenches = cup_wrenches(
+        weight(body.mass, np.array([0.0, 0.0, -9.81])), tilted @ OFF_CENTRE, body.com, inverse(OFF_CENTRE)
+    )
     static_hold = StaticHold(scene, 0.0)
     expected = suction_margins(wrenches, scene.tool.cup).min(axis=1) >= 0.0
     assert expected.any()

@@ -166,7 +166,7 @@ def test_wrenches_of_many_cups_are_those_of_each():
 
 def test_under_a_level_cup_the_weight_is_a_pull_and_nothing_else():
     T_object_tool = transform(position=np.array([0.0, 0.0, 0.03]))
-    wrench = cup_wrenches(weight(0.3), np.eye(4), np.zeros(3), T_object_tool)
+    wrench = cup_wrenches(weight(0.3, np.array([0.0, 0.0, -9.81])), np.eye(4), np.zeros(3), T_object_tool)
     assert wrench == pytest.approx([0, 0, 0.3 * 9.81, 0, 0, 0])
 
 

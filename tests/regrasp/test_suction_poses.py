@@ -34,6 +34,7 @@ class Lip:
 
 
 LIP, SETTINGS = Lip(), SuctionSettings()
+DOWN = np.array([0.0, 0.0, -9.81])
 
 
 def arrays(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +87,7 @@ def poses_of(
 ) -> SuctionPoses:
     com = load.get("com", np.array(mesh.center_mass))
     start = load.get("T_world_start", np.eye(4))
-    return suction_poses(arrays(mesh), SuctionLoad(mass, com, start, load.get("T_world_goals")), lip, choice)
+    return suction_poses(arrays(mesh), SuctionLoad(mass, com, start, DOWN, load.get("T_world_goals")), lip, choice)
 
 
 class AllTriangles:
@@ -135,7 +136,7 @@ def test_wherever_a_pad_seals_and_holds_there_is_a_pose_nearby(name):
         if normal[2] < 0.99:
             continue
         T = transform(trimesh.geometry.align_vectors([0, 0, 1], normal)[:3, :3] @ rotation_z(rng.uniform(0, 6)), point)
-        wrench = cup_wrenches(weight(0.1), np.eye(4), np.array(mesh.center_mass), T)
+        wrench = cup_wrenches(weight(0.1, DOWN), np.eye(4), np.array(mesh.center_mass), T)
         # A millimetre of slack, and nothing of the object inside or above the place.
         heights = first_heights(mesh, T, LIP.radius + SETTINGS.rim + 1e-3, 1.0)
         if np.abs(heights).max() < 1e-6 and suction_margin(wrench, LIP) > 0.05:
@@ -165,7 +166,7 @@ def test_poses_are_right_handed_frames_on_the_surface_with_evenly_spread_rolls(n
 def test_margins_are_those_of_the_suction_cones_and_never_negative(name):
     mesh = MESHES[name]
     for pose in poses_of(mesh).poses:
-        wrench = cup_wrenches(weight(0.1), np.eye(4), np.array(mesh.center_mass), pose.T_object_tool)
+        wrench = cup_wrenches(weight(0.1, DOWN), np.eye(4), np.array(mesh.center_mass), pose.T_object_tool)
         assert pose.margin == pytest.approx(float(suction_margin(wrench, LIP)), abs=1e-9)
         assert pose.margin >= 0.0
 
@@ -359,7 +360,7 @@ def broken_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("fault", broken_meshes())
 def test_broken_surfaces_have_no_poses_and_a_reason(fault):
     surface = broken_meshes()[fault]
-    found = suction_poses(surface, SuctionLoad(0.1, np.zeros(3), np.eye(4)), LIP)
+    found = suction_poses(surface, SuctionLoad(0.1, np.zeros(3), np.eye(4), DOWN), LIP)
     assert found.poses == ()
     assert found.rejections.counts() == {"suction: " + SuctionFault.NOT_CLOSED: 1}
 

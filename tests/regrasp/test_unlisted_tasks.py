@@ -101,7 +101,9 @@ def test_a_stopover_is_clear_of_everything_now_and_later() -> None:
 def test_the_suction_poses_are_asked_once_for_every_object() -> None:
     scene = scene_of(box("one", [0.35, 0.2], [0.35, -0.2]))
     told: list[str] = []
-    finder = SuctionFinder(scene.tool.cup, ToolPlannerSettings().suction, lambda report: told.append(report.name))
+    finder = SuctionFinder(
+        scene.tool.cup, scene.cell.gravity, ToolPlannerSettings().suction, lambda report: told.append(report.name)
+    )
     assert finder.to_goal(scene.objects[0]) is finder.to_goal(scene.objects[0])
     assert told == ["suction one"]
 

@@ -8,15 +8,14 @@ from typing import Any
 from planners.cell.cell import Cell, load_cell
 from planners.certify import CellReference
 from planners.contract.task_spec import read_task
-from planners.geometry.pose import to_pose7
 from planners.geometry.solid_mesh import SolidMesh
-from planners.planning import HandoverSource, plan
+from planners.planning import HandoverSource, plan, reference_of
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, find_handovers, handover_key
 from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.scene.scene import build_scene
-from planners.scene.suction_tool import SuctionTool, tool_descriptions
+from planners.scene.suction_tool import SuctionTool
 
 Document = dict[str, Any]
 QUARTER = [0.7071067811865476, 0.0, 0.0, 0.7071067811865476]
@@ -67,7 +66,4 @@ def planned(
 
 def reference_of_the_tool_cell() -> CellReference:
     """What the certificate may take for known."""
-    cell = load_cell("dual_ur3e_tool")
-    assert cell.tool_rest is not None
-    rest = to_pose7(cell.tool_rest.T_world_tool)
-    return CellReference(cell.document(), cell.body_documents(), cell.home, rest, tool_descriptions())
+    return reference_of(load_cell("dual_ur3e_tool"))

@@ -18,9 +18,6 @@ from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import from_pose7, inverse
 from planners.plan.verdicts import Check
 
-_CABLE_LENGTH = 1.1
-"""Contract [m]."""
-
 
 @dataclass(frozen=True, eq=False)
 class LiftTask:
@@ -90,10 +87,10 @@ def _stated_bodies(task: PlateLiftTask) -> tuple[StatedBody, ...]:
     if plate.com is None:
         raise MalformedDocument("/task/plate/com", "is missing")
     shape, T_world_plate = stated_shape(plate.shape, "/task/plate/shape"), from_pose7(task.plate_pose)
-    bodies = [StatedBody("plate", shape, T_world_plate, plate.mass, np.array(plate.com))]
+    bodies = [StatedBody("plate", shape, T_world_plate, plate.mass, np.array(plate.com), settled=True)]
     if task.support is not None:
         shape = stated_shape(task.support.shape, "/task/support/shape")
-        bodies.append(StatedBody("support", shape, from_pose7(task.support.pose)))
+        bodies.append(StatedBody("support", shape, from_pose7(task.support.pose), settled=True))
     return (*bodies, *stated_obstacles(task))
 
 
@@ -110,7 +107,10 @@ def lift_bodies_check(evidence: Evidence, task: LiftTask) -> Check:
 
 
 def _lifter(evidence: Evidence, task: LiftTask, finding: Finding) -> None:
-    """The cup stands on the plate where the task says and is as wide; the cable stands on the cup, 1.1 m high."""
+    """The cup stands on the plate where the task says and is as wide; the cable stands on the cup.
+
+    How high both are, and how thick the cable, is known of the cell.
+    """
     settings, bodies = evidence.settings, evidence.plan.bodies
     plate, cup, cable = (bodies[name] for name in ("plate", "cup", "cable"))
     T_plate_cup = inverse(plate.T_world_start) @ cup.T_world_start
@@ -122,7 +122,14 @@ def _lifter(evidence: Evidence, task: LiftTask, finding: Finding) -> None:
     narrower = task.cup.radius - float(np.linalg.norm(rim[:, :2] - middle[:2], axis=1).max())
     finding.note(settings.join - narrower, "body cup: radius")
     low, high = cable.shape.vertices[:, 2].min(), cable.shape.vertices[:, 2].max()
-    finding.note(settings.join - (_CABLE_LENGTH - float(high - low)), "body cable: height")
+    if evidence.reference is not None:
+        lifter = evidence.reference.lifter
+        short = lifter.cable_length - float(high - low)
+        finding.note(settings.join - short, "body cable: height")
+        thinner = lifter.cable_radius - float(np.linalg.norm(cable.shape.vertices[:, :2], axis=1).max())
+        finding.note(settings.join - thinner, "body cable: radius")
+        lower = lifter.cup_height - float(np.ptp(rim[:, 2]))
+        finding.note(settings.join - lower, "body cup: height")
     foot = cable.T_world_start[:3, :3] @ [0.0, 0.0, low] + cable.T_world_start[:3, 3]
     T = plate.T_world_start
     anchor = T[:3, :3] @ [middle[0], middle[1], rim[:, 2].max()] + T[:3, 3]

@@ -34,8 +34,8 @@ def can_meet(a: ConvexSolid, b: ConvexSolid, static: frozenset[str]) -> bool:
     """Whether a pair of solids has to be looked at.
 
     Left out: solids of one arm at most one joint apart, hands counting as their flange (they can only turn about a
-    common axis, and their hulls overlap there by design); the base links and the frame they are bolted to; two static
-    bodies; parts of one body; and the cable with anything but arms.
+    common axis, and their hulls overlap there by design); the base links and the table and frame they are bolted to,
+    which no motion changes; two static bodies; parts of one body; and the cable with anything but arms.
     """
     if a.arm is not None and b.arm is not None:
         return a.arm != b.arm or abs(a.frame.link - b.frame.link) > 1
@@ -44,7 +44,7 @@ def can_meet(a: ConvexSolid, b: ConvexSolid, static: frozenset[str]) -> bool:
             return False
         return not (a.frame.owner in static and b.frame.owner in static)
     robot, body = (a, b) if a.arm is not None else (b, a)
-    return not (robot.frame.link == 0 and body.group == "frame")
+    return not (robot.frame.link == 0 and body.group in ("table", "frame"))
 
 
 def pairs_of(solids: Sequence[ConvexSolid], static: frozenset[str]) -> list[tuple[int, int]]:

@@ -25,11 +25,11 @@ class SensorRecord(_Record):
 
 
 class MeshRecord(_Record):
-    """A mesh that an installed package ships."""
+    """A mesh that an installed package ships, or that is among the files of the cell."""
 
-    package: str
+    package: str | None = None
     path: str
-    """Inside the package."""
+    """Inside the package, or inside the folder that `robots`, `hands` and so on are in."""
     scale: float = 1.0
     """Metres a unit of the file."""
 
@@ -133,10 +133,16 @@ class JawsRecord(_Record):
 
 
 class StickRecord(_Record):
-    """A rod, of which the plan's document says the rest."""
+    """A rod along the flange's z axis with a round tip [m]."""
 
     kind: Literal["stick"]
     sensor: str
+    tip_distance: float
+    """From the flange to the tip's pole."""
+    tip_radius: float
+    stick_radius: float
+    tip_length: float
+    """Of what may touch, back from the centre of the tip's hemisphere."""
 
 
 class HandRecord(RootModel[Annotated[GripperRecord | JawsRecord | StickRecord, Field(discriminator="kind")]]):

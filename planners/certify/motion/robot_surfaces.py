@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -45,7 +45,8 @@ from planners.plan.scenery import ARMS
 
 LINKS = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _LABORATORY = {arm: ("ur3e", "robotiq_2f85_ft300") for arm in ARMS}
-"""Of the papers; what a hand without fingers is, the document says."""
+_STICK = "pushing_stick_ft300"
+"""Of the papers, whose arms carry the one hand or the other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +189,18 @@ class GripperSurfaces:
         return self.finger_poses("pad", 1, widths)[:, 2, 3]
 
 
+@dataclass(frozen=True)
+class StickSurfaces:
+    """A stick, all of it about the flange's z axis; heights are above the flange [m]."""
+
+    neck: float
+    """Where what may touch begins."""
+    tip: float
+    """Of the centre of the tip's hemisphere."""
+    stick_radius: float
+    tip_radius: float
+
+
 @dataclass(frozen=True, eq=False)
 class ArmSurfaces:
     """Hulls of one arm's links, of the sensor on its flange and of the gripper's parts."""
@@ -199,7 +212,9 @@ class ArmSurfaces:
     sensor_length: float
     """Coupling and sensor, from the flange to the base of gripper or stick [m]."""
     gripper: GripperSurfaces | None
-    """None: a stick, which the document describes."""
+    """None: it has none."""
+    stick: StickSurfaces | None
+    """None: it has none."""
 
 
 RobotSurfaces = Mapping[str, ArmSurfaces]
@@ -212,7 +227,7 @@ def load_surfaces(
     """Read the shapes of a cell's arms and hands.
 
     Args:
-        arms: names of robot and hand by arm; None takes the papers' UR3e with a 2F-85 each.
+        arms: names of robot and hand by arm; None takes the papers' UR3e with 2F-85 and stick, whichever a plan has.
         folders: where `robots/`, `hands/` and `sensors/` are looked for, in order; None takes the shipped ones.
 
     Raises:
@@ -221,6 +236,8 @@ def load_surfaces(
     reader = _AssetReader(tuple(folders or (assets_folder(),)))
     # Both arms may be of one kind.
     read = {kind: reader.arm(*kind) for kind in set((arms or _LABORATORY).values())}
+    if arms is None:
+        read = {kind: replace(known, stick=reader.arm(kind[0], _STICK).stick) for kind, known in read.items()}
     return {arm: read[kind] for arm, kind in (arms or _LABORATORY).items()}
 
 
@@ -240,7 +257,8 @@ class _AssetReader:
             links=self._links(robot),
             sensor=convex_part(np.add(round_sensor.vertices, [0.0, 0.0, length / 2])),
             sensor_length=length,
-            gripper=None if isinstance(held, StickRecord) else _gripper(held, length),
+            gripper=None if isinstance(held, StickRecord) else self._gripper(held, length),
+            stick=_stick(held) if isinstance(held, StickRecord) else None,
         )
 
     def _links(self, robot: str) -> tuple[tuple[ConvexPart, ...], ...]:
@@ -248,12 +266,12 @@ class _AssetReader:
         if described.links_of is not None:
             described = self._read("robots", described.links_of, RobotRecord)
         drawn = {link.name: link for link in described.links}
-        urdf = _urdf_of(drawn.values())
+        urdf = self._urdf_of(drawn.values())
         if urdf is not None:
             rows = [[joint.a, joint.alpha_deg, joint.d, joint.theta0_deg] for joint in described.joints]
             dh = np.array(rows) * [1.0, math.pi / 180.0, 1.0, math.pi / 180.0]
             return tuple((hull,) for hull in _link_hulls(urdf, dh))
-        return tuple(_link(drawn[name]) for name in LINKS)
+        return tuple(self._link(drawn[name]) for name in LINKS)
 
     def _read(self, kind: str, name: str, record: type[_Record]) -> _Record:
         for folder in self.folders:
@@ -265,22 +283,56 @@ class _AssetReader:
                     raise AssetError(f"{kind}/{name}.yaml cannot be read: {error}") from error
         raise AssetError(f"there is no {kind}/{name}.yaml")
 
+    def _gripper(self, held: GripperRecord | JawsRecord, height: float) -> GripperSurfaces:
+        pad_size = np.array(held.pad_size)
+        if isinstance(held, JawsRecord):
+            base = _box(held.base)
+            parts = {name: convex_part(_box(described)) for name, described in held.finger.items()}
+        else:
+            base = self._mesh_vertices(held.meshes.base)
+            parts = {name: _hull(self._mesh_vertices(mesh), name) for name, mesh in held.meshes.finger.items()}
+        parts["pad"] = box(pad_size).parts[0]
+        far = {part: float(np.linalg.norm(hull.vertices, axis=1).max()) for part, hull in parts.items()}
+        if isinstance(held, JawsRecord):
+            fingers = Slide(held.width_max, np.array([0.0, pad_size[1] / 2, held.pad_height]), far)
+        else:
+            fingers = _four_bar(held.linkage, pad_size, far)
+        return GripperSurfaces(_hull(np.add(base, [0.0, 0.0, height]), "base"), parts, pad_size, height, fingers)
 
-def _gripper(held: GripperRecord | JawsRecord, height: float) -> GripperSurfaces:
-    pad_size = np.array(held.pad_size)
-    if isinstance(held, JawsRecord):
-        base = _box(held.base)
-        parts = {name: convex_part(_box(described)) for name, described in held.finger.items()}
-    else:
-        base = _mesh_vertices(held.meshes.base)
-        parts = {name: _hull(_mesh_vertices(mesh), name) for name, mesh in held.meshes.finger.items()}
-    parts["pad"] = box(pad_size).parts[0]
-    far = {part: float(np.linalg.norm(hull.vertices, axis=1).max()) for part, hull in parts.items()}
-    if isinstance(held, JawsRecord):
-        fingers = Slide(held.width_max, np.array([0.0, pad_size[1] / 2, held.pad_height]), far)
-    else:
-        fingers = _four_bar(held.linkage, pad_size, far)
-    return GripperSurfaces(_hull(np.add(base, [0.0, 0.0, height]), "base"), parts, pad_size, height, fingers)
+    def _link(self, described: LinkRecord) -> tuple[ConvexPart, ...]:
+        if described.mesh is not None:
+            turn = Rotation.from_euler("xyz", described.rpy_deg, degrees=True).as_matrix()
+            return (_hull(self._mesh_vertices(described.mesh) @ turn.T + described.position, described.name),)
+        pieces = tuple(_hull(np.array(corners), described.name) for corners in described.pieces)
+        return pieces or tuple(map(_cylinder, described.cylinders))
+
+    def _urdf_of(self, links: Collection[LinkRecord]) -> Path | None:
+        """Return the folder of a URDF whose meshes all the links have, if there is one."""
+        folders = {self._file_of(link.mesh).parent.parent for link in links if link.mesh is not None}
+        if len(folders) != 1 or any(link.mesh is None for link in links):
+            return None
+        (folder,) = folders
+        return folder if (folder / f"{folder.name}.urdf").is_file() else None
+
+    def _file_of(self, mesh: MeshRecord) -> Path:
+        """Return the file of a mesh of the cell, or of one that an installed package ships, which is not imported."""
+        if mesh.package is None:
+            found = next((folder / mesh.path for folder in self.folders if (folder / mesh.path).is_file()), None)
+            if found is None:
+                raise AssetError(f"there is no file {mesh.path}")
+            return found
+        spec = find_spec(mesh.package)
+        if spec is None or not spec.submodule_search_locations:
+            raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
+        return Path(spec.submodule_search_locations[0]) / mesh.path
+
+    def _mesh_vertices(self, mesh: MeshRecord) -> Array:
+        return mesh.scale * _vertices(self._file_of(mesh))
+
+
+def _stick(held: StickRecord) -> StickSurfaces:
+    centre = held.tip_distance - held.tip_radius
+    return StickSurfaces(centre - held.tip_length, centre, held.stick_radius, held.tip_radius)
 
 
 def _box(described: BoxRecord) -> Array:
@@ -303,29 +355,12 @@ def _four_bar(linkage: LinkageRecord, pad_size: Array, far: Mapping[str, float])
     )
 
 
-def _link(described: LinkRecord) -> tuple[ConvexPart, ...]:
-    if described.mesh is not None:
-        turn = Rotation.from_euler("xyz", described.rpy_deg, degrees=True).as_matrix()
-        return (_hull(_mesh_vertices(described.mesh) @ turn.T + described.position, described.name),)
-    pieces = tuple(_hull(np.array(corners), described.name) for corners in described.pieces)
-    return pieces or tuple(map(_cylinder, described.cylinders))
-
-
 def _cylinder(described: CylinderRecord) -> ConvexPart:
     axis = np.subtract(described.end, described.start)
     centre = np.add(described.start, described.end) / 2
     T = transform(frame_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]), centre)
     upright = cylinder(described.radius, float(np.linalg.norm(axis))).parts[0]
     return convex_part(upright.vertices @ T[:3, :3].T + T[:3, 3])
-
-
-def _urdf_of(links: Collection[LinkRecord]) -> Path | None:
-    """Return the folder of a URDF whose meshes all the links have, if there is one."""
-    folders = {_file_of(link.mesh).parent.parent for link in links if link.mesh is not None}
-    if len(folders) != 1 or any(link.mesh is None for link in links):
-        return None
-    (folder,) = folders
-    return folder if (folder / f"{folder.name}.urdf").is_file() else None
 
 
 def _link_hulls(folder: Path, dh: Array) -> list[ConvexPart]:
@@ -351,18 +386,6 @@ def _link_hulls(folder: Path, dh: Array) -> list[ConvexPart]:
         vertices = _vertices(folder / "collision" / f"{mesh}.obj") @ T_link_mesh[:3, :3].T + T_link_mesh[:3, 3]
         hulls.append(_hull(vertices, mesh))
     return hulls
-
-
-def _file_of(mesh: MeshRecord) -> Path:
-    """Return the file of a mesh that an installed package ships, without importing the package."""
-    spec = find_spec(mesh.package)
-    if spec is None or not spec.submodule_search_locations:
-        raise AssetError(f"the package {mesh.package!r} is not installed; it ships {mesh.path}")
-    return Path(spec.submodule_search_locations[0]) / mesh.path
-
-
-def _mesh_vertices(mesh: MeshRecord) -> Array:
-    return mesh.scale * _vertices(_file_of(mesh))
 
 
 def _vertices(path: Path) -> Array:

@@ -11,11 +11,13 @@ import numpy as np
 
 from planners.certify.geometry.body_shape import ConvexPart
 from planners.certify.motion.gap import largest_gap
-from planners.certify.motion.robot_surfaces import LINKS, GripperSurfaces, RobotSurfaces
+from planners.certify.motion.robot_surfaces import LINKS, ArmSurfaces, GripperSurfaces, RobotSurfaces
 from planners.certify.plan_view import MalformedDocument, PlanView
 from planners.geometry.pose import Array, Transform, frame_from_z, transform
 from planners.plan.scenery import ARMS, StickDocument
 
+_SAME = 1e-6
+"""Lengths that differ by less are one, of what a document rounds [m]."""
 _THIN = 1e-7
 """Radius that stands for none: fcl's capsules must have one [m]."""
 _MANY_AXES = 40_000
@@ -121,7 +123,7 @@ def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[ConvexSolid]:
             solids.append(polytope(f"{arm}_gripper_base", "hand", flange, gripper.base))
             solids += _fingers(arm, gripper)
         else:
-            solids += _stick(arm, plan.sticks[arm], known.sensor_length)
+            solids += _stick(arm, plan.sticks[arm], known)
     for body in plan.bodies.values():
         frame = Frame("body", body.name)
         solids += [polytope(body.name, body.role, frame, part) for part in body.shape.parts]
@@ -150,15 +152,24 @@ def _fingers(arm: str, gripper: GripperSurfaces) -> list[ConvexSolid]:
     return solids
 
 
-def _stick(arm: str, stick: StickDocument, sensor_length: float) -> list[ConvexSolid]:
-    """The stick ends one radius before its tip's centre; from there on it is the tip, which may touch."""
-    start, tip = np.array([0.0, 0.0, sensor_length]), stick.T_flange_tip[:3, 3]
-    length = float(np.linalg.norm(tip - start))
-    end = tip - (tip - start) * min(1.0, stick.tip_radius / max(length, _THIN))
+def _stick(arm: str, stated: StickDocument, known: ArmSurfaces) -> list[ConvexSolid]:
+    """Return the stick as the cell has it, and beyond its neck the tip, which may touch.
+
+    Raises:
+        MalformedDocument: The document has its tip elsewhere, or the cell has a gripper there.
+    """
+    stick, pointer = known.stick, f"/cell/hands/{arm}"
+    if stick is None:
+        raise MalformedDocument(f"{pointer}/kind", "the cell has no stick there")
+    tip = np.array([0.0, 0.0, stick.tip])
+    off = max(float(np.abs(stated.T_flange_tip[:3, 3] - tip).max()), abs(stated.tip_radius - stick.tip_radius))
+    if off > _SAME:
+        raise MalformedDocument(f"{pointer}/tcp", "the cell has the stick's tip elsewhere, or larger or smaller")
+    start, neck = (np.array([0.0, 0.0, height]) for height in (known.sensor_length, stick.neck))
     flange = Frame("link", arm, 6)
     return [
-        capsule(f"{arm}_stick", "hand", flange, np.array([start, end]), stick.tip_radius),
-        capsule(f"{arm}_tip", "tip", flange, np.array([end, tip]), stick.tip_radius),
+        capsule(f"{arm}_stick", "hand", flange, np.array([start, neck]), stick.stick_radius),
+        capsule(f"{arm}_tip", "tip", flange, np.array([neck, tip]), stick.tip_radius),
     ]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
+from planners.certify.geometry.level_contacts import LevelFaces, contact_points
 from planners.certify.geometry.vectors import cross, length
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.motion.solids import ConvexSolid, signed_distance
@@ -201,7 +202,10 @@ def _listed(names: set[str] | frozenset[str]) -> str:
 
 
 def start_supports(evidence: Evidence) -> dict[str, frozenset[str]]:
-    """Return what each movable body stands on at the start: what it touches that does not reach above its foot."""
+    """Return what each movable body stands on at the start.
+
+    That is what it touches that does not reach above its foot, or has a level place under it, as a tray with walls has.
+    """
     bodies, touch = evidence.plan.bodies, evidence.settings.touch_depth
     parts: dict[str, list[ConvexSolid]] = {}
     for solid in evidence.solids:
@@ -213,8 +217,15 @@ def start_supports(evidence: Evidence) -> dict[str, frozenset[str]]:
         poses = bodies[name].T_world_start, bodies[other].T_world_start
         return min(signed_distance(a, poses[0], b, poses[1]) for a in parts[name] for b in parts[other])
 
+    levels = {name: LevelFaces(bodies[name].shape, bodies[name].T_world_start) for name in parts}
+
+    def carries(other: str, name: str) -> bool:
+        if top[other] <= bodies[name].lowest + touch:
+            return True
+        return len(contact_points(levels[name], levels[other], touch)) > 0
+
     found = {}
     for name in (name for name in parts if not bodies[name].static):
-        below = [other for other in parts if other != name and top[other] <= bodies[name].lowest + touch]
+        below = [other for other in parts if other != name and carries(other, name)]
         found[name] = frozenset(other for other in below if apart(name, other) <= touch)
     return found

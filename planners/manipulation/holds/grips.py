@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -26,6 +26,8 @@ class GripSampling:
     """Grips on a rim of 1.2 m (paper B, Table III, AB); other rims: `rim.station_count`."""
     depth: float = 0.018
     """From the side face to the middle of the pads [m]: nearly half a pad of the 2F-85; our choice."""
+    palm_clearance: float = 0.005
+    """Least distance between side face and palm [m], where there is less room than `depth` asks for; our choice."""
     rim_tolerance: float = 0.002
     """Strip along the rim that a pad may overhang, as at rounded corners [m]; our choice."""
     opening_clearance: float = 0.004
@@ -34,8 +36,13 @@ class GripSampling:
     """Least distance between a pad and the cup's pad [m]; our choice."""
 
     def __post_init__(self) -> None:
-        if self.count < 1 or min(self.depth, self.rim_tolerance, self.opening_clearance, self.cup_clearance) < 0.0:
+        lengths = self.depth, self.palm_clearance, self.rim_tolerance, self.opening_clearance, self.cup_clearance
+        if self.count < 1 or min(lengths) < 0.0:
             raise LiftwrightError("a grip sampling has a positive count and no negative length")
+
+    def in_jaw(self, jaw: Jaw) -> GripSampling:
+        """Return a sampling whose grips are no deeper than a plate gets into a gripper."""
+        return replace(self, depth=min(self.depth, max(0.0, jaw.room - self.palm_clearance)))
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,8 @@ class Jaw:
     """Largest inner distance of the pads [m]."""
     pad_size: tuple[float, float]
     """Pad across and along the approach direction [m]."""
+    room: float = math.inf
+    """From the palm to the middle of the pads: so far a plate gets between them at most [m]."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +118,7 @@ def generate_grips(
     Left out are grips whose pad would stick out at a corner or meet the cup's pad; none is left on a plate that the
     gripper does not open for.
     """
-    sampling = sampling or GripSampling()
+    sampling = (sampling or GripSampling()).in_jaw(jaw)
     if plate.height > jaw.width_max - sampling.opening_clearance:
         return ()
     stations = [
@@ -134,7 +143,7 @@ def lack_of_grips(plate: ConvexPrism, jaw: Jaw, cup: CupFootprint | None, sampli
             f"{1e3 * jaw.width_max:.1f} mm"
         )
         return Rejection("sampling", reason, needed=needed, available=jaw.width_max, unit="m")
-    if cup is None or not _stations(plate, jaw, sampling):
+    if cup is None or not _stations(plate, jaw, sampling.in_jaw(jaw)):
         return Rejection("sampling", "the plate is too small for the pads")
     return Rejection("sampling", "the cup is where the pads would be")
 

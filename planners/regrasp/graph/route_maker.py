@@ -85,7 +85,7 @@ class RouteMaker:
         if self._at_rest is None or self._at_rest[0] is not state:
             reach = self._reach(state, {}, {}, self._grasp_settings)
             load = LayerLoad.of(self.static_hold, None, self.settings.torque.posture_reserve)
-            rest = GraspLayer(state.T_world_tool, reach, self.settings.carry.unrest * _UP, load)
+            rest = GraspLayer(state.T_world_tool, reach, self.settings.carry.off_rest(self.workcell.cell) * _UP, load)
             nodes = rest.ask(np.ones(2 * count, dtype=bool))
             self._at_rest = state, RouteStart(nodes, rest.solutions, rest)
         return self._at_rest[1]

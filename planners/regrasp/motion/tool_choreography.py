@@ -66,7 +66,7 @@ class ToolChoreographer:
         """Take the tool from where it rests and lift it straight up; `ahead` (k, 6) says where it goes then."""
         state = self.switches.shaped(self.motion.parked(state, self.workcell.other(held.arm)), held)
         T_world_flange = state.T_world_tool @ self.queries.T_tool_flange(held)
-        lift = StraightLeg(T_world_flange, self.settings.carry.unrest * _UP)
+        lift = StraightLeg(T_world_flange, self.settings.carry.off_rest(self.workcell.cell) * _UP)
         cartesian = CartesianPath(self.motion.arm(held.arm), (self.motion.approach(T_world_flange), lift))
         taken = replace(state, holder=held, widths={**state.widths, held.arm: float(self.grasps.widths[held.grasp])})
         close = self.queries.close_pairs(state, frozenset({TOOL_FRAME}))

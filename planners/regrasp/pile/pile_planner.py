@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from planners.geometry.pose import Transform
+from planners.geometry.pose import Array, Transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.progress import Progress, Report
 from planners.regrasp.motion.scene_state import SceneState
@@ -50,11 +50,12 @@ class PileState:
 class SuctionFinder:
     """Suction poses of objects, each found once."""
 
-    def __init__(self, cup: CupData, settings: SuctionSettings, progress: Progress) -> None:
+    def __init__(self, cup: CupData, gravity: Array, settings: SuctionSettings, progress: Progress) -> None:
+        """Take the tool's cup and the cell's gravity (3,) [m/s^2]."""
         self.found: dict[str, SuctionPoses] = {}
         """By object, the last that were found from where it stood to its goal."""
         self._known: dict[tuple[str, bytes, bytes], SuctionPoses] = {}
-        self._cup, self._settings, self._progress = cup, settings, progress
+        self._cup, self._gravity, self._settings, self._progress = cup, gravity, settings, progress
 
     def to_goal(self, target: MovedObject) -> SuctionPoses:
         """Return the poses of an object on its way to its goal."""
@@ -77,7 +78,7 @@ class SuctionFinder:
         body = target.body
         assert body.mass is not None
         self._progress(Report("suction", 0, 1, target.name))
-        load = SuctionLoad(body.mass, body.com, body.T_world_body, target.goals if to_goals else None)
+        load = SuctionLoad(body.mass, body.com, body.T_world_body, self._gravity, target.goals if to_goals else None)
         return suction_poses(body.solid.surface(), load, self._cup, self._settings)
 
 

@@ -18,7 +18,6 @@ from typing import Protocol
 
 import numpy as np
 
-from planners.balance.solver import GRAVITY
 from planners.geometry.pose import Array, Transform
 from planners.geometry.wrench import wrench_about
 
@@ -186,6 +185,6 @@ def cup_wrenches(loads: Array, T_world_objects: Array, com: Array, T_object_tool
     return (pairs @ T_world_tools[..., :3, :3]).reshape(borne.shape)
 
 
-def weight(mass: float) -> Array:
-    """Return the load (6,) of a body's weight about its centre of mass, world axes [N, Nm]."""
-    return np.array([0.0, 0.0, -mass * GRAVITY, 0.0, 0.0, 0.0])
+def weight(mass: float, gravity: Array) -> Array:
+    """Return the load (6,) of a body's weight about its centre of mass, world axes [N, Nm]; `gravity` (3,) [m/s^2]."""
+    return np.array([*(mass * gravity), 0.0, 0.0, 0.0])

@@ -97,6 +97,8 @@ class SuctionLoad:
     """(3,) in the object's frame [m]."""
     T_world_start: Transform
     """The object's pose at the start."""
+    gravity: Array
+    """(3,) of the cell, in the world [m/s^2]."""
     T_world_goals: Array | None = None
     """(k, 4, 4) alternative poses at the end, of which one must do; None: any."""
 
@@ -121,7 +123,7 @@ class SuctionLoad:
         poses = [self.T_world_start]
         if self.T_world_goals is not None:
             poses.append(max(self.T_world_goals, key=lambda T: float(self._margins_at(T, T_object_tool, cup))))
-        wrenches = cup_wrenches(weight(self.mass), np.array(poses), self.com, T_object_tool)
+        wrenches = cup_wrenches(weight(self.mass, self.gravity), np.array(poses), self.com, T_object_tool)
         return least_margin(wrenches, cup).figures
 
     @property
@@ -145,7 +147,9 @@ class SuctionLoad:
         return upward < -_ROUNDING
 
     def _margins_at(self, T_world_objects: Array, T_object_tools: Array, cup: CupStrength) -> Array:
-        return suction_margin(cup_wrenches(weight(self.mass), T_world_objects, self.com, T_object_tools), cup)
+        return suction_margin(
+            cup_wrenches(weight(self.mass, self.gravity), T_world_objects, self.com, T_object_tools), cup
+        )
 
 
 @dataclass(frozen=True, eq=False)
