@@ -22,6 +22,7 @@ from support.samples import sample
 
 from planners.cell import bundle as bundle_module
 from planners.cell.bundle import CellBundle
+from planners.certify import load_surfaces
 from planners.errors import AssetError
 from planners.survey.faults import check_cell
 from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
@@ -89,6 +90,9 @@ def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None
         cell = CellBundle.of_zip(zipped(files)).load(tmp_path)
         shapes[kind] = cell.arms["left"].robot.links[6].points
         np.testing.assert_allclose(np.ptp(shapes[kind], axis=0), [0.05, 0.05, 0.1], atol=1e-6)
+        # The certificate finds and reads the file by itself.
+        (hull,) = load_surfaces({"left": ("ur10e", "pushing_stick_ft300")}, cell.shelf.folders)["left"].links[6]
+        np.testing.assert_allclose(np.ptp(hull.vertices, axis=0), [0.05, 0.05, 0.1], atol=1e-6)
 
 
 def _shipped_robot() -> dict[str, Any]:

@@ -20,6 +20,7 @@ from planners.errors import AssetError, SceneError
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import from_pose7, rotation_z, to_pose7, transform
 from planners.scene.scene import build_scene
+from planners.survey.faults import check_cell
 
 SCALE = 4.0
 YAW = 30.0
@@ -36,10 +37,13 @@ def bundle(
     mesh: trimesh.Trimesh | None = None,
     kind: str = "stl",
     hands: tuple[str, str] = ("pushing_stick_ft300", "robotiq_2f85_ft300"),
+    sunk: float = 0.0,
     **members: Any,
 ) -> CellBundle:
-    """Return the station with an angle of steel on its table."""
+    """Return the station with an angle of steel on its table, its arms `sunk` into that [m]."""
     document = station(**members)
+    for arm in document["mount"]["arms"].values():
+        arm["position"][2] -= sunk
     for arm, hand in zip(("left", "right"), hands, strict=True):
         document["arms"][arm]["hand"] = hand
     placed = {"mesh": {"path": f"meshes/angle.{kind}", "scale": SCALE}, "position": PLACE, "rpy_deg": [0, 0, YAW]}
@@ -99,7 +103,9 @@ def lift(**cup: Any) -> Any:
 
 
 def test_a_lift_beside_a_mesh_is_planned_and_certified_with_it(tmp_path: Path) -> None:
-    cell = own(tmp_path)
+    """The arms' bases are sunk into the table, and the lifter is another than the papers'."""
+    cell = own(tmp_path, sunk=0.002, lifter={"cup_height": 0.05, "cable_radius": 0.012, "cable_length": 0.8})
+    check_cell(cell)
     plan = solve(lift(), cells={"station": cell})
     assert (plan.outcome, plan.certificate and plan.certificate.passed) == ("solved", True)
     assert plan.bodies["platform_angle"].static

@@ -17,7 +17,7 @@ from planners.cell.cell import Cell, load_cell_file, load_cells
 from planners.certify import RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.plan.verdicts import PlanningOutcome
-from planners.planning import plan
+from planners.planning import plan, reference_of
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import ROOT, planner_of, task_body
 

@@ -79,6 +79,13 @@ def test_a_rectangle_has_the_papers_151_poses(name):
     assert len(dense(*PLATES[name]).poses) == 151
 
 
+@pytest.mark.parametrize("side", [0.05, 0.08, 0.1, 0.15, 0.2, 0.25])
+def test_a_plate_of_any_size_gets_off_the_support(side):
+    graph = dense(ConvexPrism.from_outline(rectangle(side, side), 0.02), 0.3)
+    in_contact = np.array([pose.contact.element != "none" for pose in graph.poses])
+    assert any(in_contact[a] != in_contact[b] for a, b in graph.edges)
+
+
 def test_every_contact_state_is_sampled_as_often_as_the_settings_say(graph):
     n = len(graph.plate.shape.outline)
     kinds = [pose.contact.element for pose in graph.poses]

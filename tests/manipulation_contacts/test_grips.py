@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -50,6 +51,15 @@ def plate(request) -> ConvexPrism:
 def test_the_papers_plates_have_the_papers_numbers_of_grips():
     assert len(generate_grips(ACRYLIC, JAW)) == 30
     assert len(generate_grips(PLYWOOD, JAW)) == 36
+
+
+@pytest.mark.parametrize("room", [0.012, 0.02, 0.1])
+def test_a_plate_goes_no_deeper_into_a_gripper_than_to_its_palm(room):
+    grips = generate_grips(ACRYLIC, replace(JAW, room=room))
+    depths = depth_inside(ACRYLIC.outline, np.array([grip.T_plate_tcp[0, :2, 3] for grip in grips]))
+    assert depths.max() <= room - SAMPLING.palm_clearance + 1e-9
+    assert depths.max() <= SAMPLING.depth + 1e-9
+    assert len(grips) == len(generate_grips(ACRYLIC, JAW))
 
 
 def test_fingers_are_antipodal_on_top_and_bottom(plate):

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from planners import read_task, solve
+from planners.cell.cell import load_cell
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import from_pose7
 from planners.manipulation.lift_settings import LiftSettings
 from planners.progress import silent
-from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.change import Directions, Effort, TaskChange, obstacle_out_of_the_way, put
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
@@ -115,3 +116,22 @@ def test_a_goal_far_off_comes_nearer_the_least_way_first(shelf: PlanShelf) -> No
     ways = np.linalg.norm(goals - [0.78, -0.7], axis=1)
     assert (np.diff(ways) > 0.05).all()
     assert ways[0] < 0.6
+
+
+def test_what_is_far_off_for_a_small_arm_only_is_helped_in_all_ways_by_a_larger_one(shelf: PlanShelf) -> None:
+    lid = json.loads((TASKS / "lid_under_roof.json").read_bytes())["objects"][0]
+    top = load_cell("dual_ur5e_tool").table_top
+    height = top + (lid["pose"][2] - load_cell("dual_ur3e_tool").table_top)
+    start, goal = [0.75, 0.1, height, 1, 0, 0, 0], [0.75, -0.2, height, 1, 0, 0, 0]
+    far = {**lid, "pose": start, "goal_pose": goal}
+    task = posted("lid_under_roof", cell="dual_ur5e_tool", objects=[far], obstacles=[], tool="carton_lifter")
+    assert isinstance(task, SuctionToolTask)
+    kinds = ToolChanges(task, build_scene, shelf.plan(posted("lid_too_heavy"))).by_kind()
+    firsts = [next(iter(kind), None) for kind in kinds]
+    assert {"cup_force", "tool"} <= {change.kind for change in firsts if change is not None}
+
+
+def test_between_arms_that_face_each_other_directions_are_those_of_the_world() -> None:
+    along = Directions(np.zeros(2))
+    assert along.say(np.array([0.1, 0.0])) == "100 mm away from the robot"
+    assert along.say(np.array([0.0, 0.1])) == "100 mm to the left"

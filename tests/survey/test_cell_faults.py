@@ -96,7 +96,7 @@ def test_what_nothing_can_be_planned_in_is_refused_at_its_member(
     assert {fault.file for fault in caught.value.faults} == {"mounts/station_mount.yaml"}
 
 
-@pytest.mark.parametrize("gravity", [[0, 0, 9.81], [0, 0, 0], [1.0, 0, -9.81], [0, 0, -300]])
+@pytest.mark.parametrize("gravity", [[0, 0, 9.81], [0, 0, 0], [1.0, 0, -9.81], [0.05, 0, -9.81], [0, 0, -300]])
 def test_gravity_points_down(gravity: list[float], tmp_path: Path) -> None:
     cell = CellBundle.of_text(written(station(gravity=gravity))).load(tmp_path)
     with pytest.raises(AssetError) as caught:

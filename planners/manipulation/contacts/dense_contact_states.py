@@ -374,8 +374,11 @@ def _samples(plate: RestingPlate, contact: PrincipalContact, sampling: ContactSa
 
 def _layers(shape: ConvexPrism, sampling: ContactSampling) -> list[float]:
     """Return the clearances of the poses off the environment: near enough to be joined, and one above the goal."""
-    step = 0.8 * _thresholds(shape, sampling)[0]
-    first = min(sampling.first_layer, sampling.goal_height, step)
+    joined = _thresholds(shape, sampling)[0]
+    step, first = 0.8 * joined, min(sampling.first_layer, sampling.goal_height)
+    if first >= joined:
+        # Of a small plate, that layer is out of reach of all poses in contact.
+        first = step
     count = math.ceil((sampling.goal_height - first) / step)
     layers = np.linspace(first, sampling.goal_height, count + 1).tolist()
     return [*layers, sampling.goal_height + sampling.lifted_step]

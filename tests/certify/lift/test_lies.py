@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -595,3 +595,28 @@ def test_the_start_is_the_cells_home_when_the_task_names_none(
 ) -> None:
     document["task"]["start_positions"] = None
     assert set(failures(certified(document, surfaces, reference))) == {"start"}
+
+
+@pytest.mark.parametrize(("millimetres", "fails"), [(0.9, set()), (-0.9, set()), (1.1, {"task_bodies"})])
+def test_a_plate_that_was_given_a_millimetre_off_is_the_one_that_was_settled(
+    millimetres: float, fails: set[str], document: Document, surfaces: RobotSurfaces, reference: CellReference
+) -> None:
+    document["task"]["plate_pose"][2] += 1e-3 * millimetres
+    assert set(failures(certified(document, surfaces, reference))) == fails
+
+
+@pytest.mark.parametrize(
+    ("larger", "where"),
+    [
+        ({"cup_height": 0.05}, "cup: height"),
+        ({"cable_radius": 0.02}, "radius"),
+        ({"cable_length": 1.2}, "cable: height"),
+    ],
+)
+def test_a_lifter_that_is_smaller_than_the_cells_fails(
+    larger: dict[str, float], where: str, document: Document, surfaces: RobotSurfaces, reference: CellReference
+) -> None:
+    known = replace(reference, lifter=replace(reference.lifter, **larger))
+    told = failures(certified(document, surfaces, known))
+    assert set(told) == {"task_bodies"}
+    assert where in told["task_bodies"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +11,16 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from planners.cell.arm import load_robot
-from planners.cell.asset_shelf import shipped_shelf
+from planners.cell.asset_shelf import AssetShelf, shipped_shelf
 from planners.cell.cell import Cell
-from planners.cell.hand import Gripper, load_hand
+from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.certify import RobotSurfaces
 from planners.certify.geometry.body_shape import box, convex_part
+from planners.certify.motion.collision import can_meet
 from planners.certify.motion.kinematics import ArmKinematics
 from planners.certify.motion.robot_surfaces import LINKS, load_surfaces
-from planners.certify.motion.solids import ConvexSolid, Frame, capsule, gripper_of, polytope, signed_distance
+from planners.certify.motion.solids import ConvexSolid, Frame, _stick, capsule, gripper_of, polytope, signed_distance
+from planners.certify.plan_view import MalformedDocument
 from planners.geometry.pose import Array, Transform, rotation_from_vector, transform
 from tests.cell.cell_probe import gripper_hulls
 
@@ -114,6 +117,35 @@ def test_pads_have_the_height_and_gap_that_were_measured(surfaces: RobotSurfaces
     for finger, side in ((0, -1.0), (1, 1.0)):
         inner = side * known.finger_poses("pad", finger, gaps)[:, 1, 3] - 0.00635 / 2
         np.testing.assert_allclose(2 * inner, gaps, atol=1e-6)
+
+
+def test_a_stick_is_as_thick_and_its_tip_as_long_as_the_cell_has_them(tmp_path: Path) -> None:
+    given = (shipped_shelf().folders[0] / "hands" / "pushing_stick_ft300.yaml").read_text()
+    thick = given.replace("stick_radius: 0.010", "stick_radius: 0.030").replace(
+        "tip_length: 0.010", "tip_length: 0.004"
+    )
+    thick = thick.replace("name: pushing_stick_ft300", "name: thick_stick")
+    (tmp_path / "hands").mkdir()
+    (tmp_path / "hands" / "thick_stick.yaml").write_text(thick)
+    shelf = AssetShelf((tmp_path, *shipped_shelf().folders))
+    for name in ("pushing_stick_ft300", "thick_stick"):
+        hand = load_hand(name, shelf)
+        assert isinstance(hand, Pusher)
+        known = load_surfaces({"left": ("ur3e", name)}, shelf.folders)["left"]
+        for ours, theirs in zip((hand.stick, hand.tip), _stick("left", hand.document(), known), strict=True):
+            np.testing.assert_allclose(theirs.points, ours.vertices, atol=1e-12)
+            assert theirs.radius == ours.radius
+    with pytest.raises(MalformedDocument, match="tip elsewhere"):
+        _stick("left", hand.document().model_copy(update={"tip_radius": 0.012}), known)
+
+
+def test_no_base_is_asked_of_what_it_is_bolted_to() -> None:
+    cube = box(np.ones(3)).parts[0]
+    base, shoulder = (polytope("link", "link", Frame("link", "left", i), cube) for i in (0, 1))
+    for role, asked in (("table", False), ("frame", False), ("obstacle", True), ("plate", True)):
+        body = polytope(role, role, Frame("body", role), cube)
+        assert can_meet(base, body, frozenset({"table", "frame", "obstacle"})) == asked
+        assert can_meet(shoulder, body, frozenset({"table", "frame", "obstacle"}))
 
 
 def test_jaws_are_where_the_cell_has_them() -> None:

@@ -10,10 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry.mesh_shapes import angle
 from support.documents import certified
 from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Certificate, RobotSurfaces
+from planners.contract.shapes import InlineMesh
 from planners.geometry.pose import Array, from_pose7, rotation_x, rotation_z, to_pose7, transform
 from planners.plan.plan import Plan
 
@@ -609,3 +611,19 @@ def test_a_task_is_out_of_reach_only_with_a_proof(
     wrong = "structure" if available > needed * far else "infeasibility"
     assert passes or [check.name for check in certificate.failures] == [wrong]
     assert wrong == "infeasibility" or certificate.failures[0].where.startswith("/explanation/causes/0: a cause has")
+
+
+def test_things_stand_on_a_table_with_a_raised_rim_too(document: Document, surfaces: RobotSurfaces) -> None:
+    """Its highest point is above their feet; what carries them is below."""
+    depth, width, height = document["bodies"]["table"]["shape"]["size"]
+    rim, above = 0.02, 0.05
+    outline = [(0, 0), (width, 0), (width, height), (rim, height), (rim, height + above), (0, height + above)]
+    half = np.array([depth, width, height]) / 2
+    boxes = [[(u, v) for u in (0, far) for v in (0, top)] for far, top in ((width, height), (rim, height + above))]
+    surface, *parts = (
+        np.array([[w, *each] for w in (0.0, depth) for each in profile]) - half for profile in (outline, *boxes)
+    )
+    shape = InlineMesh.of(surface, np.asarray(angle().faces), parts)
+    document["bodies"]["table"]["shape"] = shape.model_dump(mode="json")
+    certificate = certified(document, surfaces)
+    assert [check.name for check in certificate.failures] == []
