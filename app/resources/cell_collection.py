@@ -104,9 +104,9 @@ class CellCollection(VersionedCells):
         """
         if bundle.name in self.shipped:
             raise CellIsShipped(bundle.name)
-        cell = bundle.load(self._store.folder)
-        check_cell(cell)
-        return _survey(cell).figures()
+        with self._store.passing(bundle) as cell:
+            check_cell(cell)
+            return CellSurvey.of(cell).figures()
 
     def survey(self, name: str) -> CellSurvey:
         """Look at a cell.

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import re
+import shutil
+import tempfile
 import threading
+import time
+import uuid
 from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +30,10 @@ MOST_LOADED = 16
 """Cells that are kept in memory."""
 KEPT_US = 86_400_000_000
 """A deleted cell is kept so long, since tasks that name it may be on their way [us]."""
+SETTLED_SECONDS = 3600.0
+"""Files that were unpacked or asked for within this time may be of use to somebody [s]."""
+_UNPACKED = re.compile(r"[0-9a-f]{64}|\.(?:unpacking|checking|removing)-.+")
+"""What there may be in the folder of unpacked cells, whole or left by a process that was killed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +73,7 @@ class CellStore:
             The cell, and whether this has added it. What the same owner posted before is found again, is there again if
             it was deleted, and is what its name means from now on.
         """
-        cell_id = hashlib.sha256(f"{owner or ''}\0{bundle.digest}".encode()).hexdigest()[:32]
+        cell_id = _id_of(bundle.digest, owner)
         known = self.get(cell_id)
         if known is not None:
             again = {"deleted_us": None, "created_us": now_us()}
@@ -115,24 +127,38 @@ class CellStore:
 
     def unpacked(self, cell_id: str) -> Path | None:
         """Return the folder with the files of a cell, which are put there unless they are; None: there is no cell."""
-        content = self.zip(cell_id)
-        return None if content is None else CellBundle.of_zip(content).unpack(self.folder)
+        bundle = self._bundle(cell_id)
+        return None if bundle is None else bundle.unpack(self.folder)
 
     def load(self, cell_id: str) -> Cell | None:
         """Return a cell as planners have it."""
         with self._lock:
-            if cell_id in self._loaded:
+            known = self._loaded.get(cell_id)
+            # One that was forgotten and posted again has its files no more: the viewer reads them when it draws.
+            if known is not None and known.shelf.folders[0].is_dir():
                 self._loaded.move_to_end(cell_id)
-                return self._loaded[cell_id]
-        content = self.zip(cell_id)
-        if content is None:
+                return known
+        bundle = self._bundle(cell_id)
+        if bundle is None:
             return None
-        cell = CellBundle.of_zip(content).load(self.folder)
+        cell = bundle.load(self.folder)
         with self._lock:
             self._loaded[cell_id] = cell
             while len(self._loaded) > MOST_LOADED:
                 self._loaded.popitem(last=False)
         return cell
+
+    @contextmanager
+    def passing(self, bundle: CellBundle) -> Iterator[Cell]:
+        """Load a cell without keeping it: its files are gone behind the block.
+
+        Raises:
+            AssetError: Something is wrong with it.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        # Not where the system keeps what is temporary: that may be memory, and a cell has up to 64 MB.
+        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".checking-") as place:
+            yield bundle.load(Path(place))
 
     def delete(self, cell_id: str) -> None:
         """Have a cell for no more tasks; its files go when no plan is in it any more."""
@@ -143,10 +169,58 @@ class CellStore:
         used = sa.exists().where(PLANS.c.cell == CELLS.c.id)
         return self._database.write(sa.delete(CELLS).where(CELLS.c.deleted_us < now_us() - KEPT_US, ~used))
 
+    def clear_folder(self) -> int:
+        """Remove the files of this machine that belong to no cell, and return of how many cells they were.
+
+        Whatever was unpacked or asked for within the last hour stays: it may be on its way to a solver.
+        """
+        # Looked for before the rows are: what is unpacked had its row before.
+        settled = [path for path in self._found() if _changed(path) < time.time() - SETTLED_SECONDS]
+        if not settled:
+            return 0
+        rows = self._database.rows(sa.select(CELLS.c.id, CELLS.c.owner))
+        ids, owners = {row.id for row in rows}, {row.owner for row in rows}
+        left = [path for path in settled if not any(_id_of(path.name, owner) in ids for owner in owners)]
+        for path in left:
+            # At once: nobody must take what is left of it for the whole.
+            aside = path.with_name(f".removing-{uuid.uuid4().hex}")
+            with suppress(OSError):
+                path.rename(aside)
+                shutil.rmtree(aside, ignore_errors=True)
+        return len(left)
+
+    def _found(self) -> list[Path]:
+        if not self.folder.is_dir():
+            return []
+        return [path for path in self.folder.iterdir() if _UNPACKED.fullmatch(path.name)]
+
+    def _bundle(self, cell_id: str) -> CellBundle | None:
+        content = self.zip(cell_id)
+        if content is None:
+            return None
+        bundle = CellBundle.of_zip(content)
+        with suppress(OSError):
+            # If its files are there, whoever clears the folder sees that they are wanted.
+            os.utime(self.folder / bundle.digest)
+        return bundle
+
     def _there(self, cell_id: str) -> StoredCell:
         stored = self.get(cell_id)
         assert stored is not None
         return stored
+
+
+def _id_of(digest: str, owner: str | None) -> str:
+    """Return the id of an owner's cell, by the digest of its files."""
+    return hashlib.sha256(f"{owner or ''}\0{digest}".encode()).hexdigest()[:32]
+
+
+def _changed(path: Path) -> float:
+    """Return when a folder was changed last [s since 1970]; one that has gone was so just now."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return time.time()
 
 
 def _stored(row: Any) -> StoredCell:
