@@ -8,16 +8,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 from support.own_cell import station, written
 
+from app.access.caller import Caller, Scope
 from app.errors import CellIsShipped
 from app.resources.cell_collection import CellCollection
+from app.routes.capabilities import get_capabilities
+from app.settings import ServiceSettings
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import load_cells
 from planners.errors import AssetError
+from planners.survey.cell_limits import CellLimits
 from workers.engine.housekeeping import clear_cells
 from workers.stores.cell_store import SETTLED_SECONDS, CellStore
 from workers.stores.database import Database
+from workers.stores.tables import CELLS
 
 
 @pytest.fixture
@@ -87,8 +93,9 @@ def test_files_that_belong_to_no_cell_are_removed_once_nobody_can_want_them(cell
 def test_a_cell_of_anybody_keeps_its_files_and_a_forgotten_one_comes_back_with_them(
     cells: CellStore, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept, figures = bundle(), CellCollection({}, cells).examine(bundle())
-    ids = [cells.add(kept, figures, owner)[0].id for owner in ("somebody", None)]
+    kept = bundle()
+    collections = [CellCollection({}, cells, Caller(None, owner, Scope.WRITE)) for owner in ("somebody", None)]
+    ids = [collection.add(kept)[0].id for collection in collections]
     assert cells.load(ids[0]) is not None
     monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
     for cell_id, left in zip(ids, ([kept.digest], []), strict=True):
@@ -96,7 +103,7 @@ def test_a_cell_of_anybody_keeps_its_files_and_a_forgotten_one_comes_back_with_t
         long_ago(folder)
         clear_cells(cells)
         assert found(folder) == left
-    again, _ = cells.add(kept, figures, "somebody")
+    again, _ = collections[0].add(kept)
     loaded = cells.load(again.id)
     assert loaded is not None
     assert loaded.shelf.folders[0].is_dir()
@@ -109,3 +116,44 @@ def test_what_somebody_asks_for_again_is_not_removed_under_their_hands(cells: Ce
     long_ago(folder)
     assert cells.unpacked(stored.id) == place
     assert place.stat().st_mtime > time.time() - SETTLED_SECONDS
+
+
+def test_limits_of_cells_are_told_without_loading_one(database: Database, cells: CellStore, folder: Path) -> None:
+    CellCollection({}, cells).add(bundle())
+    told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
+    assert found(folder) == []
+    expected = CellLimits.of(bundle().load(folder))
+    assert told.cell_limits == {"station": expected}
+
+
+def test_limits_that_an_earlier_version_did_not_keep_are_looked_up_once(
+    database: Database, cells: CellStore, folder: Path
+) -> None:
+    collection = CellCollection({}, cells)
+    stored, _ = collection.add(bundle())
+    figures = collection.figures(stored)
+    assert figures is not None
+    with database.engine.begin() as transaction:
+        transaction.execute(sa.update(CELLS).values(figures=figures.model_dump_json()))
+    expected = {"station": CellLimits.of(bundle().load(folder))}
+    fresh = CellCollection({}, CellStore(database, folder))
+    assert fresh.limits() == expected
+    with database.engine.begin() as transaction:
+        transaction.execute(sa.update(CELLS).values(zip=b"no zip"))
+    assert fresh.limits() == expected
+
+
+def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
+    database: Database, cells: CellStore, folder: Path
+) -> None:
+    collection = CellCollection({}, cells)
+    for name in ("sound", "broken"):
+        stored, _ = collection.add(bundle(name=name))
+    figures = collection.figures(stored)
+    assert figures is not None
+    with database.engine.begin() as transaction:
+        broken = sa.update(CELLS).where(CELLS.c.name == "broken")
+        transaction.execute(broken.values(zip=b"no zip", figures=figures.model_dump_json()))
+    told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
+    assert told.cells == ["broken", "sound"]
+    assert set(told.cell_limits) == {"sound"}

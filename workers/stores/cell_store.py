@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import shutil
@@ -11,17 +12,21 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+import structlog
+from pydantic import BaseModel
 from sqlalchemy.exc import IntegrityError
 
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
+from planners.errors import AssetError
+from planners.survey.cell_limits import CellLimits
 from planners.survey.survey import SurveyFigures
 from workers.stores.database import Database
 from workers.stores.tables import CELLS, PLANS, now_us
@@ -50,12 +55,19 @@ class StoredCell:
     """Of all that its owner posted under its name, from 1."""
     hash: str
     """Of its content; plan documents state it."""
-    figures: SurveyFigures
     deleted: bool
     """It is only there for plans that are in it."""
 
 
-_COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.name != "zip"]
+class _KeptLimits(BaseModel):
+    """What is kept beside a cell's figures."""
+
+    limits: CellLimits | None = None
+    """None: the cell was posted to a version that did not keep them."""
+
+
+_COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.name not in ("zip", "figures")]
+log = structlog.get_logger(__name__)
 
 
 class CellStore:
@@ -65,8 +77,12 @@ class CellStore:
         """`folder` is where cells are unpacked; several processes may share it."""
         self._database, self.folder = database, folder
         self._loaded, self._lock = OrderedDict[str, Cell](), threading.Lock()
+        self._limits: dict[str, CellLimits | None] = {}
+        """By id; None: it cannot be loaded. Of all that was asked for: a cell never changes, and they are small."""
 
-    def add(self, bundle: CellBundle, figures: SurveyFigures, owner: str | None) -> tuple[StoredCell, bool]:
+    def add(
+        self, bundle: CellBundle, figures: SurveyFigures, limits: CellLimits, owner: str | None
+    ) -> tuple[StoredCell, bool]:
         """Keep a cell, as the next version of its name.
 
         Returns:
@@ -89,7 +105,7 @@ class CellStore:
             "name": bundle.name,
             "version": version.scalar_subquery(),
             "hash": figures.hash,
-            "figures": figures.model_dump_json(),
+            "figures": json.dumps({**figures.model_dump(mode="json"), "limits": limits.model_dump(mode="json")}),
             "zip": bundle.zip(),
         }
         while True:
@@ -105,6 +121,22 @@ class CellStore:
         """Return a cell, a deleted one too."""
         found = self._database.rows(sa.select(*_COLUMNS).where(CELLS.c.id == cell_id))
         return _stored(found[0]) if found else None
+
+    def figures(self, cell_id: str) -> SurveyFigures | None:
+        """Return what a cell can do, as it was found when it was posted."""
+        text = self._database.scalar(sa.select(CELLS.c.figures).where(CELLS.c.id == cell_id))
+        return None if text is None else SurveyFigures.model_validate_json(text)
+
+    def limits(self, cell_ids: Collection[str]) -> dict[str, CellLimits]:
+        """Return the limits of cells, by id; what cannot be loaded any more is left out."""
+        unknown = [cell_id for cell_id in cell_ids if cell_id not in self._limits]
+        if unknown:
+            query = sa.select(CELLS.c.id, CELLS.c.figures).where(CELLS.c.id.in_(unknown))
+            for row in self._database.rows(query):
+                kept = _KeptLimits.model_validate_json(row.figures).limits
+                self._limits[row.id] = kept or self._limits_of(row.id)
+        known = {cell_id: self._limits.get(cell_id) for cell_id in cell_ids}
+        return {cell_id: limits for cell_id, limits in known.items() if limits is not None}
 
     def named(self, name: str, owner: str | None, *, anybodys: bool = False) -> StoredCell | None:
         """Return the cell that an owner posted last under a name; with `anybodys`, that anybody did."""
@@ -189,6 +221,18 @@ class CellStore:
                 shutil.rmtree(aside, ignore_errors=True)
         return len(left)
 
+    def _limits_of(self, cell_id: str) -> CellLimits | None:
+        """Look at a cell of which no limits are kept."""
+        try:
+            bundle = self._bundle(cell_id)
+            if bundle is None:
+                return None
+            with self.passing(bundle) as cell:
+                return CellLimits.of(cell)
+        except AssetError as error:
+            log.warning("a cell that is kept cannot be loaded", cell_id=cell_id, error=str(error))
+            return None
+
     def _found(self) -> list[Path]:
         if not self.folder.is_dir():
             return []
@@ -224,6 +268,5 @@ def _changed(path: Path) -> float:
 
 
 def _stored(row: Any) -> StoredCell:
-    figures = SurveyFigures.model_validate_json(row.figures)
     deleted = row.deleted_us is not None
-    return StoredCell(row.id, row.owner, row.created_us, row.name, row.version, row.hash, figures, deleted)
+    return StoredCell(row.id, row.owner, row.created_us, row.name, row.version, row.hash, deleted)
