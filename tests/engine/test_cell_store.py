@@ -5,24 +5,33 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
 from support.own_cell import station, written
+from support.service import task
 
 from app.access.caller import Caller, Scope
-from app.errors import CellIsShipped
+from app.errors import CellIsShipped, PointNotFound
 from app.resources.cell_collection import CellCollection
+from app.resources.plan_collection import PlanCollection
+from app.resources.study_collection import StudyCollection
 from app.routes.capabilities import get_capabilities
 from app.settings import ServiceSettings
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import load_cells
 from planners.errors import AssetError
+from planners.study.study import Study
 from planners.survey.cell_limits import CellLimits
 from workers.engine.housekeeping import clear_cells
 from workers.stores.cell_store import SETTLED_SECONDS, CellStore
 from workers.stores.database import Database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore, Room
+from workers.stores.plan_writer import PlanWriter
+from workers.stores.study_store import StudyStore
 from workers.stores.tables import CELLS
 
 
@@ -157,3 +166,43 @@ def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
     told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
     assert told.cells == ["broken", "sound"]
     assert set(told.cell_limits) == {"sound"}
+
+
+def test_a_deleted_cell_stays_while_a_study_is_in_it_and_then_no_point_can_be_planned(
+    database: Database, cells: CellStore, queue: JobQueue, store: PlanStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
+    collection, studies, room = CellCollection({}, cells), StudyStore(database, store, queue), Room(9, 9, 9)
+    cell, _ = collection.add(bundle())
+    axes = [{"pointer": "/cup/max_force", "values": [20.0, 30.0]}]
+    study = Study.read({"task": task("pb1.json", cell=cell.id), "axes": axes}, lambda sent: sent, 9)
+    kept, forgotten = (studies.accept(study, None, None, "sent") for _ in range(2))
+    cells.delete(cell.id)
+    assert cells.forget_deleted() == 0
+    settings = ServiceSettings(data_dir=cells.folder)
+    with closing(PlanWriter(store, queue, room)) as writer:
+        asked = StudyCollection(studies, queue, PlanCollection(store, queue, writer, room), settings)
+        plan = asked.plan_point(kept.id, 0, collection.with_deleted())
+        assert plan == asked.plan_point(kept.id, 0, collection.with_deleted())
+        store.delete(plan.id)
+        studies.delete(kept.id)
+        assert cells.forget_deleted() == 0
+        with database.engine.begin() as transaction:
+            transaction.execute(sa.delete(CELLS))
+        with pytest.raises(PointNotFound, match="no cell"):
+            asked.plan_point(forgotten.id, 0, collection.with_deleted())
+
+
+def test_a_deleted_cell_goes_with_the_last_study_in_it(
+    database: Database, cells: CellStore, queue: JobQueue, store: PlanStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
+    cell, _ = CellCollection({}, cells).add(bundle())
+    studies = StudyStore(database, store, queue)
+    axes = [{"pointer": "/cup/max_force", "values": [20.0, 30.0]}]
+    study = Study.read({"task": task("pb1.json", cell=cell.id), "axes": axes}, lambda sent: sent, 9)
+    record = studies.accept(study, None, None, "sent")
+    cells.delete(cell.id)
+    assert cells.forget_deleted() == 0
+    studies.delete(record.id)
+    assert cells.forget_deleted() == 1

@@ -29,7 +29,7 @@ from planners.errors import AssetError
 from planners.survey.cell_limits import CellLimits
 from planners.survey.survey import SurveyFigures
 from workers.stores.database import Database
-from workers.stores.tables import CELLS, PLANS, now_us
+from workers.stores.tables import CELLS, PLANS, STUDIES, now_us
 
 MOST_LOADED = 16
 """Cells that are kept in memory."""
@@ -56,7 +56,7 @@ class StoredCell:
     hash: str
     """Of its content; plan documents state it."""
     deleted: bool
-    """It is only there for plans that are in it."""
+    """It is only there for plans and studies that are in it."""
 
 
 class _KeptLimits(BaseModel):
@@ -193,13 +193,16 @@ class CellStore:
             yield bundle.load(Path(place))
 
     def delete(self, cell_id: str) -> None:
-        """Have a cell for no more tasks; its files go when no plan is in it any more."""
+        """Have a cell for no more tasks; its files go when no plan and no study is in it any more."""
         self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(deleted_us=now_us()))
 
     def forget_deleted(self) -> int:
-        """Remove deleted cells that no plan is in, and return how many there were."""
-        used = sa.exists().where(PLANS.c.cell == CELLS.c.id)
-        return self._database.write(sa.delete(CELLS).where(CELLS.c.deleted_us < now_us() - KEPT_US, ~used))
+        """Remove deleted cells that no plan and no study is in, and return how many there were."""
+        planned = sa.exists().where(PLANS.c.cell == CELLS.c.id)
+        # Points of a study may be planned as long as it is there. Nothing else in it looks like an id.
+        studied = sa.exists().where(STUDIES.c.study.contains(CELLS.c.id))
+        old = CELLS.c.deleted_us < now_us() - KEPT_US
+        return self._database.write(sa.delete(CELLS).where(old, ~planned, ~studied))
 
     def clear_folder(self) -> int:
         """Remove the files of this machine that belong to no cell, and return of how many cells they were.
