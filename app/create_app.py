@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -57,6 +58,7 @@ from planners.contract.strict_json import parse_json
 from planners.errors import LiftwrightError
 from planners.scene.suction_tool import load_tools
 from workers.engine.deadline import PatientQuestion
+from workers.engine.housekeeping import DELETION_PAUSE_SECONDS
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
 from workers.stores.cell_store import CellStore
@@ -97,7 +99,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             to_close.callback(queue.close)
             app.state.supervisor = supervisor
             app.state.tools = await run_in_threadpool(load_tools)
-            app.state.cells = CellCollection(ShippedCells(), CellStore(database, settings.cells_dir))
+            kept_cells = CellStore(database, settings.cells_dir)
+            app.state.cells = CellCollection(ShippedCells(), kept_cells)
             app.state.unloadable = None
             ahead = Thread(target=_load_ahead, args=(app.state,), name="loading ahead", daemon=True)
             app.state.cell_limits = UploadLimits(settings.max_meshes_held, settings.max_meshes_covered)
@@ -135,6 +138,10 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             supervisor.repeat("study feed", app.state.study_feed.look, POLL_SECONDS)
             if worker is not None:
                 await worker.start()
+            else:
+                # A worker elsewhere clears its own machine only.
+                clearing = partial(run_in_threadpool, kept_cells.clear_folder)
+                supervisor.repeat("cells", clearing, DELETION_PAUSE_SECONDS)
             ahead.start()
             yield
 

@@ -112,11 +112,9 @@ def with_parts(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any
     Raises:
         SceneError: There is no such scene.
     """
-    body = with_scene(body, cells, scenes)
-    if isinstance(cells, VersionedCells) and isinstance(body, dict) and isinstance(body.get("cell"), str):
-        # The newest version of a name is another one tomorrow.
-        return {**body, "cell": cells.lasting_name(body["cell"])}
-    return body
+    if isinstance(body, dict) and isinstance(body.get("cell"), str):
+        body = {**body, "cell": _lasting_name(body["cell"], cells)}
+    return with_scene(body, cells, scenes)
 
 
 def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any:
@@ -138,4 +136,11 @@ def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any
         raise SceneError("/scene_id", "there is no such scene; POST a scan to /v1/scenes")
     if scene.cell not in cells:
         raise SceneError("/scene_id", f"the scene was perceived in the cell {scene.cell}, which there is not")
+    # Scenes that are older than versions in their names say the cell's own.
+    scene = scene.model_copy(update={"cell": _lasting_name(scene.cell, cells)})
     return fill_from_scene(body, scene, cells[scene.cell])
+
+
+def _lasting_name(name: str, cells: Mapping[str, Cell]) -> str:
+    # The newest version of a name is another one tomorrow.
+    return cells.lasting_name(name) if isinstance(cells, VersionedCells) else name

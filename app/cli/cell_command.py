@@ -140,7 +140,8 @@ class LocalCells:
             BadInput: It is called as a shipped one is.
         """
         with _said_plainly():
-            return CellResource.of(self._cells.add(bundle)[0])
+            stored, _ = self._cells.add(bundle)
+        return CellResource.of(stored, self._cells.figures(stored))
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""

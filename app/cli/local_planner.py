@@ -46,7 +46,8 @@ class LocalPlanner:
         Args:
             settings: name the data directory, where handovers are kept.
             scene: of a SceneDocument that `liftwright scene` wrote; tasks' objects are those perceived in it.
-            cell: folder, zip or file of a cell of one's own; tasks that name none are in it.
+            cell: folder, zip or file of a cell of one's own; tasks that name none are in it, and so is a scene of a
+                cell that is not shipped.
 
         Raises:
             BadInput: There is no scene in that file, or something is wrong with the cell.
@@ -55,6 +56,9 @@ class LocalPlanner:
         self._scene = None if scene is None else read_scene_file(scene)
         self._settings, self._cells, self._tools = settings, ShippedCells(), load_tools()
         self._cell = None if cell is None else self._take_cell(cell)
+        if self._scene is not None and self._cell is not None and self._scene.cell not in self._cells:
+            # A service names the cell by an id, which no file of the cell tells.
+            self._scene = self._scene.model_copy(update={"cell": self._cell})
 
     def begin(self, file: TaskFile) -> Callable[[], Planned]:
         """Accept a task, and return what plans it.

@@ -10,6 +10,7 @@ from app.errors import CellIsShipped, CellNotFound
 from app.task_intake import VersionedCells
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
+from planners.survey.cell_limits import CellLimits
 from planners.survey.faults import check_cell
 from planners.survey.survey import CellSurvey, SurveyFigures
 from workers.stores.cell_store import CellStore, StoredCell
@@ -85,6 +86,19 @@ class CellCollection(VersionedCells):
             raise CellNotFound(cell_id)
         return stored
 
+    def figures(self, stored: StoredCell) -> SurveyFigures | None:
+        """Return what a cell can do, as it was found when it was posted; None: it is gone by now."""
+        return self._store.figures(stored.id)
+
+    def limits(self) -> dict[str, CellLimits]:
+        """Return what tasks must keep within, by name of the cell; one that cannot be loaded any more is left out."""
+        shipped = {name: CellLimits.of(cell) for name, cell in self.shipped.items()}
+        # As a task that names it would find it.
+        ids = {name: self.lasting_name(name) for name in self if name not in shipped}
+        found = self._store.limits(ids.values())
+        own = {name: found[cell_id] for name, cell_id in ids.items() if cell_id in found}
+        return dict(sorted({**shipped, **own}.items()))
+
     def add(self, bundle: CellBundle) -> tuple[StoredCell, bool]:
         """Keep a cell in which something can be planned; return it, and whether it was not there before.
 
@@ -92,8 +106,8 @@ class CellCollection(VersionedCells):
             CellIsShipped: It is called as a shipped one is.
             AssetError: Something is wrong with it; it lists everything that is.
         """
-        figures = self.examine(bundle)
-        return self._store.add(bundle, figures, self._caller.owner)
+        figures, limits = self._examined(bundle)
+        return self._store.add(bundle, figures, limits, self._caller.owner)
 
     def examine(self, bundle: CellBundle) -> SurveyFigures:
         """Return what a cell can do, without keeping it.
@@ -102,11 +116,7 @@ class CellCollection(VersionedCells):
             CellIsShipped: It is called as a shipped one is.
             AssetError: Something is wrong with it; it lists everything that is.
         """
-        if bundle.name in self.shipped:
-            raise CellIsShipped(bundle.name)
-        cell = bundle.load(self._store.folder)
-        check_cell(cell)
-        return _survey(cell).figures()
+        return self._examined(bundle)[0]
 
     def survey(self, name: str) -> CellSurvey:
         """Look at a cell.
@@ -136,6 +146,13 @@ class CellCollection(VersionedCells):
             CellNotFound: There is none.
         """
         self._store.delete(self.stored(cell_id).id)
+
+    def _examined(self, bundle: CellBundle) -> tuple[SurveyFigures, CellLimits]:
+        if bundle.name in self.shipped:
+            raise CellIsShipped(bundle.name)
+        with self._store.passing(bundle) as cell:
+            check_cell(cell)
+            return CellSurvey.of(cell).figures(), CellLimits.of(cell)
 
     @property
     def _sees_all(self) -> bool:

@@ -110,6 +110,18 @@ class PlanCollection:
             prepared = answer.record
         return await run_in_threadpool(self._again, prepared, sent, accepted), False
 
+    def admit(self, submission: Submission) -> PlanResource:
+        """Accept a task that was checked before, or find the plan that its key made, as `submit` does.
+
+        Raises:
+            QueueFull: There are too many unfinished jobs.
+            ShareFull: There are too many of its owner's.
+        """
+        answer = self._writer.submit(submission).result()
+        if isinstance(answer, NoRoom):
+            raise _refusal(answer, self._room)
+        return self.plan(answer.record.id)
+
     def _again(self, record: PlanRecord, sent: Any, accepted: Callable[[Any], TaskSpec]) -> PlanResource:
         """Return the plan that a key made before.
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import SceneInUse, SceneNotFound
 from app.resources.queries import page_of
-from planners.cell.cell import Cell
+from app.task_intake import VersionedCells
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
@@ -35,8 +35,10 @@ class SceneCollection:
         """Return what another caller sees."""
         return SceneCollection(self._store, self._plans, self._queue, caller)
 
-    def perceive(self, description: bytes, files: Mapping[str, bytes], cells: Mapping[str, Cell]) -> StoredScene:
+    def perceive(self, description: bytes, files: Mapping[str, bytes], cells: VersionedCells) -> StoredScene:
         """Perceive a scan, or find the scene that the same scan of the same owner gave before.
+
+        A scene names for good the version of its cell that it was perceived in.
 
         Raises:
             NotJson, pydantic.ValidationError, SceneError, ScanRefused: What is wrong with it.
@@ -44,6 +46,7 @@ class SceneCollection:
         scan = read_scan(parse_json(description))
         if scan.cell not in cells:
             raise SceneError("/cell", f"there is no cell {scan.cell}", sorted(cells))
+        scan = scan.model_copy(update={"cell": cells.lasting_name(scan.cell)})
         owner = self._caller.owner
         # Another version of the service may see more in the same scan; another owner has a scene of its own.
         digest = hashlib.sha256(f"{describe_software()}{owner or ''}\0{scan.model_dump_json()}".encode())

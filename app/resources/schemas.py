@@ -90,7 +90,7 @@ class CellResource(Resource):
     links: CellLinks
 
     @classmethod
-    def of(cls, stored: StoredCell, *, figures: bool = True) -> Self:
+    def of(cls, stored: StoredCell, figures: SurveyFigures | None = None) -> Self:
         """Return a cell of one's own."""
         return cls(
             id=stored.id,
@@ -98,7 +98,7 @@ class CellResource(Resource):
             version=stored.version,
             created_at=moment(stored.created_us),
             hash=stored.hash,
-            figures=stored.figures if figures else None,
+            figures=figures,
             links=_cell_links(stored.id, shipped=False),
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any
 
 from app.access.caller import ANYBODY, Caller, Scope
@@ -11,7 +11,6 @@ from app.errors import (
     KeyUsedForAnotherTask,
     NotFinished,
     PointNotFound,
-    QueueFull,
     StudyNotFound,
     TooManyStudies,
 )
@@ -99,27 +98,33 @@ class StudyCollection:
         _, study = self._accepted(study_id)
         return StudyMap.of(study, self.store.points(study_id))
 
-    def plan_point(self, study_id: str, index: int) -> PlanResource:
+    def plan_point(self, study_id: str, index: int, cells: Container[str]) -> PlanResource:
         """Have a point planned and certified, or find the plan that was made of it.
+
+        Args:
+            study_id: of the study.
+            index: of the point.
+            cells: that there are, those among them that are deleted and still kept.
 
         Raises:
             StudyNotFound: There is no study of that id.
-            PointNotFound: It has no such point, or there can be no such task.
+            PointNotFound: It has no such point, or there can be no such task any more.
             QueueFull: There are too many unfinished jobs.
+            ShareFull: There are too many of the study's owner.
         """
         record, study = self._accepted(study_id)
         if not 0 <= index < study.count:
             raise PointNotFound(f"the study has the points 0 to {study.count - 1}, not {index}")
         made = self.store.plan_of_point(record, index)
-        if made is None:
-            point = next((point for point in self.store.points(study_id) if point.index == index), None)
-            if point is not None and point.outcome == "refused":
-                raise PointNotFound(f"there can be no plan of point {index}: {point.summary}")
-            most = self._settings.max_queued
-            if self._queue.depth(most).due >= most:
-                raise QueueFull(most)
-            made = self.store.plan_point(record, study, index)
-        return self._plans.plan(made.id)
+        if made is not None:
+            return self._plans.plan(made.id)
+        point = next((point for point in self.store.points(study_id) if point.index == index), None)
+        if point is not None and point.outcome == "refused":
+            raise PointNotFound(f"there can be no plan of point {index}: {point.summary}")
+        submission = self.store.submission(record, study, index)
+        if submission.cell not in cells:
+            raise PointNotFound(f"there can be no plan of point {index}: there is no cell {submission.cell} any more")
+        return self._plans.admit(submission)
 
     def cancel(self, study_id: str) -> StudyResource:
         """Cancel what is left of a study; its points that are known stay.

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Self, get_args
+from typing import get_args
 
-import numpy as np
 from fastapi import APIRouter
 
 from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
 from app.routes.dependencies import Cells, Settings
-from planners.cell.arm import Arm
-from planners.cell.arm_span import ArmSpan
 from planners.cell.asset_shelf import known_meshes
-from planners.cell.cell import Cell
-from planners.cell.hand import Gripper
 from planners.contract.task_spec import LifterModel
 from planners.plan.verdicts import Software
 from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
 from planners.scene.suction_tool import known_tools
+from planners.survey.cell_limits import CellLimits
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
@@ -45,72 +41,14 @@ class Limits(Resource):
     worker_slots: int
 
 
-class TableLimits(Resource):
-    """What tasks may put things on, in world axes [m]."""
-
-    x: tuple[float, float]
-    """Its near and its far edge."""
-    y: tuple[float, float]
-    """Its edges at the right and at the left arm."""
-    top: float
-    """Height of its top above the floor."""
-
-
-class ArmLimits(Resource):
-    """What one arm of a cell can do."""
-
-    robot: str
-    hand: str
-    payload: float
-    """Largest mass at the flange, hand included [kg]."""
-    spare_payload: float
-    """What of it is left beside the hand: the hand never bears more than its weight [kg]."""
-    shoulder: tuple[float, float, float]
-    """Where the reach is counted from, in the world [m]."""
-    reach: float
-    """Nothing farther from the shoulder is touched by the hand, in whatever posture; much that is nearer is not
-    reached either [m]."""
-    stroke: tuple[float, float] | None
-    """Least and largest opening of a gripper [m]; null: the hand is a stick."""
-
-
-class CellLimits(Resource):
-    """Where a cell's tasks are, and with what they are done."""
-
-    table: TableLimits
-    arms: dict[str, ArmLimits]
-
-    @classmethod
-    def of(cls, cell: Cell) -> Self:
-        """Return what a cell's files say."""
-        # By definition of a cell its first box is the table.
-        center, half = cell.boxes[0].center, 0.5 * cell.boxes[0].size
-        low, high = np.round(center - half, 4).tolist(), np.round(center + half, 4).tolist()
-        table = TableLimits(x=(low[0], high[0]), y=(low[1], high[1]), top=high[2])
-        return cls(table=table, arms={name: _arm_limits(arm) for name, arm in cell.arms.items()})
-
-
-def _arm_limits(arm: Arm) -> ArmLimits:
-    span, hand = ArmSpan.of(arm), arm.hand
-    x, y, z = (round(float(value), 4) for value in span.center)
-    return ArmLimits(
-        robot=arm.robot.name,
-        hand=hand.name,
-        payload=arm.robot.payload,
-        spare_payload=round(arm.spare_payload, 4),
-        shoulder=(x, y, z),
-        reach=round(span.radius, 4),
-        stroke=(0.0, hand.width_max) if isinstance(hand, Gripper) else None,
-    )
-
-
 class Capabilities(Resource):
     """What this service can plan."""
 
     kinds: list[str]
     cells: list[str]
     cell_limits: dict[str, CellLimits]
-    """By name of the cell: its table, and reach, payload and gripper of its arms."""
+    """By name of the cell: its table, and reach, payload and gripper of its arms. A cell of one's own that this version
+    cannot load is left out."""
     lifter_models: list[str]
     """Of plate lifts."""
     tools: list[str]
@@ -136,7 +74,7 @@ def get_capabilities(cells: Cells, settings: Settings) -> Capabilities:
     return Capabilities(
         kinds=list(PLANNED_KINDS),
         cells=sorted(cells),
-        cell_limits={name: CellLimits.of(cell) for name, cell in sorted(cells.items())},
+        cell_limits=cells.limits(),
         lifter_models=list(get_args(LifterModel)),
         tools=known_tools(),
         shapes=list(PLANNED_SHAPES),

@@ -62,7 +62,7 @@ async def post_cell(
 
     def add(content: bytes, suffix: str) -> tuple[CellResource, bool]:
         stored, is_new = cells.add(_bundle(content, suffix))
-        return CellResource.of(stored), is_new
+        return CellResource.of(stored, cells.figures(stored)), is_new
 
     async with limits.held:
         resource, is_new = await to_thread.run_sync(
@@ -87,7 +87,7 @@ async def post_survey(request: Request, cells: Cells, settings: Settings, limits
 def list_cells(cells: Cells) -> CellList:
     """Return the shipped cells and one's own."""
     shipped = [CellResource.of_shipped(cell) for _, cell in sorted(cells.shipped.items())]
-    return CellList(cells=[*shipped, *(CellResource.of(stored, figures=False) for stored in cells.own())])
+    return CellList(cells=[*shipped, *(CellResource.of(stored) for stored in cells.own())])
 
 
 @router.get("/cells/{cell_id}", summary="One cell", responses=NOT_FOUND)
@@ -95,7 +95,8 @@ def get_cell(cell_id: str, cells: Cells) -> CellResource:
     """Return what is known of a cell, by id or name."""
     if cell_id in cells.shipped:
         return CellResource.of_shipped(cells.shipped[cell_id])
-    return CellResource.of(cells.stored(cell_id))
+    stored = cells.stored(cell_id)
+    return CellResource.of(stored, cells.figures(stored))
 
 
 @router.get(

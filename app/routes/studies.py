@@ -12,7 +12,7 @@ from app.pictures.study_picture import draw_map
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, PlanResource, StudyList, StudyResource
-from app.routes.dependencies import Settings, Studies, StudyFeed, cells_of, scenes_of
+from app.routes.dependencies import Cells, Settings, Studies, StudyFeed, cells_of, scenes_of
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.routes.plans import plan_response
 from app.task_intake import with_parts
@@ -139,13 +139,15 @@ async def get_study_events(
     summary="Plan a point",
     responses={
         200: {"model": PlanResource, "description": "Its plan has ended"},
-        404: {**PROBLEM, "description": "No such study, or no such point"},
-        429: {**PROBLEM, "description": "Too many unfinished jobs"},
+        404: {**PROBLEM, "description": "No such study, or no such point, or its cell is there no more"},
+        429: {**PROBLEM, "description": "Too many unfinished jobs, or too many of the study's owner"},
     },
 )
-def plan_point(study_id: str, index: Annotated[int, Path(ge=0, le=LARGEST_INDEX)], studies: Studies) -> Response:
+def plan_point(
+    study_id: str, index: Annotated[int, Path(ge=0, le=LARGEST_INDEX)], studies: Studies, cells: Cells
+) -> Response:
     """Have the task of a point planned, certified and simulated as any other; asked again, that plan is returned."""
-    plan = studies.plan_point(study_id, index)
+    plan = studies.plan_point(study_id, index, cells.with_deleted())
     return plan_response(plan, 200 if plan.done else 202, {"Location": plan.links.self})
 
 

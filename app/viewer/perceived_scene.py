@@ -180,13 +180,15 @@ class PerceivedDescription(StrictModel):
     notes: list[str]
 
 
-def describe_perceived(scene_id: str, document: SceneDocument, points: SeenPoints | None) -> PerceivedDescription:
-    """Return what the page tells; sizes and poses with their uncertainties."""
+def describe_perceived(
+    scene_id: str, document: SceneDocument, points: SeenPoints | None, cell: str
+) -> PerceivedDescription:
+    """Return what the page tells; sizes and poses with their uncertainties, and its cell by name."""
     return PerceivedDescription(
         id=scene_id,
         title=document.external_id or scene_id[:8],
         subtitle=_subtitle(document),
-        highlights=_highlights(document, points),
+        highlights=_highlights(document, points, cell),
         objects=[_object(index, part) for index, part in enumerate(document.objects)],
         tool=None if document.tool is None else _tool(document.tool),
         table=None if document.table is None else _table(document.table),
@@ -224,13 +226,13 @@ def _count(number: int, one: str, many: str) -> str:
     return "" if number == 0 else f"{number} {one if number == 1 else many}"
 
 
-def _highlights(document: SceneDocument, points: SeenPoints | None) -> list[Row]:
+def _highlights(document: SceneDocument, points: SeenPoints | None, cell: str) -> list[Row]:
     rows: list[Row] = [("objects", str(len(document.objects)))]
     if document.unrecognised:
         rows.append(("not recognised", str(len(document.unrecognised))))
     if points is not None:
         rows.append(("points shown", f"{len(points.points):,}"))
-    rows.append(("cell", document.cell))
+    rows.append(("cell", cell))
     return rows
 
 

@@ -335,8 +335,9 @@ class SceneServers:
             CellNotDrawn: There are no drawings of its cell.
         """
         document, points = scenes.scene(scene_id).document, scenes.points(scene_id)
-        server.open_perceived(document, points, self._cell(document.cell), self._meshes)
-        return describe_perceived(scene_id, document, points)
+        cell = self._cell(document.cell)
+        server.open_perceived(document, points, cell, self._meshes)
+        return describe_perceived(scene_id, document, points, cell.name)
 
     def record(self, document: StoredDocument) -> str:
         """Return a page that plays a plan without any server. Blocks for some seconds.

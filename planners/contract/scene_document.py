@@ -92,6 +92,7 @@ class SceneDocument(StrictModel):
 
     schema_version: Literal["1.0"] = "1.0"
     cell: str
+    """As tasks name it for good: a shipped cell's name, or the id of the version that the scene was perceived in."""
     external_id: str | None
     tool: SeenToolPart | None
     """None: not looked for, or not found; `notes` tells."""

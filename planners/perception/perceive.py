@@ -92,7 +92,7 @@ def perceive(
         # What looks at a view does not know whether an image or a cloud became it.
         raise ScanRefused("depth" if scan.cloud is None else "cloud", refused.detail) from refused
     document = SceneDocument(
-        cell=cell.name,
+        cell=scan.cell,
         external_id=scan.external_id,
         tool=None if tool is None else _tool_part(scan, *tool),
         table=None if seen is None else _table_part(seen, cell),

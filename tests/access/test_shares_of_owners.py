@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from support.service import FAKE_SOLVER, finished, task
+from support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task
 from support.serving import served
 
 from app.access.caller import Scope
@@ -42,3 +42,24 @@ def test_an_owner_with_a_full_share_keeps_nobody_from_the_queue_nor_from_the_wor
         last = [client.get(answer.json()["links"]["self"]).json() for answer in answers[1:SHARE]]
         assert sum(plan["done"] for plan in last) <= 1
         assert ended["state"] == "succeeded"
+
+
+def test_points_of_studies_that_are_planned_count_in_the_share_of_their_owner(tmp_path: Path) -> None:
+    fakes = {"solver_command": FAKE_SOLVER, "study_command": FAKE_EXAMINER}
+    limits = {"max_queued": 6, "max_queued_of_owner": 1, "worker_slots": 1}
+    settings = ServiceSettings.model_validate({"data_dir": tmp_path, **fakes, **limits})
+    key = {"Authorization": f"Bearer {issue_key(settings, 'greedy', Scope.WRITE, None)}"}
+    with served(settings) as address, httpx.Client(base_url=address, timeout=90.0, headers=key) as client:
+        body = {"task": task(external_id="now"), "axes": [{"pointer": "/cup/max_force", "values": [15, 20]}]}
+        study = finished(client, client.post("/v1/studies", json=body).raise_for_status().json())
+        finished(client, {"links": {"self": study["best_plan"]}})
+        first = client.post("/v1/plans", json=task(external_id="hang")).raise_for_status().json()
+        points = [f"{study['links']['points']}/{index}/plan" for index in range(2)]
+        answers = [client.post(point) for point in points]
+        # The best one has its plan.
+        assert sorted(answer.status_code for answer in answers) == [200, 429]
+        refused = next(answer for answer in answers if answer.status_code == 429)
+        assert "1 of your jobs" in refused.json()["detail"]
+        assert "Retry-After" in refused.headers
+        client.post(first["links"]["cancel"]).raise_for_status()
+        assert client.post(refused.request.url.path).status_code == 202

@@ -14,6 +14,7 @@ import pytest
 import yaml
 from support.documents import plan_of
 from support.lift_documents import lift_document, segment
+from support.own_cell import station
 from support.service import ROOT, task
 
 from app.cli.main import main
@@ -84,6 +85,18 @@ def test_a_file_given_as_a_scene_that_is_not_json_is_named(tmp_path: Path, refus
 def test_a_scene_given_as_a_task_is_told_apart(tmp_path: Path, refusal: Said) -> None:
     path = _written(tmp_path / "seen.json", SCENE)
     assert f"{path} is a scene, not a task; give it as --scene" in refusal(path)
+
+
+# The program ends with the files of the cell; here it goes on.
+@pytest.mark.filterwarnings("ignore:Implicitly cleaning up:ResourceWarning")
+def test_a_scene_that_a_service_perceived_in_ones_own_cell_is_in_the_cell_that_is_given(
+    tmp_path: Path, refusal: Said
+) -> None:
+    scene = _written(tmp_path / "seen.json", {**SCENE, "cell": "0" * 32})
+    cell = _written(tmp_path / "cell.json", station())
+    told = refusal(SCANS_TASK, "--scene", scene, "--cell", cell)
+    assert told == "/scene_id: the scene was perceived without depth or cloud: it has no objects"
+    assert "in the cell 0000" in refusal(SCANS_TASK, "--scene", scene)
 
 
 def test_a_plan_document_given_as_a_task_is_told_apart(tmp_path: Path, refusal: Said) -> None:

@@ -97,6 +97,32 @@ def test_a_task_that_does_not_fit_its_scene_is_refused_where_it_is_wrong(
     assert pointer in [error["pointer"] for error in answer.json()["errors"]]
 
 
+def test_a_scene_is_of_the_version_of_its_cell_that_it_was_perceived_in(client: httpx.Client) -> None:
+    def add(gravity: float) -> str:
+        hands = {arm: {"robot": "ur3e", "hand": "robotiq_2f85_ft300"} for arm in ("left", "right")}
+        rest = {"position": [0.22, 0.0], "clearance": 0.024, "height": 0.050, "thickness": 0.005}
+        cell = {"name": "eyes", "mount": "dual_column", "arms": hands, "gravity": [0, 0, gravity], "tool_rest": rest}
+        return client.post("/v1/cells", json=cell).raise_for_status().json()["id"]
+
+    def perceived() -> dict[str, Any]:
+        return post(client, {**SCAN.description, "cell": "eyes"}, **SCAN.files).raise_for_status().json()
+
+    def checked(**members: Any) -> dict[str, Any]:
+        return client.post("/v1/tasks/check", json={**TASK, **members}).raise_for_status().json()
+
+    first_cell = add(-9.81)
+    first = perceived()
+    assert first["scene"]["cell"] == first_cell
+    second_cell = add(-9.8)
+    second = perceived()
+    assert (second["scene"]["cell"], second["id"] != first["id"]) == (second_cell, True)
+    assert checked(scene_id=first["id"])["task"]["cell"] == first_cell
+    for scene, cell in ((first, first_cell), (second, "eyes"), (second, second_cell)):
+        assert checked(scene_id=scene["id"], cell=cell)["task"]["cell"] == scene["scene"]["cell"]
+    for scene, cell in ((first, "eyes"), (second, first_cell)):
+        assert [each["pointer"] for each in checked(scene_id=scene["id"], cell=cell)["errors"]] == ["/cell"]
+
+
 DEPTH_ONLY = {"depth": SCAN.description["depth"]}
 CLOUD_ONLY = {"cloud": {"pose": SCAN.description["depth"]["pose"]}}
 COLOUR_ONLY = {"colour": SCAN.description["colour"]}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import structlog
 
+from workers.stores.cell_store import CellStore
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job
 from workers.stores.plan_store import PlanStore
@@ -43,6 +44,13 @@ def count_failures(store: PlanStore) -> None:
     failed = store.count_failures(BATCH)
     if failed:
         log.error("jobs failed without a solver's word", job_ids=failed)
+
+
+def clear_cells(cells: CellStore) -> None:
+    """Forget deleted cells that nothing is in, and remove the files of this machine that belong to no cell."""
+    forgotten, cleared = cells.forget_deleted(), cells.clear_folder()
+    if forgotten or cleared:
+        log.info("cells forgotten", cells=forgotten, folders=cleared)
 
 
 def delete_old(store: PlanStore, scenes: SceneStore, studies: StudyStore, queue: JobQueue, days: float) -> int:

@@ -16,7 +16,7 @@ from dbos._dbos import _get_dbos_instance
 
 from workers.engine.deadline import PatientQuestion
 from workers.engine.executor_lock import AdvisoryLock
-from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, count_failures, delete_old
+from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, clear_cells, count_failures, delete_old
 from workers.engine.job_runner import JobFailed, JobRunner
 from workers.engine.study_runner import StudyRunner
 from workers.engine.supervisor import Supervisor
@@ -144,7 +144,7 @@ class Worker:
         repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
         repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
-        repeat("cells", partial(asyncio.to_thread, self._cells.forget_deleted), DELETION_PAUSE_SECONDS)
+        repeat("cells", partial(asyncio.to_thread, partial(clear_cells, self._cells)), DELETION_PAUSE_SECONDS)
         if settings.retention_days is not None:
             stores = store, SceneStore(self._database), self._studies
             delete = partial(delete_old, *stores, queue, settings.retention_days)

@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import os
+import re
+import shutil
+import tempfile
 import threading
+import time
+import uuid
 from collections import OrderedDict
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
+import structlog
+from pydantic import BaseModel
 from sqlalchemy.exc import IntegrityError
 
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
+from planners.errors import AssetError
+from planners.survey.cell_limits import CellLimits
 from planners.survey.survey import SurveyFigures
 from workers.stores.database import Database
-from workers.stores.tables import CELLS, PLANS, now_us
+from workers.stores.tables import CELLS, PLANS, STUDIES, now_us
 
 MOST_LOADED = 16
 """Cells that are kept in memory."""
 KEPT_US = 86_400_000_000
 """A deleted cell is kept so long, since tasks that name it may be on their way [us]."""
+SETTLED_SECONDS = 3600.0
+"""Files that were unpacked or asked for within this time may be of use to somebody [s]."""
+_UNPACKED = re.compile(r"[0-9a-f]{64}|\.(?:unpacking|checking|removing)-.+")
+"""What there may be in the folder of unpacked cells, whole or left by a process that was killed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,12 +55,19 @@ class StoredCell:
     """Of all that its owner posted under its name, from 1."""
     hash: str
     """Of its content; plan documents state it."""
-    figures: SurveyFigures
     deleted: bool
-    """It is only there for plans that are in it."""
+    """It is only there for plans and studies that are in it."""
 
 
-_COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.name != "zip"]
+class _KeptLimits(BaseModel):
+    """What is kept beside a cell's figures."""
+
+    limits: CellLimits | None = None
+    """None: the cell was posted to a version that did not keep them."""
+
+
+_COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.name not in ("zip", "figures")]
+log = structlog.get_logger(__name__)
 
 
 class CellStore:
@@ -53,15 +77,19 @@ class CellStore:
         """`folder` is where cells are unpacked; several processes may share it."""
         self._database, self.folder = database, folder
         self._loaded, self._lock = OrderedDict[str, Cell](), threading.Lock()
+        self._limits: dict[str, CellLimits | None] = {}
+        """By id; None: it cannot be loaded. Of all that was asked for: a cell never changes, and they are small."""
 
-    def add(self, bundle: CellBundle, figures: SurveyFigures, owner: str | None) -> tuple[StoredCell, bool]:
+    def add(
+        self, bundle: CellBundle, figures: SurveyFigures, limits: CellLimits, owner: str | None
+    ) -> tuple[StoredCell, bool]:
         """Keep a cell, as the next version of its name.
 
         Returns:
             The cell, and whether this has added it. What the same owner posted before is found again, is there again if
             it was deleted, and is what its name means from now on.
         """
-        cell_id = hashlib.sha256(f"{owner or ''}\0{bundle.digest}".encode()).hexdigest()[:32]
+        cell_id = _id_of(bundle.digest, owner)
         known = self.get(cell_id)
         if known is not None:
             again = {"deleted_us": None, "created_us": now_us()}
@@ -77,7 +105,7 @@ class CellStore:
             "name": bundle.name,
             "version": version.scalar_subquery(),
             "hash": figures.hash,
-            "figures": figures.model_dump_json(),
+            "figures": json.dumps({**figures.model_dump(mode="json"), "limits": limits.model_dump(mode="json")}),
             "zip": bundle.zip(),
         }
         while True:
@@ -93,6 +121,22 @@ class CellStore:
         """Return a cell, a deleted one too."""
         found = self._database.rows(sa.select(*_COLUMNS).where(CELLS.c.id == cell_id))
         return _stored(found[0]) if found else None
+
+    def figures(self, cell_id: str) -> SurveyFigures | None:
+        """Return what a cell can do, as it was found when it was posted."""
+        text = self._database.scalar(sa.select(CELLS.c.figures).where(CELLS.c.id == cell_id))
+        return None if text is None else SurveyFigures.model_validate_json(text)
+
+    def limits(self, cell_ids: Collection[str]) -> dict[str, CellLimits]:
+        """Return the limits of cells, by id; what cannot be loaded any more is left out."""
+        unknown = [cell_id for cell_id in cell_ids if cell_id not in self._limits]
+        if unknown:
+            query = sa.select(CELLS.c.id, CELLS.c.figures).where(CELLS.c.id.in_(unknown))
+            for row in self._database.rows(query):
+                kept = _KeptLimits.model_validate_json(row.figures).limits
+                self._limits[row.id] = kept or self._limits_of(row.id)
+        known = {cell_id: self._limits.get(cell_id) for cell_id in cell_ids}
+        return {cell_id: limits for cell_id, limits in known.items() if limits is not None}
 
     def named(self, name: str, owner: str | None, *, anybodys: bool = False) -> StoredCell | None:
         """Return the cell that an owner posted last under a name; with `anybodys`, that anybody did."""
@@ -115,33 +159,97 @@ class CellStore:
 
     def unpacked(self, cell_id: str) -> Path | None:
         """Return the folder with the files of a cell, which are put there unless they are; None: there is no cell."""
-        content = self.zip(cell_id)
-        return None if content is None else CellBundle.of_zip(content).unpack(self.folder)
+        bundle = self._bundle(cell_id)
+        return None if bundle is None else bundle.unpack(self.folder)
 
     def load(self, cell_id: str) -> Cell | None:
         """Return a cell as planners have it."""
         with self._lock:
-            if cell_id in self._loaded:
+            known = self._loaded.get(cell_id)
+            # One that was forgotten and posted again has its files no more: the viewer reads them when it draws.
+            if known is not None and known.shelf.folders[0].is_dir():
                 self._loaded.move_to_end(cell_id)
-                return self._loaded[cell_id]
-        content = self.zip(cell_id)
-        if content is None:
+                return known
+        bundle = self._bundle(cell_id)
+        if bundle is None:
             return None
-        cell = CellBundle.of_zip(content).load(self.folder)
+        cell = bundle.load(self.folder)
         with self._lock:
             self._loaded[cell_id] = cell
             while len(self._loaded) > MOST_LOADED:
                 self._loaded.popitem(last=False)
         return cell
 
+    @contextmanager
+    def passing(self, bundle: CellBundle) -> Iterator[Cell]:
+        """Load a cell without keeping it: its files are gone behind the block.
+
+        Raises:
+            AssetError: Something is wrong with it.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
+        # Not where the system keeps what is temporary: that may be memory, and a cell has up to 64 MB.
+        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".checking-") as place:
+            yield bundle.load(Path(place))
+
     def delete(self, cell_id: str) -> None:
-        """Have a cell for no more tasks; its files go when no plan is in it any more."""
+        """Have a cell for no more tasks; its files go when no plan and no study is in it any more."""
         self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(deleted_us=now_us()))
 
     def forget_deleted(self) -> int:
-        """Remove deleted cells that no plan is in, and return how many there were."""
-        used = sa.exists().where(PLANS.c.cell == CELLS.c.id)
-        return self._database.write(sa.delete(CELLS).where(CELLS.c.deleted_us < now_us() - KEPT_US, ~used))
+        """Remove deleted cells that no plan and no study is in, and return how many there were."""
+        planned = sa.exists().where(PLANS.c.cell == CELLS.c.id)
+        # Points of a study may be planned as long as it is there. Nothing else in it looks like an id.
+        studied = sa.exists().where(STUDIES.c.study.contains(CELLS.c.id))
+        old = CELLS.c.deleted_us < now_us() - KEPT_US
+        return self._database.write(sa.delete(CELLS).where(old, ~planned, ~studied))
+
+    def clear_folder(self) -> int:
+        """Remove the files of this machine that belong to no cell, and return of how many cells they were.
+
+        Whatever was unpacked or asked for within the last hour stays: it may be on its way to a solver.
+        """
+        # Looked for before the rows are: what is unpacked had its row before.
+        settled = [path for path in self._found() if _changed(path) < time.time() - SETTLED_SECONDS]
+        if not settled:
+            return 0
+        rows = self._database.rows(sa.select(CELLS.c.id, CELLS.c.owner))
+        ids, owners = {row.id for row in rows}, {row.owner for row in rows}
+        left = [path for path in settled if not any(_id_of(path.name, owner) in ids for owner in owners)]
+        for path in left:
+            # At once: nobody must take what is left of it for the whole.
+            aside = path.with_name(f".removing-{uuid.uuid4().hex}")
+            with suppress(OSError):
+                path.rename(aside)
+                shutil.rmtree(aside, ignore_errors=True)
+        return len(left)
+
+    def _limits_of(self, cell_id: str) -> CellLimits | None:
+        """Look at a cell of which no limits are kept."""
+        try:
+            bundle = self._bundle(cell_id)
+            if bundle is None:
+                return None
+            with self.passing(bundle) as cell:
+                return CellLimits.of(cell)
+        except AssetError as error:
+            log.warning("a cell that is kept cannot be loaded", cell_id=cell_id, error=str(error))
+            return None
+
+    def _found(self) -> list[Path]:
+        if not self.folder.is_dir():
+            return []
+        return [path for path in self.folder.iterdir() if _UNPACKED.fullmatch(path.name)]
+
+    def _bundle(self, cell_id: str) -> CellBundle | None:
+        content = self.zip(cell_id)
+        if content is None:
+            return None
+        bundle = CellBundle.of_zip(content)
+        with suppress(OSError):
+            # If its files are there, whoever clears the folder sees that they are wanted.
+            os.utime(self.folder / bundle.digest)
+        return bundle
 
     def _there(self, cell_id: str) -> StoredCell:
         stored = self.get(cell_id)
@@ -149,7 +257,19 @@ class CellStore:
         return stored
 
 
+def _id_of(digest: str, owner: str | None) -> str:
+    """Return the id of an owner's cell, by the digest of its files."""
+    return hashlib.sha256(f"{owner or ''}\0{digest}".encode()).hexdigest()[:32]
+
+
+def _changed(path: Path) -> float:
+    """Return when a folder was changed last [s since 1970]; one that has gone was so just now."""
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return time.time()
+
+
 def _stored(row: Any) -> StoredCell:
-    figures = SurveyFigures.model_validate_json(row.figures)
     deleted = row.deleted_us is not None
-    return StoredCell(row.id, row.owner, row.created_us, row.name, row.version, row.hash, figures, deleted)
+    return StoredCell(row.id, row.owner, row.created_us, row.name, row.version, row.hash, deleted)

@@ -230,6 +230,11 @@ class Submission:
         return self.row["idempotency_key"]
 
     @property
+    def cell(self) -> str:
+        """As the task names it."""
+        return self.row["cell"]
+
+    @property
     def job(self) -> NewJob:
         """What is enqueued."""
         start_us = self.order.start_us if self.delayed else None

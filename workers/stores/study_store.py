@@ -17,7 +17,7 @@ from planners.study.study_map import StudyPoint
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job
-from workers.stores.plan_store import PlanRecord, PlanStore, stored_key
+from workers.stores.plan_store import Accepted, PlanRecord, PlanStore, Submission, stored_key
 from workers.stores.tables import STUDIES, STUDY_POINTS, Position, newest_first, now_us
 from workers.stores.totals import STUDY_POINT, add_to_total
 
@@ -166,16 +166,20 @@ class StudyStore:
             add_to_total(transaction, STUDY_POINT, point.outcome, seconds=point.seconds)
         return True
 
-    def plan_point(self, record: StudyRecord, study: Study, index: int) -> PlanRecord:
-        """Accept the task of a point as a plan of the study's owner, or find the one that was."""
+    def submission(self, record: StudyRecord, study: Study, index: int) -> Submission:
+        """Return the task of a point as it is submitted for a plan of the study's owner; once accepted it is found."""
         task = write_task(read_task(study.document_at(index)))
-        return self._plans.accept(task, point_key(record.id, index), self._queue, record.owner)
+        return Submission.of(task, record.owner, idempotency_key=point_key(record.id, index))
 
     def plan_best(self, record: StudyRecord, study: Study, index: int) -> None:
-        """Accept the task of the best point as a plan, and keep which it is; both happen once only."""
-        plan = self.plan_point(record, study, index)
+        """Accept the task of the best point as a plan, and keep which it is; both happen once only.
+
+        However many jobs there are: nobody would ask again.
+        """
+        (accepted,) = self._plans.accept_all([self.submission(record, study, index)], self._queue)
+        assert isinstance(accepted, Accepted)
         best = sa.update(STUDIES).where(STUDIES.c.id == record.id)
-        self._database.write(best.values(best_plan_id=plan.id))
+        self._database.write(best.values(best_plan_id=accepted.record.id))
 
     def plan_of_point(self, record: StudyRecord, index: int) -> PlanRecord | None:
         """Return the plan of a point, if it was asked for."""

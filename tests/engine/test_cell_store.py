@@ -1,0 +1,208 @@
+"""Cells that are kept, and what is left of them on a machine's disk."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+from support.own_cell import station, written
+from support.service import task
+
+from app.access.caller import Caller, Scope
+from app.errors import CellIsShipped, PointNotFound
+from app.resources.cell_collection import CellCollection
+from app.resources.plan_collection import PlanCollection
+from app.resources.study_collection import StudyCollection
+from app.routes.capabilities import get_capabilities
+from app.settings import ServiceSettings
+from planners.cell.bundle import CellBundle
+from planners.cell.cell import load_cells
+from planners.errors import AssetError
+from planners.study.study import Study
+from planners.survey.cell_limits import CellLimits
+from workers.engine.housekeeping import clear_cells
+from workers.stores.cell_store import SETTLED_SECONDS, CellStore
+from workers.stores.database import Database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore, Room
+from workers.stores.plan_writer import PlanWriter
+from workers.stores.study_store import StudyStore
+from workers.stores.tables import CELLS
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "cells"
+
+
+@pytest.fixture
+def cells(database: Database, folder: Path) -> CellStore:
+    return CellStore(database, folder)
+
+
+def bundle(**members: object) -> CellBundle:
+    return CellBundle.of_text(written(station(**members)))
+
+
+def found(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+
+
+def long_ago(folder: Path) -> None:
+    """Have all that is in a folder been there for longer than anybody may still want it."""
+    for path in folder.iterdir():
+        os.utime(path, (time.time() - 2.0 * SETTLED_SECONDS,) * 2)
+
+
+def test_what_is_checked_or_refused_leaves_nothing_behind(cells: CellStore, folder: Path) -> None:
+    collection = CellCollection(load_cells(), cells)
+    assert collection.examine(bundle()).cell == "station"
+    assert found(folder) == []
+    refused: list[tuple[Callable[[CellBundle], object], CellBundle, type[Exception]]] = [
+        (collection.examine, bundle(gravity=[0, 0, 0]), AssetError),
+        (collection.add, bundle(gravity=[0, 0, 0]), AssetError),
+        (collection.add, bundle(mount="nowhere"), AssetError),
+        (collection.add, bundle(name="dual_ur3e_lift"), CellIsShipped),
+    ]
+    for take, each, error in refused:
+        with pytest.raises(error):
+            take(each)
+        assert found(folder) == []
+
+
+def test_a_cell_that_was_kept_is_unpacked_once_somebody_wants_it(cells: CellStore, folder: Path) -> None:
+    kept = bundle()
+    stored, _ = CellCollection({}, cells).add(kept)
+    loaded = cells.load(stored.id)
+    assert loaded is not None
+    assert found(folder) == [kept.digest]
+    assert cells.unpacked(stored.id) == folder / kept.digest == loaded.shelf.folders[0]
+
+
+def test_files_that_belong_to_no_cell_are_removed_once_nobody_can_want_them(cells: CellStore, folder: Path) -> None:
+    collection, kept, other = CellCollection({}, cells), bundle(), bundle(gravity=[0, 0, -9.8])
+    stored, _ = collection.add(kept)
+    cells.load(stored.id)
+    other.unpack(folder)
+    (folder / ".unpacking-killed").mkdir()
+    (folder / "notes").mkdir()
+    everything = found(folder)
+    clear_cells(cells)
+    assert found(folder) == everything
+    long_ago(folder)
+    clear_cells(cells)
+    assert found(folder) == sorted([kept.digest, "notes"])
+
+
+def test_a_cell_of_anybody_keeps_its_files_and_a_forgotten_one_comes_back_with_them(
+    cells: CellStore, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = bundle()
+    collections = [CellCollection({}, cells, Caller(None, owner, Scope.WRITE)) for owner in ("somebody", None)]
+    ids = [collection.add(kept)[0].id for collection in collections]
+    assert cells.load(ids[0]) is not None
+    monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
+    for cell_id, left in zip(ids, ([kept.digest], []), strict=True):
+        cells.delete(cell_id)
+        long_ago(folder)
+        clear_cells(cells)
+        assert found(folder) == left
+    again, _ = collections[0].add(kept)
+    loaded = cells.load(again.id)
+    assert loaded is not None
+    assert loaded.shelf.folders[0].is_dir()
+
+
+def test_what_somebody_asks_for_again_is_not_removed_under_their_hands(cells: CellStore, folder: Path) -> None:
+    stored, _ = CellCollection({}, cells).add(bundle())
+    place = cells.unpacked(stored.id)
+    assert place is not None
+    long_ago(folder)
+    assert cells.unpacked(stored.id) == place
+    assert place.stat().st_mtime > time.time() - SETTLED_SECONDS
+
+
+def test_limits_of_cells_are_told_without_loading_one(database: Database, cells: CellStore, folder: Path) -> None:
+    CellCollection({}, cells).add(bundle())
+    told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
+    assert found(folder) == []
+    expected = CellLimits.of(bundle().load(folder))
+    assert told.cell_limits == {"station": expected}
+
+
+def test_limits_that_an_earlier_version_did_not_keep_are_looked_up_once(
+    database: Database, cells: CellStore, folder: Path
+) -> None:
+    collection = CellCollection({}, cells)
+    stored, _ = collection.add(bundle())
+    figures = collection.figures(stored)
+    assert figures is not None
+    with database.engine.begin() as transaction:
+        transaction.execute(sa.update(CELLS).values(figures=figures.model_dump_json()))
+    expected = {"station": CellLimits.of(bundle().load(folder))}
+    fresh = CellCollection({}, CellStore(database, folder))
+    assert fresh.limits() == expected
+    with database.engine.begin() as transaction:
+        transaction.execute(sa.update(CELLS).values(zip=b"no zip"))
+    assert fresh.limits() == expected
+
+
+def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
+    database: Database, cells: CellStore, folder: Path
+) -> None:
+    collection = CellCollection({}, cells)
+    for name in ("sound", "broken"):
+        stored, _ = collection.add(bundle(name=name))
+    figures = collection.figures(stored)
+    assert figures is not None
+    with database.engine.begin() as transaction:
+        broken = sa.update(CELLS).where(CELLS.c.name == "broken")
+        transaction.execute(broken.values(zip=b"no zip", figures=figures.model_dump_json()))
+    told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
+    assert told.cells == ["broken", "sound"]
+    assert set(told.cell_limits) == {"sound"}
+
+
+def test_a_deleted_cell_stays_while_a_study_is_in_it_and_then_no_point_can_be_planned(
+    database: Database, cells: CellStore, queue: JobQueue, store: PlanStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
+    collection, studies, room = CellCollection({}, cells), StudyStore(database, store, queue), Room(9, 9, 9)
+    cell, _ = collection.add(bundle())
+    axes = [{"pointer": "/cup/max_force", "values": [20.0, 30.0]}]
+    study = Study.read({"task": task("pb1.json", cell=cell.id), "axes": axes}, lambda sent: sent, 9)
+    kept, forgotten = (studies.accept(study, None, None, "sent") for _ in range(2))
+    cells.delete(cell.id)
+    assert cells.forget_deleted() == 0
+    settings = ServiceSettings(data_dir=cells.folder)
+    with closing(PlanWriter(store, queue, room)) as writer:
+        asked = StudyCollection(studies, queue, PlanCollection(store, queue, writer, room), settings)
+        plan = asked.plan_point(kept.id, 0, collection.with_deleted())
+        assert plan == asked.plan_point(kept.id, 0, collection.with_deleted())
+        store.delete(plan.id)
+        studies.delete(kept.id)
+        assert cells.forget_deleted() == 0
+        with database.engine.begin() as transaction:
+            transaction.execute(sa.delete(CELLS))
+        with pytest.raises(PointNotFound, match="no cell"):
+            asked.plan_point(forgotten.id, 0, collection.with_deleted())
+
+
+def test_a_deleted_cell_goes_with_the_last_study_in_it(
+    database: Database, cells: CellStore, queue: JobQueue, store: PlanStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
+    cell, _ = CellCollection({}, cells).add(bundle())
+    studies = StudyStore(database, store, queue)
+    axes = [{"pointer": "/cup/max_force", "values": [20.0, 30.0]}]
+    study = Study.read({"task": task("pb1.json", cell=cell.id), "axes": axes}, lambda sent: sent, 9)
+    record = studies.accept(study, None, None, "sent")
+    cells.delete(cell.id)
+    assert cells.forget_deleted() == 0
+    studies.delete(record.id)
+    assert cells.forget_deleted() == 1
