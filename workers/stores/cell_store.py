@@ -94,11 +94,13 @@ class CellStore:
         found = self._database.rows(sa.select(*_COLUMNS).where(CELLS.c.id == cell_id))
         return _stored(found[0]) if found else None
 
-    def named(self, name: str, owner: str | None, *, anybodys: bool = False) -> StoredCell | None:
-        """Return the cell that an owner posted last under a name; with `anybodys`, that anybody did."""
-        query = sa.select(*_COLUMNS).where(CELLS.c.name == name, CELLS.c.deleted_us.is_(None))
-        if not anybodys:
-            query = query.where(CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner)
+    def named(self, name: str, owner: str | None) -> StoredCell | None:
+        """Return the cell that an owner posted last under a name."""
+        query = sa.select(*_COLUMNS).where(
+            CELLS.c.name == name,
+            CELLS.c.deleted_us.is_(None),
+            CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner,
+        )
         found = self._database.rows(query.order_by(CELLS.c.created_us.desc(), CELLS.c.version.desc()).limit(1))
         return _stored(found[0]) if found else None
 
