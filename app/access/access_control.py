@@ -115,7 +115,7 @@ def _require_host(request: HTTPConnection, authenticator: Authenticator) -> None
         # Asked by address, by what watches containers.
         return
     given = request.headers.get("host", "")
-    name = (urlsplit(f"//{given}").hostname or "").lower()
+    name = _name_in(given)
     allowed = () if authenticator.open else settings.allowed_hosts
     if allowed and name not in {each.lower() for each in allowed}:
         raise WrongHost(given, allowed)
@@ -126,7 +126,12 @@ def _require_host(request: HTTPConnection, authenticator: Authenticator) -> None
 def is_from_here(headers: Headers) -> bool:
     """Tell whether a request comes from a page of this service, or from no page at all."""
     origin = headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == headers.get("host")
+    if origin is None:
+        return True
+    try:
+        return urlsplit(origin).netloc == headers.get("host")
+    except ValueError:
+        return False
 
 
 def address_of(request: HTTPConnection) -> str | None:
@@ -172,6 +177,14 @@ def _to_login(request: HTTPConnection) -> Response:
     """Send a browser to where a person can show a key, and then back."""
     wanted = request.url.path + (f"?{request.url.query}" if request.url.query else "")
     return RedirectResponse(f"{LOGIN}?next={quote(wanted, safe='/')}", 303)
+
+
+def _name_in(host: str) -> str:
+    """Return the name in a `Host` header, without port; empty where there is none, or nothing that can be read."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower()
+    except ValueError:
+        return ""
 
 
 def _is_loopback_name(name: str) -> bool:

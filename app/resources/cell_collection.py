@@ -24,8 +24,8 @@ def _survey(cell: Cell) -> CellSurvey:
 class CellCollection(VersionedCells):
     """What one caller sees of all cells, by what a task may call them: a name, or an id.
 
-    Of cells that have one name, the newest is meant. All methods block on the database, those that load or look at a
-    cell for long: call them from a thread.
+    A name means a cell of the caller's own, and of several the newest; an administrator has everybody's by their ids.
+    All methods block on the database, those that load or look at a cell for long: call them from a thread.
     """
 
     def __init__(
@@ -42,6 +42,11 @@ class CellCollection(VersionedCells):
         """Return these and deleted ones, by their ids."""
         return CellCollection(self.shipped, self._store, self._caller, deleted_too=True)
 
+    def of_owner(self, owner: str | None) -> CellCollection:
+        """Return everybody's cells by their ids, and an owner's by their names, as what is that owner's calls them."""
+        caller = Caller(None, owner, Scope.ADMIN)
+        return CellCollection(self.shipped, self._store, caller, deleted_too=self._deleted_too)
+
     def __getitem__(self, name: str) -> Cell:
         if name in self.shipped:
             return self.shipped[name]
@@ -56,7 +61,7 @@ class CellCollection(VersionedCells):
 
     def __iter__(self) -> Iterator[str]:
         yield from self.shipped
-        yield from dict.fromkeys(cell.name for cell in self.own())
+        yield from dict.fromkeys(cell.name for cell in self._store.all(self._caller.owner))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -73,10 +78,10 @@ class CellCollection(VersionedCells):
 
     def own(self) -> list[StoredCell]:
         """Return the caller's own cells by name, newest version first; an administrator's are everybody's."""
-        return self._store.all(self._caller.owner, anybodys=self._sees_all)
+        return self._store.all(self._caller.owner, anybodys=self._caller.scope is Scope.ADMIN)
 
     def stored(self, cell_id: str) -> StoredCell:
-        """Return one of the caller's own cells, by id or name.
+        """Return one of the caller's own cells, by id or name; an administrator's are everybody's, by id.
 
         Raises:
             CellNotFound: There is none.
@@ -154,12 +159,8 @@ class CellCollection(VersionedCells):
             check_cell(cell)
             return CellSurvey.of(cell).figures(), CellLimits.of(cell)
 
-    @property
-    def _sees_all(self) -> bool:
-        return self._caller.scope is Scope.ADMIN
-
     def _find(self, name: str) -> StoredCell | None:
         stored = self._store.get(name)
         if stored is not None and self._caller.may_see(stored.owner) and (self._deleted_too or not stored.deleted):
             return stored
-        return self._store.named(name, self._caller.owner, anybodys=self._sees_all)
+        return self._store.named(name, self._caller.owner)

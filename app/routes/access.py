@@ -104,10 +104,11 @@ def list_audit(
 
 def _here(wanted: str) -> str:
     """Return a place of this service, whatever a link asks for."""
-    parts = urlsplit(wanted)
-    stays = (
-        wanted.startswith("/") and not wanted.startswith(("//", "/\\")) and not parts.netloc and wanted.isprintable()
-    )
+    try:
+        elsewhere = urlsplit(wanted).netloc
+    except ValueError:
+        return VIEWER
+    stays = wanted.startswith("/") and not wanted.startswith(("//", "/\\")) and not elsewhere and wanted.isprintable()
     return wanted if stays else VIEWER
 
 

@@ -184,7 +184,9 @@ async def visible_now(socket: WebSocket) -> Visible:
     """Return what the watcher may see now: the key of a page that is open may have been revoked since."""
     caller = await admit(socket)
     assert caller is not None, "the viewer's websockets are not public"
-    return Visible(socket.app.state.plans.seen_by(caller), socket.app.state.scenes.seen_by(caller))
+    state = socket.app.state
+    cells = state.cells.seen_by(caller).with_deleted()
+    return Visible(state.plans.seen_by(caller), state.scenes.seen_by(caller), cells)
 
 
 @cache

@@ -23,6 +23,7 @@ import viser
 from starlette.concurrency import run_in_threadpool
 
 from app.errors import CellNotDrawn, TooManyWatchers
+from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer.body_drawing import EmptyCell, Stage
@@ -243,10 +244,10 @@ def recording_of(playback: Playback, cell: Cell, meshes: LinkMeshes) -> str:
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
-    def __init__(self, cells: Mapping[str, Cell], folder: Path, addresses: Path, room: WatcherRoom) -> None:
+    def __init__(self, cells: CellCollection, folder: Path, addresses: Path, room: WatcherRoom) -> None:
         """Take the cells, where drawings of their robots are kept, and where all processes of a service find scenes."""
         self.cells = cells
-        """Everybody's: whoever sees a plan sees its cell."""
+        """Everybody's by their ids: whoever sees a plan sees its cell."""
         addresses.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._addresses = addresses
         for left in addresses.iterdir():
@@ -334,8 +335,10 @@ class SceneServers:
             SceneNotFound: There is no scene of that id.
             CellNotDrawn: There are no drawings of its cell.
         """
-        document, points = scenes.scene(scene_id).document, scenes.points(scene_id)
-        cell = self._cell(document.cell)
+        scene, points = scenes.scene(scene_id), scenes.points(scene_id)
+        document = scene.document
+        # Of a scene that was made before cells had ids there, its owner's cell of that name.
+        cell = _cell_in(self.cells.of_owner(scene.owner), document.cell)
         server.open_perceived(document, points, cell, self._meshes)
         return describe_perceived(scene_id, document, points, cell.name)
 
@@ -353,13 +356,9 @@ class SceneServers:
         for server in list(self._servers.values()):
             await self.leave(server)
 
-    def open_draft(self, server: SceneServer, cell: str, told: DraftListener) -> DraftScene:
-        """Put an empty draft into a server. Blocks.
-
-        Raises:
-            CellNotDrawn: There are no drawings of the cell.
-        """
-        return server.open_draft(self._cell(cell), self._meshes, told)
+    def open_draft(self, server: SceneServer, cell: Cell, told: DraftListener) -> DraftScene:
+        """Put an empty draft into a server. Blocks."""
+        return server.open_draft(cell, self._meshes, told)
 
     def load(self, plans: PlanCollection, plan_id: str) -> Plan:
         """Return a plan. Blocks.
@@ -372,12 +371,13 @@ class SceneServers:
 
     def _playback(self, plan: Plan) -> tuple[Playback, Cell]:
         # One's own cells are named by their ids, which name one version of them.
-        return Playback(plan), self._cell(plan.task.cell)
+        return Playback(plan), _cell_in(self.cells, plan.task.cell)
 
-    def _cell(self, name: str) -> Cell:
-        if name not in self.cells:
-            raise CellNotDrawn(name, sorted(self.cells))
-        return self.cells[name]
+
+def _cell_in(cells: Mapping[str, Cell], name: str) -> Cell:
+    if name not in cells:
+        raise CellNotDrawn(name, sorted(cells))
+    return cells[name]
 
 
 def _plan_of(document: StoredDocument) -> Plan:

@@ -26,6 +26,7 @@ from app.errors import (
     TooManyRequests,
     TooManyWatchers,
 )
+from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer import perceived_scene, plan_scene
@@ -202,6 +203,8 @@ class Visible:
 
     plans: PlanCollection
     scenes: SceneCollection
+    cells: CellCollection
+    """Deleted ones too, by their ids."""
 
 
 async def watch(

@@ -66,13 +66,13 @@ def test_with_keys_a_service_on_loopback_answers_to_its_own_machine_or_to_the_na
     service: GuardedService, tmp_path: Path
 ) -> None:
     with service.client("reader") as client:
-        for host, status in {"localhost": 200, "evil.example": 421}.items():
+        for host, status in {"localhost": 200, "evil.example": 421, "[": 421, "[::1": 421}.items():
             assert client.get("/v1/plans", headers={"Host": host}).status_code == status
             assert client.get("/livez", headers={"Host": host}).status_code == 200
     settings = settings_in(tmp_path, allowed_hosts=["mes-planner"])
     key = {"Authorization": f"Bearer {issue_key(settings, 'it', Scope.ADMIN, None)}"}
     with served(settings, with_worker=False) as address, httpx.Client(base_url=address, headers=key) as client:
-        for host, status in {"MES-planner:8040": 200, "localhost": 421, "evil.example": 421}.items():
+        for host, status in {"MES-planner:8040": 200, "localhost": 421, "evil.example": 421, "[": 421}.items():
             answer = client.get("/v1/plans", headers={"Host": host})
             assert answer.status_code == status
             assert status == 200 or "mes-planner" in answer.json()["detail"]

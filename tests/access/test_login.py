@@ -66,12 +66,19 @@ def test_a_wrong_key_gives_no_cookie(service: GuardedService) -> None:
 
 
 @pytest.mark.parametrize(
-    "wanted", ["https://evil.example/", "//evil.example/", "/\\evil.example", "\t//evil.example", "javascript:x", ""]
+    "wanted",
+    ["https://evil.example/", "//evil.example/", "/\\evil.example", "\t//evil.example", "javascript:x", "//[", ""],
 )
 def test_the_login_leads_nowhere_else(service: GuardedService, wanted: str) -> None:
     with service.client(None) as client:
         answer = client.post("/viewer/login", data={"key": service.keys["reader"], "next": wanted})
         assert answer.headers["Location"] == "/viewer/"
+
+
+def test_a_link_to_what_is_no_address_shows_the_login_that_leads_to_the_viewer(service: GuardedService) -> None:
+    page = httpx.get(f"{service.address}/viewer/login", params={"next": "//["})
+    assert page.status_code == 200
+    assert 'value="/viewer/"' in page.text
 
 
 def test_what_a_link_puts_into_the_login_page_stays_text(service: GuardedService) -> None:
@@ -81,6 +88,6 @@ def test_what_a_link_puts_into_the_login_page_stays_text(service: GuardedService
 
 def test_a_page_of_another_site_cannot_use_the_cookie(service: GuardedService) -> None:
     with logged_in(service, "writer") as client:
-        answer = client.post("/v1/plans", json={}, headers={"Origin": "https://evil.example"})
-        assert answer.status_code == 403
+        for origin in ("https://evil.example", "http://[", "null"):
+            assert client.post("/v1/plans", json={}, headers={"Origin": origin}).status_code == 403, origin
         assert client.post("/v1/plans", json={}, headers={"Origin": service.address}).status_code == 422

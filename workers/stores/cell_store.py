@@ -138,11 +138,13 @@ class CellStore:
         known = {cell_id: self._limits.get(cell_id) for cell_id in cell_ids}
         return {cell_id: limits for cell_id, limits in known.items() if limits is not None}
 
-    def named(self, name: str, owner: str | None, *, anybodys: bool = False) -> StoredCell | None:
-        """Return the cell that an owner posted last under a name; with `anybodys`, that anybody did."""
-        query = sa.select(*_COLUMNS).where(CELLS.c.name == name, CELLS.c.deleted_us.is_(None))
-        if not anybodys:
-            query = query.where(CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner)
+    def named(self, name: str, owner: str | None) -> StoredCell | None:
+        """Return the cell that an owner posted last under a name."""
+        query = sa.select(*_COLUMNS).where(
+            CELLS.c.name == name,
+            CELLS.c.deleted_us.is_(None),
+            CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner,
+        )
         found = self._database.rows(query.order_by(CELLS.c.created_us.desc(), CELLS.c.version.desc()).limit(1))
         return _stored(found[0]) if found else None
 

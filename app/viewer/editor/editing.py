@@ -42,6 +42,7 @@ from app.viewer.watch import (
     refusal,
     scene_for,
 )
+from planners.cell.cell import Cell
 from planners.errors import SceneError
 from planners.scene.shape_source import ShapeSource, Uploads
 from planners.scene.suction_tool import SuctionTool
@@ -184,8 +185,10 @@ class _Editing:
     outbox: MemoryObjectSendStream[PageAnswer]
     loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.get_running_loop)
     scene: DraftScene | None = None
-    cell: str | None = None
+    cell: Cell | None = None
     """In which the scene is."""
+    cell_name: str | None = None
+    """By which the task calls it."""
     path: LastPath | None = None
     """Of the plan that was shown last."""
 
@@ -212,6 +215,9 @@ class _Editing:
                     return Begun(await run_in_threadpool(self._start, request, visible))
                 case ShowPath():
                     return await run_in_threadpool(self._show_path, request, await self.workshop.visible_now())
+                case DrawDraft():
+                    visible = None if self._stays(request) else await self.workshop.visible_now()
+                    await run_in_threadpool(self._draw, request, visible)
                 case Judge():
                     return Judged(await run_in_threadpool(self._judge, request.task))
                 case _:
@@ -229,12 +235,10 @@ class _Editing:
             case "plan":
                 return visible.plans.task(request.name)
             case "scene":
-                return task_of_scene(visible.scenes.scene(request.name).document, self.workshop.servers.cells)
+                return task_of_scene(visible.scenes.scene(request.name).document, visible.cells)
 
-    def _change_scene(self, request: DrawDraft | Nudge | SetDetail | Look) -> None:
+    def _change_scene(self, request: Nudge | SetDetail | Look) -> None:
         match request:
-            case DrawDraft():
-                self._draw(request)
             case Nudge() if self.scene is not None:
                 self.scene.nudge(request.pointer, request.by, request.turn)
             case SetDetail():
@@ -242,14 +246,20 @@ class _Editing:
             case Look():
                 self.server.look(VIEWS[request.view])
 
-    def _draw(self, request: DrawDraft) -> None:
+    def _stays(self, request: DrawDraft) -> bool:
+        """Tell whether a task is for the cell that is shown, or names none."""
+        return cell_of(request.task) in (None, self.cell_name)
+
+    def _draw(self, request: DrawDraft, visible: Visible | None) -> None:
+        """Show a task; `visible` is None where its cell stays."""
         name = cell_of(request.task)
         # A cell that there is not is told where the task is checked; here the last one stays.
-        if name is not None and name != self.cell and name in self.workshop.servers.cells:
-            self.scene, self.cell = self.workshop.servers.open_draft(self.server, name, self._told), name
+        if name is not None and visible is not None and name in visible.cells:
+            self.cell, self.cell_name = visible.cells[name], name
+            self.scene = self.workshop.servers.open_draft(self.server, self.cell, self._told)
         if self.scene is None or self.cell is None:
             return
-        draft = read_draft(request.task, self.workshop.servers.cells[self.cell], self.shapes, self.workshop.tools)
+        draft = read_draft(request.task, self.cell, self.shapes, self.workshop.tools)
         with self.server.together():
             self.scene.show(draft, request.chosen, frozenset(request.wrong), request.moves)
 
@@ -262,8 +272,8 @@ class _Editing:
         if plan is None:
             self.path = None
             return Done(request.type)
-        if LastPath.can_be_of(plan):
-            self.path = LastPath(plan, self.workshop.servers.cells)
+        if LastPath.can_be_of(plan) and plan.task.cell in visible.cells:
+            self.path = LastPath(plan, visible.cells)
         told = describe_plan(plan).model_dump(mode="json", by_alias=True, include=RESULT)
         return PlanResult(request.plan, told)
 
