@@ -19,7 +19,7 @@ from starlette.datastructures import State
 
 from app.access.access_control import AccessControl
 from app.access.audit_log import AuditLog
-from app.access.authenticator import Authenticator, OpenAccess
+from app.access.authenticator import Authenticator, OpenAccess, keys_needed
 from app.access.key_store import KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
@@ -85,8 +85,14 @@ DESCRIPTION = (
 log = structlog.get_logger(__name__)
 
 
-def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
-    """Return the service; with a worker in the same process, or for workers elsewhere on the same database."""
+def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bool | None = None) -> FastAPI:
+    """Return the service.
+
+    Args:
+        settings: of the service.
+        with_worker: whether a worker is in the same process; else they are elsewhere, on the same database.
+        ask_for_keys: as was decided for all processes of the service; None: it is decided when this one starts.
+    """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -118,7 +124,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
             studies = StudyStore(database, store, queue)
             app.state.studies = StudyCollection(studies, queue, app.state.plans, settings)
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
-            app.state.authenticator = await run_in_threadpool(_authenticator, settings, database)
+            app.state.authenticator = await run_in_threadpool(_authenticator, settings, database, ask_for_keys)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
             watchers = WatcherRoom(settings.max_watchers, settings.max_watchers_of_owner)
             servers = app.state.scene_servers = SceneServers(app.state.cells.with_deleted(), *folders, watchers)
@@ -167,11 +173,12 @@ def create_app(settings: ServiceSettings, *, with_worker: bool) -> FastAPI:
     return app
 
 
-def _authenticator(settings: ServiceSettings, database: Database) -> Authenticator:
+def _authenticator(settings: ServiceSettings, database: Database, ask_for_keys: bool | None) -> Authenticator:
     """Return the authenticator, which is open only where nobody but this machine's own users can come to it."""
     keys = KeyStore(database)
-    needs_keys = settings.authentication == "required" or not settings.is_loopback or keys.any_valid()
-    kind = Authenticator if needs_keys else OpenAccess
+    if ask_for_keys is None:
+        ask_for_keys = keys_needed(settings, keys)
+    kind = Authenticator if ask_for_keys else OpenAccess
     limiter = RateLimiter(settings.requests_per_second, settings.request_burst)
     return kind(keys, SessionStore(database), AuditLog(database), limiter)
 

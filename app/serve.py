@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from errno import EADDRINUSE
 from html import escape
@@ -18,7 +18,7 @@ from http import HTTPStatus
 from importlib import resources
 from tempfile import TemporaryDirectory
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import structlog
 import uvicorn
@@ -27,6 +27,7 @@ from starlette.responses import HTMLResponse, JSONResponse
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
+from app.access.authenticator import keys_needed
 from app.access.key_store import KeyStore
 from app.errors import NotReady, error_response
 from app.logs import set_up_logs
@@ -117,8 +118,8 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         WorkerRuns: Another worker has the data directory.
     """
     set_up_logs()
-    keys_needed = _keys_needed(settings)
-    if not keys_needed:
+    ask_for_keys = _ask_for_keys(settings)
+    if not ask_for_keys:
         log.warning(
             "NO AUTHENTICATION: every program and person on this machine can post, read and delete plans; "
             "`liftwright keys issue` and a restart change that",
@@ -137,33 +138,34 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
             # Here, because it takes seconds in which probes are answered already.
             from app.create_app import create_app
 
-        return create_app(settings, with_worker=with_worker)
+        return create_app(settings, with_worker=with_worker, ask_for_keys=ask_for_keys)
 
     service = LoadedWhileServing(load)
-    server = _Server(server_configuration(service, settings), "keys" if keys_needed else "none", service)
+    server = _Server(server_configuration(service, settings), "keys" if ask_for_keys else "none", service)
     # The server raises the signal that ended it once more, when everything is in order.
     signal.signal(signal.SIGTERM, _end)
-    with _further_processes(settings, sockets):
+    with _further_processes(settings, sockets, ask_for_keys=ask_for_keys):
         asyncio.run(server.serve(sockets))
     if service.failure is not None:
         raise service.failure
 
 
 @contextmanager
-def _further_processes(settings: ServiceSettings, sockets: Sequence[socket.socket]) -> Iterator[None]:
+def _further_processes(
+    settings: ServiceSettings, sockets: Sequence[socket.socket], *, ask_for_keys: bool
+) -> Iterator[None]:
     """Have `api_processes` - 1 further processes answer on the same sockets for the time of a block.
 
-    One that ends before is started anew. Whichever the kernel gives a connection to answers it; none of them works on
-    jobs.
+    One that ends before is started anew, and asks for keys if this process does, whatever was issued since. Whichever
+    the kernel gives a connection to answers it; none of them works on jobs.
     """
     ending = threading.Event()
+    told = {"settings": settings.model_dump(mode="json"), "ask_for_keys": ask_for_keys}
     with ExitStack() as stack:
         if settings.api_processes > 1:
             os.environ[SHARED_COUNTS] = stack.enter_context(TemporaryDirectory(prefix="liftwright-metrics-"))
         keepers = [
-            threading.Thread(
-                target=_keep_process, args=(settings, sockets, ending), name=f"API process {n}", daemon=True
-            )
+            threading.Thread(target=_keep_process, args=(told, sockets, ending), name=f"API process {n}", daemon=True)
             for n in range(1, settings.api_processes)
         ]
         for keeper in keepers:
@@ -176,7 +178,7 @@ def _further_processes(settings: ServiceSettings, sockets: Sequence[socket.socke
                 keeper.join(2 * LONGEST_GOODBYE_SECONDS)
 
 
-def _keep_process(settings: ServiceSettings, sockets: Sequence[socket.socket], ending: threading.Event) -> None:
+def _keep_process(told: Mapping[str, Any], sockets: Sequence[socket.socket], ending: threading.Event) -> None:
     descriptors = [each.fileno() for each in sockets]
     command = (sys.executable, "-m", "app.serve", *map(str, descriptors))
     while not ending.is_set():
@@ -184,7 +186,7 @@ def _keep_process(settings: ServiceSettings, sockets: Sequence[socket.socket], e
         assert process.stdin is not None
         # It ends when its stdin does: with this process, however that ends.
         with suppress(BrokenPipeError):
-            process.stdin.write(settings.model_dump_json().encode() + b"\n")
+            process.stdin.write(json.dumps(told).encode() + b"\n")
             process.stdin.flush()
         while process.poll() is None and not ending.wait(PROCESS_LOOK_SECONDS):
             pass
@@ -199,10 +201,12 @@ def _keep_process(settings: ServiceSettings, sockets: Sequence[socket.socket], e
 def _serve_along(descriptors: Sequence[int]) -> None:
     """Answer requests on sockets of the process that has started this one, until it ends."""
     set_up_logs()
-    settings = ServiceSettings(**json.loads(sys.stdin.buffer.readline()))
+    told = json.loads(sys.stdin.buffer.readline())
+    settings = ServiceSettings(**told["settings"])
     from app.create_app import create_app
 
-    server = GuardedServer(server_configuration(create_app(settings, with_worker=False), settings))
+    app = create_app(settings, with_worker=False, ask_for_keys=told["ask_for_keys"])
+    server = GuardedServer(server_configuration(app, settings))
 
     def end_with_the_first() -> None:
         sys.stdin.buffer.read()
@@ -237,17 +241,17 @@ def _warm_up_once(settings: WorkerSettings) -> None:
         warm_up(settings)
 
 
-def _keys_needed(settings: ServiceSettings) -> bool:
-    """Tell whether keys are asked for.
+def _ask_for_keys(settings: ServiceSettings) -> bool:
+    """Tell whether keys are asked for, by all processes of the service.
 
     Raises:
-        NoKeys: They are, because of the address, and there is none.
+        NoKeys: They are, because of the address, and there is none that opens anything.
     """
     with closing(open_database(settings)) as database:
-        issued = KeyStore(database).any_valid()
-    if not settings.is_loopback and not issued:
-        raise NoKeys(settings.host)
-    return issued or settings.authentication == "required"
+        keys = KeyStore(database)
+        if not settings.is_loopback and not keys.any_valid():
+            raise NoKeys(settings.host)
+        return keys_needed(settings, keys)
 
 
 def _refuse_second_worker(settings: WorkerSettings) -> None:

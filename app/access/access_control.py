@@ -28,6 +28,9 @@ ADMIN = frozenset({"/v1/audit"})
 SAFE = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
 ASKING = frozenset({"/v1/tasks/check"})
 """What changes nothing though it is posted: the question is too long for an address."""
+LOGOUT = "/viewer/logout"
+OWN = frozenset({LOGOUT})
+"""What changes nothing but the caller's own session: whoever has one may end it."""
 KEPT = "kept"
 """Member of a request's state: whether what it did is in the audit log already, in the transaction that did it."""
 POLICY_VIOLATION = 1008
@@ -41,7 +44,7 @@ def needed_scope(method: str, path: str) -> Scope | None:
         return None
     if path in ADMIN:
         return Scope.ADMIN
-    return Scope.WRITE if changes_something(method, path) else Scope.READ
+    return Scope.WRITE if changes_something(method, path) and path not in OWN else Scope.READ
 
 
 def changes_something(method: str, path: str) -> bool:

@@ -17,6 +17,7 @@ from app.access.key_store import KeyRecord, KeyStore
 from app.access.rate_limiter import RateLimiter
 from app.access.session_store import SessionStore
 from app.errors import KeyNeeded, TooManyRequests
+from app.settings import ServiceSettings
 from workers.stores.database_loss import said_by
 from workers.stores.tables import now_us
 
@@ -51,6 +52,14 @@ class Credentials:
         scheme, _, text = headers.get("authorization", "").partition(" ")
         key = text.strip() if scheme.lower() == "bearer" else None
         return cls(key, None if "authorization" in headers else cookies.get(COOKIE))
+
+
+def keys_needed(settings: ServiceSettings, keys: KeyStore) -> bool:
+    """Tell whether a service asks for keys: not where only this machine can reach it, and there never was any.
+
+    A key that has expired or was revoked is no reason to let everybody in.
+    """
+    return settings.authentication == "required" or not settings.is_loopback or keys.any_issued()
 
 
 class Authenticator:

@@ -109,6 +109,10 @@ class KeyStore:
         found = self._database.mappings(sa.select(API_KEYS).where(API_KEYS.c.id == key_id))
         return _record(found[0]) if found else None
 
+    def any_issued(self) -> bool:
+        """Tell whether some key was ever issued, even one that opens nothing any more."""
+        return self._database.scalar(sa.select(sa.exists(sa.select(API_KEYS.c.id)))) == 1
+
     def any_valid(self) -> bool:
         """Tell whether some key opens anything now."""
         now = now_us()

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import RedirectResponse, Response
 
-from app.access.access_control import LOGIN, address_of, write_audit
+from app.access.access_control import LOGIN, LOGOUT, address_of, write_audit
 from app.access.audit_log import AuditEntry
 from app.access.authenticator import COOKIE, Credentials
 from app.access.session_store import SESSION_SECONDS
@@ -53,7 +53,7 @@ async def log_in(request: Request, authenticator: Authentication, settings: Sett
     return response
 
 
-@router.post("/viewer/logout", include_in_schema=False)
+@router.post(LOGOUT, include_in_schema=False)
 async def log_out(request: Request, authenticator: Authentication, _: CurrentCaller) -> Response:
     """Make the browser's cookie worthless."""
     token = request.cookies.get(COOKIE)

@@ -113,6 +113,18 @@ def test_keys_can_be_asked_for_on_loopback_before_there_are_any(tmp_path: Path) 
         assert httpx.get(f"{address}/v1/plans").status_code == 401
 
 
+@pytest.mark.parametrize("ends", ["revoked", "expired"])
+def test_keys_are_asked_for_when_the_last_one_opens_nothing_any_more(tmp_path: Path, ends: str) -> None:
+    settings = settings_in(tmp_path)
+    key = issue_key(settings, "mes", Scope.READ, -1.0 if ends == "expired" else None)
+    if ends == "revoked":
+        revoke_key(settings, key.split("_")[1])
+    with served(settings, with_worker=False) as address:
+        assert httpx.get(f"{address}/v1/plans").status_code == 401
+        another = {"Authorization": f"Bearer {issue_key(settings, 'mes', Scope.READ, None)}"}
+        assert httpx.get(f"{address}/v1/plans", headers=another).status_code == 200
+
+
 def test_a_public_address_is_refused_without_a_key(tmp_path: Path) -> None:
     settings = settings_in(tmp_path, host="0.0.0.0")
     with pytest.raises(NoKeys, match="keys issue"):

@@ -51,11 +51,16 @@ def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites_and_is_not_the_ke
         assert client.cookies["liftwright"].encode() not in stored
 
 
-def test_after_the_logout_the_cookie_opens_nothing(service: GuardedService) -> None:
-    with logged_in(service, "writer") as client:
+@pytest.mark.parametrize("name", ["reader", "writer"])
+def test_after_the_logout_the_cookie_opens_nothing(service: GuardedService, name: str) -> None:
+    with logged_in(service, name) as client:
         cookies = dict(client.cookies)
         assert client.post("/viewer/logout").status_code == 303
         assert httpx.get(f"{service.address}/v1/plans", cookies=cookies).status_code == 401
+    with service.client("admin") as admin:
+        (entry,) = admin.get("/v1/audit", params={"page_size": 1}).json()["entries"]
+    assert (entry["action"], entry["status"]) == ("POST", 303)
+    assert entry["key_id"] == service.keys[name].split("_")[1]
 
 
 def test_a_wrong_key_gives_no_cookie(service: GuardedService) -> None:

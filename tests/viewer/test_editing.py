@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import anyio
 import httpx
 import pytest
 import websockets
+from starlette.websockets import WebSocketDisconnect
 from support.scan_frames import shipped
 from support.service import FAKE_SOLVER, ServiceProcess, running_service, task
 from websockets.sync.client import ClientConnection, connect
 
+from app.viewer.editor.draft_scene import Chosen
+from app.viewer.editor.editing import MOST_UNSENT, Judged, News, Workshop, _Editing, edit
+from app.viewer.watch import PageAnswer
 from planners.geometry.pose import from_pose7
+from planners.scene.shape_source import no_uploads
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +138,75 @@ def test_a_request_that_makes_no_sense_ends_the_connection_and_nothing_else(
     assert closed.value.rcvd is not None
     assert closed.value.rcvd.code == 1007
     assert httpx.get(f"{service.address}/readyz").status_code == 200
+
+
+class LazyPage:
+    """A page that is told of its scene, asks on and on, and reads no answer before it leaves."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+        self.left = asyncio.Event()
+
+    async def accept(self) -> None:
+        pass
+
+    async def send_json(self, data: dict[str, Any]) -> None:
+        if data["type"] != "scene":
+            await self.left.wait()
+            raise WebSocketDisconnect
+
+    async def receive(self) -> dict[str, Any]:
+        if self.left.is_set():
+            return {"type": "websocket.disconnect", "code": 1001}
+        self.asked += 1
+        return {"type": "websocket.receive", "text": '{"type": "judge", "task": null}'}
+
+
+class NoServers:
+    """Gives out scenes in which nothing is."""
+
+    async def enter(self, owner: str | None) -> SimpleNamespace:
+        return SimpleNamespace(key="none")
+
+    async def leave(self, server: SimpleNamespace) -> None:
+        pass
+
+
+def test_of_a_page_that_reads_no_answers_nothing_more_is_read_and_it_can_leave() -> None:
+    async def edited() -> int:
+        page, servers = LazyPage(), NoServers()
+        workshop = Workshop(servers, no_uploads, {}, None)  # pyright: ignore[reportArgumentType]
+        editing = asyncio.create_task(edit(page, workshop, None))  # pyright: ignore[reportArgumentType]
+        # One is being sent, and one waits for room.
+        while page.asked < MOST_UNSENT + 2:
+            await asyncio.sleep(0.0)
+        # Long enough for more, were they read.
+        await asyncio.sleep(0.2)
+        asked = page.asked
+        page.left.set()
+        await editing
+        return asked
+
+    assert asyncio.run(edited()) == MOST_UNSENT + 2
+
+
+def test_news_of_the_scene_are_dropped_for_a_page_that_does_not_keep_up_and_answers_are_not() -> None:
+    async def told() -> list[PageAnswer]:
+        outbox, sent = anyio.create_memory_object_stream[PageAnswer](MOST_UNSENT)
+        workshop = Workshop(NoServers(), no_uploads, {}, None)  # pyright: ignore[reportArgumentType]
+        editing = _Editing(workshop, SimpleNamespace(), outbox)  # pyright: ignore[reportArgumentType]
+        for _ in range(10 * MOST_UNSENT):
+            editing._told(Chosen("/cup"))
+        await asyncio.sleep(0.0)
+        answering = asyncio.create_task(editing.answer('{"type": "judge", "task": null}'))
+        while not (answering.done() or outbox.statistics().tasks_waiting_send):
+            await asyncio.sleep(0.0)
+        received = [sent.receive_nowait() for _ in range(MOST_UNSENT + 1)]
+        await answering
+        outbox.close()
+        sent.close()
+        return received
+
+    *news, answer = asyncio.run(told())
+    assert all(isinstance(each, News) for each in news)
+    assert answer == Judged(None)

@@ -47,6 +47,8 @@ from planners.errors import SceneError
 from planners.scene.shape_source import ShapeSource, Uploads
 from planners.scene.suction_tool import SuctionTool
 
+MOST_UNSENT = 64
+"""So many answers and news wait for a page that does not read [1]."""
 MOST_MOVES = 2**53
 MOST_THINGS = 1000
 Pointer = Annotated[str, Field(max_length=200)]
@@ -161,19 +163,21 @@ async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None
         if server is None:
             return
         # What is answered and what was dragged goes out in one order, by one task.
-        outbox, sent = anyio.create_memory_object_stream[PageAnswer](max_buffer_size=float("inf"))
-        async with outbox, sent, anyio.create_task_group() as tasks:
+        outbox, sent = anyio.create_memory_object_stream[PageAnswer](MOST_UNSENT)
+        async with outbox, anyio.create_task_group() as tasks:
             tasks.start_soon(_send_on, sent, socket)
             await answer_requests(socket, _Editing(workshop, server, outbox).answer, "editor")
             tasks.cancel_scope.cancel()
 
 
 async def _send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocket) -> None:
-    try:
-        async for answer in sent:
-            await socket.send_json(answer.document())
-    except (WebSocketDisconnect, RuntimeError):
-        log.debug("somebody left the editor")
+    # Closed behind the last that can be sent, so that no answer waits for a page that has gone.
+    async with sent:
+        try:
+            async for answer in sent:
+                await socket.send_json(answer.document())
+        except (WebSocketDisconnect, RuntimeError):
+            log.debug("somebody left the editor")
 
 
 @dataclass
@@ -195,17 +199,14 @@ class _Editing:
     def __post_init__(self) -> None:
         self.shapes = ShapeSource(self.workshop.uploads)
 
-    def send(self, answer: PageAnswer) -> None:
-        """Send something to the page; from the event loop only."""
-        try:
-            self.outbox.send_nowait(answer)
-        except (anyio.BrokenResourceError, anyio.ClosedResourceError):
-            log.debug("nobody listens any more")
-
     async def answer(self, text: str) -> None:
-        """Do what is asked for, and say so, or what went wrong."""
+        """Do what is asked for, and say so, or what went wrong, once the page has room for that."""
         request = REQUESTS.validate_json(text)
-        self.send(await or_told(request, WORDS[request.type], self._answered(request)))
+        answer = await or_told(request, WORDS[request.type], self._answered(request))
+        try:
+            await self.outbox.send(answer)
+        except anyio.BrokenResourceError:
+            log.debug("nobody listens any more")
 
     async def _answered(self, request: EditorMessage) -> PageAnswer:
         try:
@@ -283,4 +284,13 @@ class _Editing:
 
     def _told(self, news: Moved | Chosen) -> None:
         """Pass on what somebody did in the scene, from a thread of viser's."""
-        self.loop.call_soon_threadsafe(self.send, News(news))
+        self.loop.call_soon_threadsafe(self._tell, News(news))
+
+    def _tell(self, news: News) -> None:
+        """Tell the page, unless it does not keep up: what was moved meanwhile it sees in the scene."""
+        try:
+            self.outbox.send_nowait(news)
+        except anyio.WouldBlock:
+            log.debug("news were dropped", page="editor")
+        except (anyio.BrokenResourceError, anyio.ClosedResourceError):
+            log.debug("nobody listens any more")
