@@ -278,15 +278,22 @@ class SceneServers:
             self._entered[owner] -= 1
             raise
         self._servers[server.key] = server
-        (self._addresses / server.key).write_text(f"{os.getpid()} {server.address}")
+        try:
+            (self._addresses / server.key).write_text(f"{os.getpid()} {server.address}")
+        except OSError:
+            # Nobody could find the scene, and nobody else would give its place back.
+            await self.leave(server)
+            raise
         return server
 
     async def leave(self, server: SceneServer) -> None:
         """Close a server."""
         if self._servers.pop(server.key, None) is not None:
             self._entered[server.owner] -= 1
-        (self._addresses / server.key).unlink(missing_ok=True)
-        await run_in_threadpool(server.close)
+        try:
+            (self._addresses / server.key).unlink(missing_ok=True)
+        finally:
+            await run_in_threadpool(server.close)
 
     @contextmanager
     def relay(self, key: str) -> Iterator[bool]:

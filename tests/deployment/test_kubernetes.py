@@ -88,6 +88,12 @@ def test_variables_are_settings_and_commands_and_probes_are_ours(name: str) -> N
         assert _parser().parse_args(words).command == words[0]
 
 
+def test_a_browser_comes_to_the_pod_that_draws_its_scene() -> None:
+    (service,) = (each for each in MANIFESTS if each["kind"] == "Service")
+    assert DEPLOYMENTS["liftwright-api"]["spec"]["replicas"] > 1
+    assert service["spec"]["sessionAffinity"] == "ClientIP"
+
+
 def test_the_service_is_where_the_api_listens() -> None:
     (service,) = (each for each in MANIFESTS if each["kind"] == "Service")
     (container,) = PODS["liftwright-api"]["containers"]

@@ -1,0 +1,44 @@
+"""Who gets a scene, and that its place is given back."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from app.resources.cell_collection import CellCollection
+from app.viewer.scene_servers import SceneServer, SceneServers, WatcherRoom
+from planners.cell.cell import ShippedCells
+from workers.settings import WorkerSettings
+from workers.stores.cell_store import CellStore
+from workers.stores.database import open_database
+
+
+def test_a_scene_that_cannot_be_told_of_is_closed_and_its_place_given_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed: list[SceneServer] = []
+    close = SceneServer.close
+
+    def close_and_count(server: SceneServer) -> None:
+        closed.append(server)
+        close(server)
+
+    monkeypatch.setattr(SceneServer, "close", close_and_count)
+
+    async def enter_twice(cells: CellCollection) -> None:
+        addresses = tmp_path / "watched"
+        servers = SceneServers(cells, tmp_path / "drawings", addresses, WatcherRoom(1, 1))
+        addresses.rmdir()
+        with pytest.raises(FileNotFoundError):
+            await servers.enter("mes")
+        assert len(closed) == 1
+        addresses.mkdir()
+        server = await servers.enter("mes")
+        assert servers.address(server.key) == server.address
+        await servers.close()
+
+    with closing(open_database(WorkerSettings(data_dir=tmp_path))) as database:
+        asyncio.run(enter_twice(CellCollection(ShippedCells(), CellStore(database, tmp_path / "cells"))))
