@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
@@ -14,7 +15,6 @@ from planners.contract.arrays import Rows
 from planners.contract.quantities import Counted, Length, Name, Point2, Scale
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
-from planners.geometry.surface import Faces
 
 SHORTEST_EDGE = 1e-4
 """Outline points closer than this are one point given twice [m]."""
@@ -85,7 +85,7 @@ class InlineMesh(StrictModel):
     """Vertices of each convex part."""
 
     @classmethod
-    def of(cls, vertices: Array, faces: Faces, parts: Iterable[Array]) -> Self:
+    def of(cls, vertices: Array, faces: NDArray[np.int64], parts: Iterable[Array]) -> Self:
         """Return a surface of vertices (n, 3) [m] and triangles (m, 3), with the corners (k, 3) of its convex parts."""
         return cls(
             type="mesh",
