@@ -89,7 +89,7 @@ def test_one_owner_neither_has_all_scenes_nor_is_sent_one_without_end(tmp_path: 
             opened(f"/viewer/{scene}".rstrip("/"), keys[0])
         assert refusal(f"/viewer/{scene}".rstrip("/"), keys[0]) in (403, 1013)
         pages[0].close()
-        wait_for(lambda: not is_refused(address, keys[1]))
+        wait_for(lambda: not is_refused(address, keys[1]), 10.0)
 
 
 def is_refused(address: str, key: str) -> bool:

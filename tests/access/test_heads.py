@@ -106,6 +106,6 @@ def test_a_client_that_leaves_in_the_middle_of_a_body_is_no_fault_of_the_service
     length = 'liftwright_request_seconds_count{method="POST",route="/v1/plans",status="%d"}'
     sent(service, f"{head}Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{{".encode(), leave=True)
     with service.client("admin") as client:
-        wait_for(lambda: length % 499 in client.get("/metrics").text)
+        wait_for(lambda: length % 499 in client.get("/metrics").text, 5.0)
         assert length % 500 not in client.get("/metrics").text
     assert "Traceback" not in capsys.readouterr().err

@@ -151,5 +151,5 @@ def test_a_service_whose_shipped_cells_cannot_be_loaded_is_not_ready(
         data_dir=tmp_path, solver_command=FAKE_SOLVER, study_command=FAKE_EXAMINER, worker_slots=1
     )
     with served(settings) as address:
-        wait_for(lambda: httpx.get(f"{address}/readyz").status_code == 503)
+        wait_for(lambda: httpx.get(f"{address}/readyz").status_code == 503, 30.0)
         assert "a shipped cell cannot be loaded" in httpx.get(f"{address}/readyz").json()["detail"]

@@ -87,4 +87,4 @@ def test_while_its_database_is_frozen_a_service_is_not_ready_at_once_and_uses_fe
                     assert "cannot be asked whether the worker lives" in check.stderr
                     assert time.monotonic() - begun < 12.0
                 assert {each.result().status_code for each in waiting} <= {200, 503}
-            wait_for(lambda: client.get("/readyz").status_code == 200)
+            wait_for(lambda: client.get("/readyz").status_code == 200, 30.0)

@@ -48,7 +48,7 @@ def test_a_job_beyond_a_limit_fails_with_a_sentence_leaves_no_process_and_does_n
     plan = end_of(client, wish)
     assert plan["state"] == "failed"
     assert plan["error"]["detail"].startswith(sentence)
-    wait_for(lambda: len(service.descendants()) <= 1)
+    wait_for(lambda: len(service.descendants()) <= 1, 5.0)
     assert end_of(client, "now")["outcome"] == "solved"
 
 

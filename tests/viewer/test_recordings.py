@@ -178,9 +178,9 @@ def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_i
                 # Each leaves room for the next one when it leaves.
                 with pytest.raises(httpx.ReadTimeout):
                     httpx.get(f"{address}{pages[number]}", timeout=0.5)
-                wait_for(lambda so_many=f"{left}{number}.0": so_many in client.get("/metrics").text)
+                wait_for(lambda so_many=f"{left}{number}.0": so_many in client.get("/metrics").text, 5.0)
             stays = pool.submit(client.get, pages[3])
-            wait_for(lambda: httpx.get(f"{address}{pages[1]}", timeout=1.0).status_code == 429)
+            wait_for(lambda: httpx.get(f"{address}{pages[1]}", timeout=1.0).status_code == 429, 5.0)
             make.free.set()
             assert first.result().status_code == stays.result().status_code == 200
         assert len(make.made) == 2

@@ -279,7 +279,7 @@ def test_neither_a_plan_deleted_while_watched_nor_a_watcher_who_leaves_harms_any
     scene = leaves.evaluate("frame.src")
     leaves.goto(f"{service.address}/viewer/?plan={doomed['id']}")
     leaves.wait_for_function("document.getElementById('message').innerText.includes('there is no plan')")
-    wait_for(lambda: httpx.get(scene).status_code == 404)
+    wait_for(lambda: httpx.get(scene).status_code == 404, 20.0)
     leaves.context.close()
     stays = settled(page)
     drag_to(page, 0.7)
