@@ -73,15 +73,16 @@ class ToolChanges:
     def by_kind(self) -> list[Iterator[TaskChange]]:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
         cup = [self._cup_force(), self._cup_radius()]
-        places = [self._goals_turned(), self._starts(), self._goals(), self._starts_turned()]
+        starts_moved, goals_moved = self._starts(), self._goals()
+        places = [self._goals_turned(), starts_moved, goals_moved, self._starts_turned()]
         poses = [(each.pose, each.goal_pose) for _, each in self._objects]
         starts, goals = (
             max(np.linalg.norm(self._way_to_best(pose)) for pose in member) for member in zip(*poses, strict=True)
         )
         far_off: list[Iterator[TaskChange]] = []
         if max(starts, goals) > _NEARER[0] * self._reach:
-            far_off = places[2:3] if goals >= starts else places[1:3]
-            places = [kind for kind in places if not any(kind is other for other in far_off)]
+            far_off = [goals_moved] if goals >= starts else [starts_moved, goals_moved]
+            places = [kind for kind in places if kind not in far_off]
         rest = [self._tool(), self._limits(), self._aside()]
         first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
         about_cup = any(word in self._told for word in _CUP_REASONS)

@@ -222,7 +222,9 @@ def start_supports(evidence: Evidence) -> dict[str, frozenset[str]]:
     def carries(other: str, name: str) -> bool:
         if top[other] <= bodies[name].lowest + touch:
             return True
-        return len(contact_points(levels[name], levels[other], touch)) > 0
+        upper, lower = levels[name], levels[other]
+        near = np.all((upper.low <= lower.high + touch) & (lower.low <= upper.high + touch))
+        return bool(near) and len(contact_points(upper, lower, touch)) > 0
 
     found = {}
     for name in (name for name in parts if not bodies[name].static):
