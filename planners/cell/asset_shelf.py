@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -114,7 +114,7 @@ class AssetShelf:
         """
         path = self.mesh_path(mesh)
         try:
-            solid = _solid(path.read_bytes(), MESH_FORMATS.get(path.suffix.lower(), "obj")).scaled(mesh.scale)
+            solid = take_mesh(path.read_bytes(), _format_of(path)).scaled(mesh.scale)
         except MeshRefused as error:
             raise AssetError(f"{mesh.path}: {error}") from error
         longest = float(solid.size.max())
@@ -126,16 +126,14 @@ class AssetShelf:
         return solid
 
 
-@lru_cache(maxsize=64)
-def _solid(content: bytes, file_format: MeshFormat) -> SolidMesh:
-    """Take a mesh, once in a process: covering it by convex parts takes up to some seconds."""
-    return take_mesh(content, file_format)
+def _format_of(path: Path) -> MeshFormat:
+    return MESH_FORMATS.get(path.suffix.lower(), "obj")
 
 
 def _vertices(path: Path) -> Array:
     """Return the vertices (n, 3) of a mesh file, in its own unit."""
     content = path.read_bytes()
-    file_format = MESH_FORMATS.get(path.suffix.lower(), "obj")
+    file_format = _format_of(path)
     return obj_vertices(content) if file_format == "obj" else read_mesh_file(content, file_format)[0]
 
 

@@ -20,14 +20,16 @@ from planners.cell.asset_files import (
     FrameFile,
     LifterFile,
     MeshBodyFile,
+    MeshFile,
     MountFile,
     ToolRestFile,
 )
 from planners.cell.asset_shelf import AssetShelf, fingerprint, read_cell_file, read_mount_file, shipped_shelf
 from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.contract.shapes import Box, InlineMesh
-from planners.errors import AssetFaults
+from planners.errors import AssetError, AssetFaults
 from planners.geometry.convex import CollisionBody, box, sorted_pair
+from planners.geometry.mesh_file import MOST_TRIANGLES
 from planners.geometry.pose import Array, Transform, to_pose7, transform
 from planners.geometry.solid_mesh import SolidMesh
 from planners.plan.scenery import BodyDocument, CellDocument
@@ -362,14 +364,21 @@ def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:
 
 
 def _meshes(mount: MountFile, shelf: AssetShelf) -> tuple[StaticMesh, ...]:
-    """Load the meshes among what never moves."""
-    faults, meshes = AssetFaults(), []
+    """Load the meshes among what never moves, equal ones once: covering one by convex parts takes up to ten seconds."""
+    faults, meshes, known, triangles = AssetFaults(), list[StaticMesh](), dict[MeshFile, SolidMesh](), 0
     path = str(shelf.find("mounts", mount.name))
     for name, file in mount.platform.items():
         if isinstance(file, MeshBodyFile):
             with faults.at(path, f"/platform/{name}/mesh"):
-                mesh = shelf.solid(file.mesh)
-                meshes.append(StaticMesh(f"platform_{name}", "frame", mesh, file.transform()))
+                if triangles > MOST_TRIANGLES:
+                    told = (
+                        f"the meshes before it have {triangles} triangles together, at most {MOST_TRIANGLES} are taken"
+                    )
+                    raise AssetError(f"{told}: simplify them")
+                if file.mesh not in known:
+                    known[file.mesh] = shelf.solid(file.mesh)
+                    triangles += len(known[file.mesh].faces)
+                meshes.append(StaticMesh(f"platform_{name}", "frame", known[file.mesh], file.transform()))
     faults.raise_any()
     return tuple(meshes)
 

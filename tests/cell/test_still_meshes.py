@@ -90,6 +90,27 @@ def test_a_mesh_that_is_open_or_of_another_unit_is_told_with_file_and_member(tmp
         assert sentence in fault.detail
 
 
+def test_meshes_have_so_many_triangles_together_and_equal_ones_count_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    placed = {"mesh": {"path": "meshes/angle.stl", "scale": SCALE}, "position": PLACE, "rpy_deg": [0, 0, YAW]}
+    other = {**placed, "mesh": {"path": "meshes/other.stl", "scale": SCALE}}
+
+    def cell(*platform: dict[str, Any]) -> Cell:
+        document = station()
+        document["mount"]["platform"] = {f"part_{i}": each for i, each in enumerate(platform)}
+        files = {f"meshes/{name}.stl": file_of(angle(), "stl") for name in ("angle", "other")}
+        return CellBundle.of_zip(zipped({"cell.yaml": written(document), **files})).load(tmp_path)
+
+    triangles = len(angle().faces)
+    monkeypatch.setattr("planners.cell.cell.MOST_TRIANGLES", 2 * triangles - 1)
+    first, *_, last = cell(*[placed] * 5, other).meshes
+    assert first.mesh is not last.mesh
+    with pytest.raises(AssetError, match=f"{2 * triangles} triangles together") as refused:
+        cell(placed, other, placed)
+    assert [fault.pointer for fault in refused.value.faults] == ["/platform/part_2/mesh"]
+
+
 def lift(**cup: Any) -> Any:
     return read_task(
         {
