@@ -92,14 +92,17 @@ class Fleet:
 
     def __init__(self, settings: SoakSettings, folder: Path, stack: ExitStack) -> None:
         shared = {"poll_seconds": 0.2, "worker_slots": 1, "interruption_limit": 1000, "crash_limit": 10}
+        # Started as people start them: what is forked from a loaded process does not bear the tag.
         self.server: PostgresServer | None = None
         self.workers: list[WorkerProcess] = []
         if settings.postgres:
             self.server = stack.enter_context(running_postgres())
             shared["database_url"] = self.server.url
-            self.workers = [WorkerProcess(f"w{n}", folder / f"w{n}", settings.solver, **shared) for n in range(2)]
+            self.workers = [
+                WorkerProcess(f"w{n}", folder / f"w{n}", settings.solver, fresh=True, **shared) for n in range(2)
+            ]
         command = "api" if settings.postgres else "serve"
-        self.api = ServiceProcess(folder / "api", settings.solver, command, **shared)
+        self.api = ServiceProcess(folder / "api", settings.solver, command, fresh=True, **shared)
         stack.callback(self.stop)
         for worker in self.workers:
             worker.launch()

@@ -12,7 +12,6 @@ import pytest
 from planners.geometry.polyhedron import ConvexPrism
 from planners.geometry.pose import transform
 from planners.graph.search import ALIVE, DEAD, RESOLUTION, UNKNOWN
-from planners.manipulation.contacts.contact_states import NO_CONTACT
 from planners.manipulation.contacts.dense_contact_states import ContactSampling, DenseContactStateGraph
 from planners.manipulation.graph.manipulation_graph import EdgeKind, HandHold, TransitionCost, build_graph, edge_count
 
@@ -170,10 +169,11 @@ def test_plans_start_flat_with_one_hand_and_end_in_the_air_with_both(case):
     built, expected = case
     flat = {node for node in expected.nodes if node[0] == POSES.flat and (node[1] is None or node[2] is None)}
     assert {meaning(built, n) for n in built.starts} == flat
-    lifted = {
-        node for node in expected.nodes
-        if POSES.poses[node[0]].contact == NO_CONTACT and node[1] is not None and node[2] is not None
-    }  # fmt: skip
+    corners = POSES.plate.shape.polyhedron.vertices
+    lowest = [float(np.min(corners @ pose.T_world_plate[2, :3]) + pose.T_world_plate[2, 3]) for pose in POSES.poses]
+    high = lowest[POSES.flat] + SAMPLING.goal_height - 1e-9
+    lifted = {node for node in expected.nodes if lowest[node[0]] >= high and None not in node}
+    assert {node[0] for node in lifted} < set(POSES.lifted), "poses off the environment, of which some are too low"
     assert {meaning(built, n) for n in np.flatnonzero(built.goal)} == lifted
 
 

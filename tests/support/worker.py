@@ -18,8 +18,11 @@ READY = b'"event": "working"'
 class WorkerProcess:
     """One worker of a fleet."""
 
-    def __init__(self, name: str, data_dir: Path, solver: tuple[str, ...] | None, **settings: Any) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, data_dir: Path, solver: tuple[str, ...] | None, *, fresh: bool = False, **settings: Any
+    ) -> None:
+        """Take what `program.launch` is to be told."""
+        self.name, self._fresh = name, fresh
         self.data_dir = data_dir
         self._environment = {f"LIFTWRIGHT_{key.upper()}": str(value) for key, value in settings.items()}
         if solver is not None:
@@ -42,7 +45,7 @@ class WorkerProcess:
         self._lives = self.log.count(READY.decode())
         if self._solver is not None:
             call_warm(self.data_dir, self._solver)
-        self.process = launch(words, self._environment, told=self._log)
+        self.process = launch(words, self._environment, told=self._log, fresh=self._fresh)
 
     def start(self) -> Self:
         """Start, and wait until it takes jobs."""
