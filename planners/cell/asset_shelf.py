@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tempfile
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -53,6 +56,8 @@ class AssetShelf:
     """Folders of assets, searched in order: `<folder>/robots/<name>.yaml` and so on."""
 
     folders: tuple[Path, ...]
+    kept: Path | None = None
+    """A folder of ours where solids are kept, since covering one by convex parts takes up to ten seconds."""
 
     def names(self, kind: AssetKind) -> list[str]:
         """List the names of all files of a kind."""
@@ -114,7 +119,7 @@ class AssetShelf:
         """
         path = self.mesh_path(mesh)
         try:
-            solid = take_mesh(path.read_bytes(), _format_of(path)).scaled(mesh.scale)
+            solid = self._taken(path.read_bytes(), _format_of(path)).scaled(mesh.scale)
         except MeshRefused as error:
             raise AssetError(f"{mesh.path}: {error}") from error
         longest = float(solid.size.max())
@@ -123,6 +128,26 @@ class AssetShelf:
             raise AssetError(
                 f"{mesh.path} is {longest:.4g} m long; {SHORTEST_STILL:g} to {LONGEST_STILL:g} m fit{hint}"
             )
+        return solid
+
+    def _taken(self, content: bytes, file_format: MeshFormat) -> SolidMesh:
+        """Return the solid that a file is, as it was kept if it was."""
+        if self.kept is None:
+            return take_mesh(content, file_format)
+        # Another version may cover in another way.
+        key = fingerprint((content, file_format.encode(), version("liftwright").encode()))
+        place = self.kept / f"{key}.json"
+        # One that cannot be read is made again.
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            return SolidMesh.from_document(json.loads(place.read_bytes()))
+        solid = take_mesh(content, file_format)
+        # It is as good without: a full disk or somebody else who writes is no reason to have no cell.
+        with suppress(OSError):
+            self.kept.mkdir(exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=self.kept) as fresh:
+                whole = Path(fresh, "whole")
+                whole.write_text(json.dumps(solid.document()))
+                whole.replace(place)
         return solid
 
 

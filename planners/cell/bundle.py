@@ -56,6 +56,8 @@ _BROKEN = (
     lzma.LZMAError,
 )
 """What a broken archive raises depends on where it is broken, and by which method it is packed."""
+_SOLIDS = ".solids"
+"""Of an unpacked bundle: none of its own files can be there, since no name in one begins with a dot."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _NAMED: Mapping[AssetKind, tuple[tuple[str, AssetKind], ...]] = {
     "cells": (
@@ -165,7 +167,7 @@ class CellBundle:
         """
         unpacked = self.unpack(folder)
         try:
-            return load_cell_file(unpacked / "cells" / f"{self.name}.yaml")
+            return load_unpacked(unpacked)
         except AssetError as error:
             raise AssetError(*(_inside(fault, unpacked) for fault in error.faults)) from error
 
@@ -188,6 +190,16 @@ class CellBundle:
                 if not place.is_dir():
                     raise
         return place
+
+
+def load_unpacked(folder: Path) -> Cell:
+    """Load the cell of an unpacked bundle. The solids that its meshes are stay beside its files for the next time.
+
+    Raises:
+        AssetError: Something is wrong with it.
+    """
+    (path,) = (folder / "cells").glob("*.yaml")
+    return load_cell_file(path, kept=folder / _SOLIDS)
 
 
 def cell_schema() -> dict[str, Any]:

@@ -291,16 +291,17 @@ def load_cells() -> dict[str, Cell]:
     return dict(ShippedCells())
 
 
-def load_cell_file(path: Path | str) -> Cell:
+def load_cell_file(path: Path | str, kept: Path | None = None) -> Cell:
     """Load a cell of one's own.
 
     The mount, robots and hands it names are looked up in the folder that `cells/` stands in, then among the shipped.
+    What its meshes are made into is looked up in `kept`, and kept there for the next time.
 
     Raises:
         AssetError: A file is missing or wrong; the message names file and field.
     """
     path = Path(path)
-    return _load(path, AssetShelf((path.absolute().parent.parent, *shipped_shelf().folders)))
+    return _load(path, AssetShelf((path.absolute().parent.parent, *shipped_shelf().folders), kept))
 
 
 def _load(path: Path, shelf: AssetShelf) -> Cell:

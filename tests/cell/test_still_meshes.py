@@ -12,6 +12,7 @@ from geometry.mesh_shapes import angle, file_of, in_angle
 from support.own_cell import station, written, zipped
 
 from planners import read_task, solve
+from planners.cell import asset_shelf
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
 from planners.collision.distance import distance
@@ -19,6 +20,7 @@ from planners.contract.shapes import InlineMesh
 from planners.errors import AssetError, SceneError
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import from_pose7, rotation_z, to_pose7, transform
+from planners.geometry.solid_mesh import SolidMesh, take_mesh
 from planners.scene.scene import build_scene
 from planners.survey.faults import check_cell
 
@@ -161,3 +163,25 @@ def test_a_lifter_lifts_no_more_than_its_cell_says_and_is_as_large(tmp_path: Pat
     assert refused.value.pointers == ("/cup/max_force",)
     cup = build_scene(lift(max_force=40.0), {"station": cell}).cup
     assert (cup.body.shape.height, cup.cable_length) == (0.06, 0.8)
+
+
+def test_a_solid_is_covered_once_in_a_folder_and_again_if_what_was_kept_is_broken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    covered: list[int] = []
+
+    def counted(content: bytes, *rest: Any) -> SolidMesh:
+        covered.append(len(content))
+        return take_mesh(content, *rest)
+
+    monkeypatch.setattr(asset_shelf, "take_mesh", counted)
+    first, second = own(tmp_path), own(tmp_path)
+    assert len(covered) == 1
+    (kept,) = tmp_path.glob("*/.solids/*.json")
+    kept.write_bytes(kept.read_bytes()[:100])
+    third = own(tmp_path)
+    assert len(covered) == 2
+    assert first.hash == second.hash == third.hash
+    for again in (second, third):
+        for known, solid in zip(first.meshes[0].mesh.parts, again.meshes[0].mesh.parts, strict=True):
+            assert np.array_equal(known, solid)

@@ -13,7 +13,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from planners.cell.cell import Cell, ShippedCells, load_cell_file, load_cells
+from planners.cell.bundle import load_unpacked
+from planners.cell.cell import Cell, ShippedCells, load_cells
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
 from planners.planning import CertificateFailed, TaskSolver
@@ -133,13 +134,12 @@ def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Map
     """Return the cells that a request may name: the shipped ones, and its own as its task names it."""
     if request.cell_folder is None:
         return shipped
-    return ShippedCells({task_cell: _unpacked_cell(Path(request.cell_folder))})
+    return ShippedCells({task_cell: _unpacked_cell(request.cell_folder)})
 
 
 @lru_cache(maxsize=4)
-def _unpacked_cell(folder: Path) -> Cell:
-    (path,) = (folder / "cells").glob("*.yaml")
-    return load_cell_file(path)
+def _unpacked_cell(folder: str) -> Cell:
+    return load_unpacked(Path(folder))
 
 
 def reference_task(**options: float) -> PlateLiftTask:
