@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.benchmarks import (
+    cell_part,
     fleet_part,
     kernel_part,
     lift_part,
@@ -37,6 +38,7 @@ PARTS = {
         Part("reserve", "Plate lifts: what a reserve is worth", reserve_part.measure),
         Part("studies", "Plate lifts: studies", study_part.measure),
         Part("suction", "The suction tool", suction_part.measure),
+        Part("cells", "The shipped cells", cell_part.measure),
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
         Part("load", "The service: under load", service_part.measure_load),

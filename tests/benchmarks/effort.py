@@ -19,6 +19,7 @@ from tests.benchmarks import (
     bench_simulation,
     bench_tool_motion,
 )
+from tests.benchmarks.cell_tasks import EXAMPLES
 from tests.benchmarks.load import LoadEffort
 from tests.benchmarks.random_piles import PILES, Pile
 from tests.benchmarks.tasks import SOLVABLE, TOO_HEAVY
@@ -65,6 +66,9 @@ class Effort:
     """That make attempts at random lifts and at the reserve study, at a time."""
     most_attempts: int | None = None
     """Of these, to make before the run stops; the next one goes on. None: all."""
+    cells: tuple[str, ...] = tuple(EXAMPLES)
+    cell_tasks: int = 100
+    """Of each cell."""
     study_places: int = 12
     """Of the cup along each axis of the plate, in the map of a study."""
     frames: int = 200
@@ -78,6 +82,7 @@ QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
-    fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1, study_places=2,
+    fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1,
+    cells=("dual_ur3_tool",), cell_tasks=1, study_places=2,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

@@ -47,6 +47,7 @@ SECTIONS = {
         "Handover databases, cold and warm",
         "Quality of motion",
     ),
+    "The shipped cells": ("Aimed at and reached", "Random tasks by cell", "Tasks of cells that are not solved"),
     "Perception": (
         "Aimed at and reached",
         "Boards of markers",
