@@ -12,6 +12,7 @@ from planners.geometry.pose import Array
 from planners.graph.rejections import Rejection
 from planners.motion.blended_path import BlendedPath
 from planners.motion.checker import ArmEdgeChecker, EdgeChecker
+from planners.motion.lazy_roadmap import PostureSource
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionSettings
 from planners.motion.trajectory import Trajectory
@@ -42,6 +43,8 @@ class FreeMove:
     """Whom it must not touch."""
     costs: Array | None = None
     """(k,) of going straight to each goal; by the joints' way if left out."""
+    source: PostureSource | None = None
+    """Of postures that the way may lead through."""
 
     @property
     def start(self) -> Array:
@@ -83,7 +86,14 @@ class FreeMotion:
         """
         arm, checker = move.arm, checker or move.checker()
         query = MotionQuery(
-            move.start, move.goals, arm.position_min, arm.position_max, checker, arm.velocity_max, move.costs
+            move.start,
+            move.goals,
+            arm.position_min,
+            arm.position_max,
+            checker,
+            arm.velocity_max,
+            move.costs,
+            move.source,
         )
         self.searches += 1
         result = plan_motion(query, self._settings, self._rng)

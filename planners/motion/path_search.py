@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planners.motion.checker import EdgeChecker
 from planners.motion.joint_metric import JointMetric
+from planners.motion.lazy_roadmap import find_way
 from planners.motion.query import (
     MotionOutcome,
     MotionQuery,
@@ -100,12 +101,19 @@ class _PathSearch:
             seed=int(self.rng.integers(1, 2**31)),
         )
         statistics = MotionStatistics(iterations=growth.iterations, edges_checked=growth.edges_checked)
-        if growth.path is None:
+        found, goal = growth.path, growth.goal_index
+        if found is None and query.source is not None:
+            way = find_way(
+                query.start, goals, query.source, query.edge_checker, self.metric, settings.roadmap, self.rng
+            )
+            found, goal = way.path, way.goal_index
+            statistics = replace(statistics, edges_checked=statistics.edges_checked + way.edges_checked)
+        if found is None:
             return MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED, statistics=statistics)
-        path = shorten(growth.path, query.edge_checker, self.metric, settings.shortcut_attempts, self.rng)
-        lengths = {"length_found": self.metric.length(growth.path), "length": self.metric.length(path)}
+        path = shorten(found, query.edge_checker, self.metric, settings.shortcut_attempts, self.rng)
+        lengths = {"length_found": self.metric.length(found), "length": self.metric.length(path)}
         statistics = replace(statistics, **lengths)
-        return MotionResult(MotionOutcome.FOUND, path, int(order[growth.goal_index]), statistics)
+        return MotionResult(MotionOutcome.FOUND, path, int(order[goal]), statistics)
 
     def _cost(self, found: MotionResult) -> float:
         """Return what going straight to the goal costs, times the detour of the path."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.motion.checker import EdgeChecker
+from planners.motion.lazy_roadmap import PostureSource, RoadmapSettings
 
 
 class MotionOutcome(Enum):
@@ -45,6 +46,8 @@ class MotionQuery:
     """(n,) [rad/s]: distances count a joint by the time it needs. None: all joints count the same."""
     goal_costs: NDArray[np.float64] | None = None
     """(k,) of going straight to each goal, in any unit: the cheapest are tried first. None: the nearest are."""
+    source: PostureSource | None = None
+    """Of postures that ways are looked for through where trees do not find each other."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,8 @@ class MotionSettings:
     """Samples stay in the box around start and goals, grown by this [rad] and cut at the joint limits."""
     shortcut_attempts: int = 60
     """Random cuts tried on a path that was found by search."""
+    roadmap: RoadmapSettings = RoadmapSettings()  # noqa: RUF009 - frozen
+    """Of the query's source of postures, if it has one."""
     searches: int = 1
     """How often a goal is searched for, until a path is at most `good_share` times as long as the cheapest straight."""
     good_share: float = 1.2

@@ -13,7 +13,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
-from planners.cell.bundle import load_unpacked
 from planners.cell.cell import Cell, ShippedCells, load_cells
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
@@ -139,6 +138,9 @@ def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Map
 
 @lru_cache(maxsize=4)
 def _unpacked_cell(folder: str) -> Cell:
+    # Here, because what reads bundles takes half a second to import, and most tasks are in shipped cells.
+    from planners.cell.bundle import load_unpacked
+
     return load_unpacked(Path(folder))
 
 

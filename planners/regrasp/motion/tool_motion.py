@@ -23,6 +23,7 @@ from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Postur
 from planners.regrasp.motion.scene_state import SceneState, SegmentWriter
 from planners.regrasp.motion.state_queries import StateQueries
 from planners.regrasp.motion.travel_time import carried_rates, least_travel_time, straight_times
+from planners.regrasp.motion.upright_postures import UprightPostures
 from planners.regrasp.statics.hold_statics import HoldStatics
 from planners.regrasp.statics.laden_arm import LadenArm, LadenChecker
 from planners.regrasp.statics.static_hold import CarryingHand, StaticHold
@@ -191,6 +192,8 @@ class ToolMotion:
         checker: EdgeChecker = move.checker()
         if kind is SegmentKind.TRANSFER:
             checker = self._laden_checker(state, arm, checker, np.vstack([move.start, goals]))
+            if state.sucked is not None:
+                move = replace(move, source=UprightPostures(arm, checker.hand.T_flange_tool, checker.least_cosine))
         path, chosen = self.free.find(move, checker)
         rates, timing = tuple[RateLimit, ...](), self.settings.timing
         if kind is SegmentKind.TRANSFER:
@@ -199,7 +202,7 @@ class ToolMotion:
             timing = replace(timing, sample_step=pace.sample_step)
         return self._moving(state, arm, kind, path, rates, timing), chosen
 
-    def _laden_checker(self, state: SceneState, arm: Arm, checker: EdgeChecker, ends: Array) -> EdgeChecker:
+    def _laden_checker(self, state: SceneState, arm: Arm, checker: EdgeChecker, ends: Array) -> LadenChecker:
         """Keep what is carried borne; under the tool an object about level, as far as `ends` (k, 6) are [rad].
 
         The joints' torques at rest stay within what postures may use, or as far as the ends use more.
