@@ -56,6 +56,10 @@ class FreeMove:
         return ArmEdgeChecker(self.query, self.q.copy(), self.joints)
 
 
+PATIENCE = 8
+"""So many searches in a row that were made once more in vain end that: what is asked for then has seldom a path."""
+
+
 class FreeMotion:
     """Searches for free motion of one arm at a time."""
 
@@ -67,11 +71,14 @@ class FreeMotion:
         Args:
             settings: of each search.
             rng: of all of them.
-            persistence: where a search was exhausted, it is made once more with so many times its iterations.
+            persistence: where a search was exhausted, it is made once more with so many times its iterations, unless
+                that has lately been in vain.
             touch: how a report says of two bodies that they are in the way.
         """
         self.searches = 0
         """How many were made."""
+        self._in_vain = 0
+        """Searches that were made once more and found nothing, since the last that did."""
         self._settings, self._rng, self._persistence, self._touch = settings, rng, persistence, touch
 
     def find(self, move: FreeMove, checker: EdgeChecker | None = None) -> tuple[BlendedPath, int]:
@@ -97,10 +104,12 @@ class FreeMotion:
         )
         self.searches += 1
         result = plan_motion(query, self._settings, self._rng)
-        if result.outcome is MotionOutcome.ITERATIONS_EXHAUSTED and self._persistence > 1:
+        exhausted = result.outcome is MotionOutcome.ITERATIONS_EXHAUSTED
+        if exhausted and self._persistence > 1 and self._in_vain < PATIENCE:
             self.searches += 1
             patient = replace(self._settings, max_iterations=self._persistence * self._settings.max_iterations)
             result = plan_motion(query, patient, self._rng)
+            self._in_vain = 0 if result.path is not None else self._in_vain + 1
         if result.path is None or result.goal_index is None:
             told = f"free motion of the {move.mover}: {result.outcome.value}{self._in_the_way(move, result.outcome)}"
             raise Stuck(Rejection("transit", told))

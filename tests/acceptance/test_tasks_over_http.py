@@ -18,6 +18,8 @@ from support.service import ServiceProcess, finished, running_service, task, war
 from workers.settings import HANDOVERS_FOLDER
 
 GRAVITY = 9.81
+RESERVE = 0.1
+"""What tasks ask for by default [1]."""
 LARGEST_PILE_BYTES = 3_000_000
 
 Solved = Callable[[str], tuple[dict[str, Any], dict[str, Any]]]
@@ -93,6 +95,8 @@ def test_a_shipped_lift_is_solved_and_certified(solved: Solved, name: str) -> No
     assert document["id"] == plan["id"]
     assert document["task"]["plate"]["mass"] == body["plate"]["mass"]
     assert document["software"]["name"] == "liftwright"
+    kept = document["statistics"]["reserve"]
+    assert kept["value"] >= RESERVE or kept["limited_by"] in document["explanation"]["summary"]
 
 
 @pytest.mark.parametrize(

@@ -40,10 +40,18 @@ class Variant:
     """Whether hands bear whatever they are asked to: limits of the task and the arms' payload are left out."""
     options: Mapping[str, Any] | None = None
     """Of the task, before any others."""
+    free_fingers: bool = False
+    """Whether the gripper's fingers press as they like, as the paper's do, instead of with a squeeze."""
+    exact: bool = False
+    """Whether the plate is exactly as stated: no tolerances of its mass and its centre of mass."""
 
     def planner(self, name: str, **options: Any) -> PlateLiftPlanner:
         """Return the planner of a shipped task, which has sampled poses and holds and nothing more."""
         body = task_body(name, **{**options, **(self.options or {})})
+        if self.free_fingers:
+            body["contact_model"] = "paper"
+        if self.exact:
+            body["plate"].update(mass_tolerance=0.0, com_tolerance=0.0)
         if self.strong:
             body["hand_force_limit"] = {"normal": STRONG, "net": STRONG}
         task = read_task(body)
@@ -106,8 +114,17 @@ VARIANTS = (
     Variant("ours without reserve", options={"reserve": 0.0}),
     Variant("ours without the rise", (_no_rise,)),
     Variant("ours without limits of hands", strong=True),
+    Variant("ours with free fingers", free_fingers=True),
+    Variant("ours without tolerances", exact=True),
     Variant("ours without the rotation rule", (_no_rotation_rule,)),
     Variant("ours, the paper's number of DCSG edges", (_paper_threshold,)),
-    Variant("all of these", (_no_rise, _paper_threshold), strong=True, options={"reserve": 0.0}),
+    Variant(
+        "all of these",
+        (_no_rise, _paper_threshold),
+        strong=True,
+        options={"reserve": 0.0},
+        free_fingers=True,
+        exact=True,
+    ),
 )
 """What each leaves out of ours; the last is as near to the paper as our planner goes."""

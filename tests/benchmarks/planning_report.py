@@ -237,7 +237,9 @@ def _differences(results: PlanningFigures) -> str:
             "every limit that is kept back: what the delivered plan keeps, where not all that is asked for can be. "
             "*The rise*: a goal is a node from which both hands can go on upwards with the plate, with some of the "
             "cup's force to spare. *Limits of hands*: what the arm's payload leaves beside a hand, and what a task "
-            "allows. *The rotation rule*: poses are joined only below an angle, too. The paper's number of DCSG edges "
+            "allows. *Free fingers* press as they like, as the paper's do, where a gripper squeezes. *Tolerances* are "
+            "of mass and centre of mass: every state is balanced at all corners of both. *The rotation rule*: poses "
+            "are joined only below an angle, too. The paper's number of DCSG edges "
             "is met by a threshold of the centre of mass alone.",
             table(
                 ("task", "reserve", "DCSG edges", "MSG nodes", "MSG edges", "starts", "goals", "length",

@@ -7,9 +7,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from planners import read_task, solve
+from planners.cell.cell import load_cell
 from planners.geometry.pose import rotation_angle
+from planners.graph.rejections import Rejection
+from planners.hands.arm_motion import FreeMotion, FreeMove, Stuck
+from planners.motion.blended_path import BlendedPath
+from planners.motion.checker import EdgeChecker
 from planners.plan.segment import SegmentKind
 from tests.kinematics.arm_oracle import PinocchioArm
+from tests.manipulation.lift_probe import task_body
 
 STILL = [kind for kind in SegmentKind if kind is not SegmentKind.TRANSFER]
 
@@ -179,3 +186,27 @@ def test_the_gripper_closes_and_opens_only_where_it_grips_and_releases(planner, 
             assert (width[0], width[-1]) == (closed, opened)
         else:
             assert set(width) == {closed if segment.grip is not None else opened}
+
+
+def test_an_arm_that_finds_no_way_back_stays_where_it_retreated_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plan without that way is certified as any other."""
+    find, asked = FreeMotion.find, []
+    start = load_cell("dual_ur3e_lift").home
+
+    def find_unless_home(
+        self: FreeMotion, move: FreeMove, checker: EdgeChecker | None = None
+    ) -> tuple[BlendedPath, int]:
+        if np.array_equal(move.goals, start[None, move.joints]):
+            asked.append(move.mover)
+            raise Stuck(Rejection("transit", "no way back"))
+        return find(self, move, checker)
+
+    task = read_task(task_body("ab3", remedies=False))
+    parked = solve(task)
+    monkeypatch.setattr(FreeMotion, "find", find_unless_home)
+    staying = solve(task)
+    assert asked
+    assert staying.outcome == parked.outcome == "solved"
+    assert staying.certificate is not None
+    assert staying.certificate.passed
+    assert len(staying.segments) < len(parked.segments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -114,6 +114,8 @@ class Choreographer:
     ) -> None:
         self.workcell, self.follower, self.balance = workcell, follower, balance
         self.free = FreeMotion(motion or MotionSettings(), rng, persistence=PERSISTENCE)
+        self.no_path: dict[tuple[object, ...], Rejection] = {}
+        """Free motions for which none was found, and why: many sequences ask for the same one."""
         self.pace = pace or PaceSettings()
         self.timing = timing or TimingSettings()
         arms = [workcell.arm(name) for name in ("left", "right")]
@@ -220,19 +222,29 @@ class _Run:
         self.state.loose.append(hand)
 
     def _park_loose_arms(self) -> None:
-        """Bring arms that hold nothing back to where they started."""
-        for hand in list(self.state.loose):
+        """Bring arms that hold nothing back to where they started; one that finds no way stays where it retreated to.
+
+        Whether it is in the way there, the plate's motion says.
+        """
+        for hand in self.state.loose:
             home = self.workcell.scene.start_positions[self.workcell.joints(self.plan.arm_of(hand))]
-            with self._during("parking", hand, self.state.edge):
+            with suppress(Stuck), self._during("parking", hand, self.state.edge):
                 self._free_motion(hand, home[None])
-            self.state.loose.remove(hand)
+        self.state.loose.clear()
 
     def _free_motion(self, hand: Hand, goals: Array) -> int:
         """Move the arm of one hand through free space to one of the goals (k, 6); return which."""
         arm = self.plan.arm_of(hand)
         query = self.workcell.moving_arm_query(arm, self.state.T_world_plate, self._holding_arms())
         joints, data = self.workcell.joints(arm), self.workcell.arm(arm)
-        path, chosen = self.plan.free.find(FreeMove(f"{hand} hand", data, joints, self.state.q, goals, query))
+        asked = (hand, self.state.pose, frozenset(self._holding_arms()), *(_rounded(Q) for Q in (self.state.q, goals)))
+        if asked in self.plan.no_path:
+            raise Stuck(self.plan.no_path[asked])
+        try:
+            path, chosen = self.plan.free.find(FreeMove(f"{hand} hand", data, joints, self.state.q, goals, query))
+        except Stuck as stuck:
+            self.plan.no_path[asked] = stuck.rejection
+            raise
         timed = self._timed(path, JointLimits(data.velocity_max, data.acceleration_max), ())
         self._add(SegmentKind.TRANSIT, (arm,), of_both_arms(timed, self.state.q, joints))
         return chosen
@@ -412,6 +424,11 @@ class _Run:
             contact = self.follower.pushes[push.hold.index]
             push_hold = PushHold(self.workcell.pusher, contact.point, contact.normal)
         return grip_hold, push_hold
+
+
+def _rounded(positions: Array) -> bytes:
+    """Return joint positions [rad] as a key: those of one posture differ by rounding where ways there do."""
+    return np.round(positions, 6).tobytes()
 
 
 def _corner_speed(poses: Callable[[Array], Array], corners: Array, s: Array) -> Array:

@@ -1,0 +1,64 @@
+"""How often a search that was exhausted is made once more."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from planners.cell.cell import load_cell
+from planners.hands import arm_motion
+from planners.hands.arm_motion import PATIENCE, FreeMotion, FreeMove, Stuck
+from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
+
+PERSISTENCE = 4
+SETTINGS = MotionSettings(max_iterations=10)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the iterations of every search; one with more than usual finds what is asked for where joint 1 is at 1."""
+    iterations: list[int] = []
+
+    def searched(query: MotionQuery, settings: MotionSettings, _rng: np.random.Generator) -> MotionResult:
+        iterations.append(settings.max_iterations)
+        if settings.max_iterations == SETTINGS.max_iterations or query.goals[0, 0] != 1.0:
+            return MotionResult(MotionOutcome.ITERATIONS_EXHAUSTED)
+        return MotionResult(MotionOutcome.FOUND, np.vstack([query.start, query.goals[0]]), 0)
+
+    monkeypatch.setattr(arm_motion, "plan_motion", searched)
+    return iterations
+
+
+class Nothing:
+    """Is in nobody's way."""
+
+    def state_free(self, q: Any) -> bool:
+        return True
+
+    def edge_free(self, q_from: Any, q_to: Any) -> bool:
+        return True
+
+    def path_free(self, path: Any) -> bool:
+        return True
+
+
+def ask(free: FreeMotion, goal: float) -> None:
+    arm = load_cell("dual_ur3e_lift").arms["left"]
+    free.find(FreeMove("hand", arm, slice(0, 6), np.zeros(12), np.full((1, 6), goal), None), Nothing())  # type: ignore[arg-type]
+
+
+def test_after_some_searches_in_vain_none_is_made_once_more_and_one_that_finds_begins_the_count_anew(
+    asked: list[int],
+) -> None:
+    free = FreeMotion(SETTINGS, np.random.default_rng(0), persistence=PERSISTENCE)
+    usual, patient = SETTINGS.max_iterations, PERSISTENCE * SETTINGS.max_iterations
+    for _ in range(PATIENCE - 1):
+        with pytest.raises(Stuck):
+            ask(free, 0.5)
+    ask(free, 1.0)
+    for _ in range(PATIENCE + 3):
+        with pytest.raises(Stuck):
+            ask(free, 0.5)
+    assert asked == [usual, patient] * (2 * PATIENCE) + [usual] * 3
