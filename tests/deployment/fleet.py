@@ -35,6 +35,7 @@ FOLDER = Path("/var/tmp/liftwright-fleet")
 PASSWORD = "p@ss/w:rd#1 %"
 """What stands in URLs for something else, too."""
 STARTUP_SECONDS = 300.0
+DOWN_SECONDS = 120.0
 PLANNING_SECONDS = 1800.0
 QUICK, MANY = "ab1", 6
 """A shipped task that is planned again and again, and how often."""
@@ -171,8 +172,13 @@ class Fleet:
         """Take all of it down, with what it kept."""
         self.compose("down", "--volumes", "--timeout=30")
         # One that ends and is begun again, over and over, is not taken down by compose.
-        for kind in ("pod", "container", "volume"):
-            self._containers.podman(kind, "rm", "--force", "--all")
+        for kind, every in (("pod", ()), ("container", ("--all",)), ("volume", ())):
+            wait_until(lambda kind=kind, every=every: self._gone(kind, *every), DOWN_SECONDS, f"no {kind} is left")
+
+    def _gone(self, kind: str, *every: str) -> bool:
+        """Remove all of a kind; podman gives up on one that ends by itself just then."""
+        self._containers.podman(kind, "rm", "--force", "--all", check=False)
+        return not self._containers.podman(kind, "ls", "--quiet", *every).strip()
 
     def _with_password(self, name: str, *words: str) -> None:
         self._containers.podman("exec", f"--env=PGPASSWORD={PASSWORD}", name, *words)

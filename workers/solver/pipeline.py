@@ -13,12 +13,15 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from planners.cell.cell import Cell, ShippedCells, load_cells
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
+from planners.regrasp.motion.upright_postures import UprightPostures
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.suction_tool import SuctionTool, load_tools
 from planners.survey.reach_map import map_reach
@@ -74,8 +77,12 @@ class Pipeline:
                 self.solve(SolverRequest("compile", write_task(task)), silent)
             for cell, tool, settings in self.shipped_handovers():
                 self.solver.handovers(cell, tool, settings, silent)
+            cell = self.solver.cells[reference_tool_tasks()[0].cell]
+            # Asked for where a search for a way with a load finds none, which these tasks need not have.
+            for arm in cell.arms.values():
+                UprightPostures(arm, np.eye(4), 0.0).drawn(arm.home, arm.home[None], np.random.default_rng(0))
             # Whoever asks the service what a cell can do does not wait for a compiler.
-            map_reach(self.solver.cells[reference_tool_tasks()[0].cell])
+            map_reach(cell)
 
     def shipped_handovers(self) -> Iterator[tuple[Cell, SuctionTool, HandoverSettings]]:
         """Yield what handovers are asked for in tasks of paper A: of each tool standing, and lying.
