@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import ast
 import inspect
+import sys
 import textwrap
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
+T = TypeVar("T")
 MAX_MEMBERS = 100
 """No object of the contract has more members; a body of a million unknown ones is not worth listing."""
 
@@ -64,17 +67,34 @@ class StrictModel(DescribedModel):
         return copied
 
 
+def parsed(parse: Callable[[], T]) -> T:
+    """Return what something that parses Python makes of it, whatever other threads do meanwhile.
+
+    Python 3.11 counts the depth of a syntax tree wrongly where another thread gets its turn (gh-106905), and says so as
+    a SystemError. A turn is as good as not asked for within ten seconds.
+    """
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(10.0)
+    try:
+        return parse()
+    except SystemError:
+        # Somebody had asked for a turn before.
+        return parse()
+    finally:
+        sys.setswitchinterval(interval)
+
+
 @cache
 def _descriptions(model: type) -> dict[str, str]:
     """Return the strings below the annotated members of a class's own source, by member."""
     if not issubclass(model, DescribedModel):
         return {}
     try:
-        source = inspect.getsource(model)
+        source = parsed(lambda: inspect.getsource(model))
     except OSError:
         # Installed without its sources: a schema that describes less is better than none.
         return {}
-    (definition,) = ast.parse(textwrap.dedent(source)).body
+    (definition,) = parsed(lambda: ast.parse(textwrap.dedent(source))).body
     assert isinstance(definition, ast.ClassDef)
     return {
         member.target.id: inspect.cleandoc(below.value.value)

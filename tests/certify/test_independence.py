@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from support.syntax import syntax_tree
+
 import planners.certify
 
 SHARED = ("planners.certify", "planners.contract", "planners.errors", "planners.geometry.pose", "planners.plan")
@@ -17,7 +19,7 @@ def is_shared(name: str) -> bool:
 
 def test_nothing_is_imported_from_the_planners_but_transforms_errors_and_how_a_plan_is_read() -> None:
     for path in Path(str(planners.certify.__file__)).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(syntax_tree(path.read_text())):
             names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             assert all(is_shared(name) for name in names if name.split(".")[0] == "planners"), path.name

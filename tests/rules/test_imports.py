@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from support.syntax import syntax_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 FORBIDDEN = {
@@ -39,7 +40,7 @@ EXCEPTED = {"planners/planning.py": {"time"}}
 
 
 def imported_packages(path: Path) -> set[str]:
-    return {name.split(".")[0] for name in _imported_modules(ast.parse(path.read_text()))}
+    return {name.split(".")[0] for name in _imported_modules(syntax_tree(path.read_text()))}
 
 
 def _imported_modules(tree: ast.AST) -> Iterator[str]:
@@ -95,7 +96,7 @@ def _imports_of_each_module() -> dict[str, set[str]]:
     paths = {_name(path): path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")}
     found: dict[str, set[str]] = {}
     for name, path in paths.items():
-        tree = ast.parse(path.read_text())
+        tree = syntax_tree(path.read_text())
         named = set(_imported_modules(tree))
         for node in ast.walk(tree):
             if isinstance(node, ast.ImportFrom) and node.module is not None:
@@ -136,7 +137,7 @@ def test_no_folder_has_more_modules_than_can_be_taken_in_at_a_glance() -> None:
 def test_no_two_classes_or_types_have_one_name() -> None:
     homes: dict[str, list[str]] = {}
     for path in (path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")):
-        for node in ast.parse(path.read_text()).body:
+        for node in syntax_tree(path.read_text()).body:
             names = [node.name] if isinstance(node, ast.ClassDef) else []
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
                 name = node.targets[0].id
@@ -193,7 +194,7 @@ def test_the_certificate_shares_no_code_with_the_planner() -> None:
     bad = {
         str(path.relative_to(ROOT)): sorted(found)
         for path in (ROOT / "planners" / "certify").rglob("*.py")
-        if (found := {m for m in _imported_modules(ast.parse(path.read_text())) if m.startswith(tuple(shared))})
+        if (found := {m for m in _imported_modules(syntax_tree(path.read_text())) if m.startswith(tuple(shared))})
     }
     assert bad == {}
 
@@ -202,7 +203,7 @@ def test_planners_keep_no_state_of_their_own() -> None:
     """No `global`, and no module-level list, dict or set that somebody could write to."""
     bad = []
     for path in (ROOT / "planners").rglob("*.py"):
-        tree = ast.parse(path.read_text())
+        tree = syntax_tree(path.read_text())
         bad += [f"{path}: global" for node in ast.walk(tree) if isinstance(node, ast.Global)]
         for node in tree.body:
             target = node.targets[0] if isinstance(node, ast.Assign) else None

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from support.syntax import syntax_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("app", "planners", "workers")
@@ -57,7 +58,7 @@ def literal_keys(tree: ast.Module) -> Iterator[int]:
 def product() -> list[tuple[str, ast.Module]]:
     """Return every module of the product, with the folder that it is counted in."""
     paths = [path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")]
-    return [("/".join(path.relative_to(ROOT).parts[:2]), ast.parse(path.read_text())) for path in paths]
+    return [("/".join(path.relative_to(ROOT).parts[:2]), syntax_tree(path.read_text())) for path in paths]
 
 
 @pytest.mark.parametrize(("found", "most"), [(signatures_of_anything, 60), (literal_keys, 200)])
@@ -79,5 +80,5 @@ def test_few_places_take_dicts_of_anything(found: Callable[[ast.Module], Iterato
     ],
 )
 def test_both_are_counted(text: str, signatures: int, keys: int) -> None:
-    tree = ast.parse(text)
+    tree = syntax_tree(text)
     assert (len(list(signatures_of_anything(tree))), len(list(literal_keys(tree)))) == (signatures, keys)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from support.syntax import syntax_tree
+
 import planners.certify
 from app.check_words import CHECK_WORDS
 
@@ -12,14 +14,14 @@ from app.check_words import CHECK_WORDS
 def literals() -> set[str]:
     """Return all words that the certificate's sources write out."""
     sources = Path(planners.certify.__file__).parent.rglob("*.py")
-    nodes = (node for path in sources for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    nodes = (node for path in sources for node in ast.walk(syntax_tree(path.read_text(encoding="utf-8"))))
     return {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
 
 def findings() -> set[str]:
     """Return the names of checks that the certificate's sources begin."""
     sources = Path(planners.certify.__file__).parent.rglob("*.py")
-    calls = (node for path in sources for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    calls = (node for path in sources for node in ast.walk(syntax_tree(path.read_text(encoding="utf-8"))))
     return {
         node.args[0].value
         for node in calls

@@ -23,6 +23,7 @@ import structlog
 from llvmlite import binding
 from numba.core.caching import UserProvidedCacheLocator
 
+from planners.contract.strict_model import parsed
 from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
 from workers.solver.process import COMPILE, PARTS
@@ -215,7 +216,7 @@ def _sources_of_kernels(packages: tuple[Path, ...]) -> set[Path]:
 def _imported(content: bytes) -> set[str]:
     """Return the modules that a file of this content imports by name."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(content)):
+    for node in ast.walk(parsed(lambda: ast.parse(content))):
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             found.add(node.module)
         elif isinstance(node, ast.Import):
