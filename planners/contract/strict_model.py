@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ast
 import inspect
-import sys
 import textwrap
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from itertools import pairwise
 from typing import Any, Self, TypeVar
@@ -16,6 +16,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 T = TypeVar("T")
+MOST_DISTURBED = 20
+"""How often a source is parsed in vain before what is said of it is believed."""
 MAX_MEMBERS = 100
 """No object of the contract has more members; a body of a million unknown ones is not worth listing."""
 
@@ -71,17 +73,12 @@ def parsed(parse: Callable[[], T]) -> T:
     """Return what something that parses Python makes of it, whatever other threads do meanwhile.
 
     Python 3.11 counts the depth of a syntax tree wrongly where another thread gets its turn (gh-106905), and says so as
-    a SystemError. A turn is as good as not asked for within ten seconds.
+    a SystemError; asked again, it seldom does.
     """
-    interval = sys.getswitchinterval()
-    sys.setswitchinterval(10.0)
-    try:
-        return parse()
-    except SystemError:
-        # Somebody had asked for a turn before.
-        return parse()
-    finally:
-        sys.setswitchinterval(interval)
+    for _ in range(MOST_DISTURBED):
+        with suppress(SystemError):
+            return parse()
+    return parse()
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -228,8 +228,13 @@ class _Run:
         """
         for hand in self.state.loose:
             home = self.workcell.scene.start_positions[self.workcell.joints(self.plan.arm_of(hand))]
-            with suppress(Stuck), self._during("parking", hand, self.state.edge):
-                self._free_motion(hand, home[None])
+            before = self._doing
+            try:
+                with self._during("parking", hand, self.state.edge):
+                    self._free_motion(hand, home[None])
+            except Stuck:
+                # It is not what the sequence gets stuck at.
+                self._doing = before
         self.state.loose.clear()
 
     def _free_motion(self, hand: Hand, goals: Array) -> int:
