@@ -17,6 +17,7 @@ from tests.benchmarks.cell_tasks import BESIDE, EXAMPLES, CellAttempt, attempt
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.markdown import Cell, table
 from tests.benchmarks.part import Findings, Limit
+from tests.benchmarks.random_lift_report import share, without_figures
 from tests.benchmarks.tasks import Note, task_body
 
 SLOWER = 2.0
@@ -110,7 +111,7 @@ def _shares(cell: CellFigures) -> Iterator[Cell]:
     planned = len(cell.attempts)
     yield from (cell.cell, EXAMPLES[cell.cell], sum(each.refused for each in cell.attempts), planned)
     counts = [len(cell.ended(outcome)) for outcome in ANSWERS]
-    yield from (f"{each} ({100 * each / planned:.0f} %)" for each in (*counts, planned - sum(counts)))
+    yield from (share(each, planned) for each in (*counts, planned - sum(counts)))
 
 
 def _seconds(cell: CellFigures, figures: Sequence[CellFigures]) -> Iterator[Cell]:
@@ -134,5 +135,4 @@ def _reasons(figures: Sequence[CellFigures]) -> str:
 
 def _without_figures(summary: str) -> str:
     """Leave numbers and which edge or object it is out, so that equal reasons are counted together."""
-    summary = re.sub(r"\((edge|vertex|face|no contact)[^)]*\)", r"(\1)", summary)
-    return re.sub(r"\d+(\.\d+)?", "…", re.sub(r"_\d+\b", "", summary))
+    return without_figures(re.sub(r"_\d+\b", "", summary))

@@ -17,7 +17,7 @@ from planners.errors import SceneError
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import build_tool_scene
 from tests.benchmarks.certified_plan import BROKEN, SOLVED, certified_plan
-from tests.benchmarks.random_piles import X, Y
+from tests.benchmarks.random_piles import strewn_about
 from tests.benchmarks.tasks import task_body
 from workers.solver.pipeline import Pipeline
 
@@ -110,7 +110,7 @@ def accepted(cells: Mapping[str, Cell], cell: str, example: str, seed: int) -> t
         if shipped["kind"] == "plate_lift":
             body = _lift(rng, shipped)
         else:
-            body = _pile(rng, shipped, reach / REACH)
+            body = strewn_about(shipped, rng, reach / REACH)
         body = {**body, "cell": cell, "external_id": f"{example}_{seed}", "seed": seed}
         if _is_accepted(body, cells):
             return body, refused
@@ -154,17 +154,6 @@ def _lift(rng: np.random.Generator, shipped: dict[str, Any]) -> dict[str, Any]:
         pose = [float(x), float(y), board["pose"][2], *turned]
         body["support"] = {"shape": {"type": "box", "size": scaled}, "pose": pose}
     return body
-
-
-def _pile(rng: np.random.Generator, shipped: dict[str, Any], larger: float) -> dict[str, Any]:
-    """Strew the objects of a pile over as much of the table as the arms reach."""
-    objects = []
-    for each in shipped["objects"]:
-        x, y = larger * rng.uniform(*X), larger * rng.uniform(*Y)
-        half = 0.5 * rng.uniform(-np.pi, np.pi)
-        pose = [x, y, each["pose"][2], float(np.cos(half)), 0.0, 0.0, float(np.sin(half))]
-        objects.append({**each, "pose": pose})
-    return {**shipped, "objects": objects}
 
 
 @cache

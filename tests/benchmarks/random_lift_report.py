@@ -86,7 +86,7 @@ def _outcomes(figures: RandomLiftFigures) -> str:
             "accepts the task. Nothing is known beforehand about whether a lift can be solved.",
             table(
                 ("draws", "refused", "planned", "solved and certified", "infeasible", "not found", "neither"),
-                [[str(figures.draws), figures.refused.total(), planned, *(_share(each, planned) for each in counts)]],
+                [[str(figures.draws), figures.refused.total(), planned, *(share(each, planned) for each in counts)]],
             ),
             "Seconds: planning from the parsed body to the finished document, motion included, with kernels loaded; "
             "then the certificate.",
@@ -110,7 +110,7 @@ def _outcomes(figures: RandomLiftFigures) -> str:
     )  # fmt: skip
 
 
-def _share(count: int, of: int) -> str:
+def share(count: int, of: int) -> str:
     return f"{count} ({100 * count / of:.0f} %)"
 
 
@@ -179,7 +179,7 @@ def _unsolved(figures: RandomLiftFigures) -> str:
     unsolved = [attempt for attempt in figures.attempts if not attempt.solved]
     answers = (NOT_FOUND, INFEASIBLE)
     reasons = Counter(
-        _without_figures(each.summary) if each.outcome in answers else f"**{each.outcome}**" for each in unsolved
+        without_figures(each.summary) if each.outcome in answers else f"**{each.outcome}**" for each in unsolved
     )
     return "\n\n".join(
         [
@@ -202,7 +202,7 @@ def _again(look: LiftAttempt | None) -> str:
     return f" (×{look.density:g}: {look.outcome})" if look.density else " (denser graphs do not fit into memory)"
 
 
-def _without_figures(summary: str) -> str:
+def without_figures(summary: str) -> str:
     """Leave numbers and names of edges out, so that equal reasons are counted together."""
     return re.sub(r"\d+(\.\d+)?", "…", re.sub(r"\((edge|vertex|face|no contact)[^)]*\)", r"(\1)", summary))
 

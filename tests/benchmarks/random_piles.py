@@ -46,12 +46,18 @@ def strewn(pile: Pile, seed: int) -> dict[str, Any]:
     Nothing keeps objects apart: where they overlap the service refuses the layout. Nothing keeps them off the place of
     the pile either: where one stands there it has to be put aside.
     """
-    rng = np.random.default_rng(seed)
-    body = task_body(pile.task)
-    for each in body["objects"]:
-        x, y, half = rng.uniform(*X), rng.uniform(*Y), 0.5 * rng.uniform(-np.pi, np.pi)
-        each["pose"] = [x, y, each["pose"][2], float(np.cos(half)), 0.0, 0.0, float(np.sin(half))]
+    body = strewn_about(task_body(pile.task), np.random.default_rng(seed))
     return {**body, "external_id": f"{pile.task}_{seed}", "seed": seed}
+
+
+def strewn_about(body: dict[str, Any], rng: np.random.Generator, larger: float = 1.0) -> dict[str, Any]:
+    """Return the body of a pile with every object anywhere in a region so many times as large [1]."""
+    objects = []
+    for each in body["objects"]:
+        x, y, half = larger * rng.uniform(*X), larger * rng.uniform(*Y), 0.5 * rng.uniform(-np.pi, np.pi)
+        pose = [x, y, each["pose"][2], float(np.cos(half)), 0.0, 0.0, float(np.sin(half))]
+        objects.append({**each, "pose": pose})
+    return {**body, "objects": objects}
 
 
 def refusal(pile: Pile, seed: int, cells: dict[str, Cell] | None = None) -> str | None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
+from motion.test_motion_query import no_boxes
 
 from planners.cell.cell import load_cell
 from planners.hands import arm_motion
@@ -31,22 +30,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return iterations
 
 
-class Nothing:
-    """Is in nobody's way."""
-
-    def state_free(self, q: Any) -> bool:
-        return True
-
-    def edge_free(self, q_from: Any, q_to: Any) -> bool:
-        return True
-
-    def path_free(self, path: Any) -> bool:
-        return True
-
-
 def ask(free: FreeMotion, goal: float) -> None:
     arm = load_cell("dual_ur3e_lift").arms["left"]
-    free.find(FreeMove("hand", arm, slice(0, 6), np.zeros(12), np.full((1, 6), goal), None), Nothing())  # type: ignore[arg-type]
+    free.find(FreeMove("hand", arm, slice(0, 6), np.zeros(12), np.full((1, 6), goal), None), no_boxes(6))  # type: ignore[arg-type]
 
 
 def test_after_some_searches_in_vain_none_is_made_once_more_and_one_that_finds_begins_the_count_anew(
