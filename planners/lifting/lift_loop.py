@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from planners.geometry.pose import Array, skew
-from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
+from planners.lifting.leader_follower import FollowerGains, LeaderFollower
 
 
 def felt_mass(points: Array, up: Array, mass: float, inertia: Array) -> float:
@@ -43,10 +43,15 @@ def box_inertia(sides: Array, mass: float) -> Array:
 
 SERVO = 0.0035
 """Lag of the arms behind their commanded velocity [s]: a robot's servos at 500 Hz."""
-BRAKE, BRAKED = 0.5, 0.3
-"""What gains are compared by: a lifter that changes its speed by so much [m/s^2] for so long [s]."""
-_SEEN = 0.8
-"""How long the forces are looked at from then on [s]."""
+LIFTER_ACCELERATION = 0.5
+"""Gains are compared by moves of a lifter that speeds up and brakes like this [m/s^2]."""
+MOVES = ((0.15, 0.15, 1.0), (0.2, 0.1, 0.5))
+"""By each: the speed with which it begins, that with which it goes on [m/s], and for how long [s]. One begins evenly
+and lasts; one begins with a jerk and is short, so that the hands are not yet at rest when it ends."""
+_JERK = 0.06
+"""How long a jerk lasts [s]."""
+_SEEN = 0.5
+"""How long the forces are looked at after the lifter has stopped [s]."""
 STIFFNESS_DOUBTS = (0.85, 1.0, 1.2)
 """Contacts may be so much stiffer than they are said to be: no loop may swing [1]."""
 GAIN_MARGIN = 1.2
@@ -59,14 +64,16 @@ RESTLESSNESS = 0.015
 _SQUARINGS = 18
 """A quarter of a million steps: what does not grow by then never does."""
 
-_INERTIAS = (0.33, 0.45, 0.6, 0.8, 1.0, 1.4, 2.0)
+_INERTIAS = (0.2, 0.33, 0.45, 0.6, 0.8, 1.0, 1.4, 2.0)
 """M_d over the mass that the hands accelerate, to choose from [1]."""
 _CARRIED = (0.0, 0.5, 0.7, 0.9)
 """Part of that mass whose inertia is taken off the readings, to choose from [1]."""
 _READINGS = (5, 7, 8)
 """Readings that are averaged, to choose from [1]."""
-_DAMPING = 1.1
-"""B_d over the cup's largest force [s/m]: a stronger cup is stiffer."""
+_DAMPINGS = (0.5, 0.7, 0.9, 1.1)
+"""B_d over the cup's largest force, to choose from [s/m]: a stronger cup is stiffer."""
+_MEMORIES = (0.3, 0.5, 1.0)
+"""To choose from [s]."""
 
 
 def moved_stiffness(stiffness: Array, arm: Array) -> Array:
@@ -184,29 +191,70 @@ class LiftLoop:
             spread, power = spread + power @ spread @ power.T, power @ power
         return float(np.sqrt(spread[self.TOLD, self.TOLD]))
 
-    def deviation(self, gains: FollowerGains) -> float:
-        """Return how far the hands' force gets off its goal when a lifter brakes to rest as `BRAKE` says [N].
+    def deviations(self, gains: Sequence[FollowerGains]) -> Array:
+        """Return how far the hands' force gets off its goal behind the lifter that makes `MOVES`, from rest to rest.
 
-        The hands do not go down: what they have risen too far stays.
+        The hands do not go down: what they have risen too far stays, and is borne until the lifter goes on.
+
+        Args:
+            gains: (n) of one period.
+
+        Returns:
+            (n,) of each the largest amount, in either direction [N].
         """
-        law, size, told = LeaderFollower(gains), self.STATES, self.TOLD
-        speed = BRAKE * BRAKED
-        state, motion, reading, largest = np.zeros(size), FollowerMotion(speed, speed), 0.0, 0.0
-        state[6:12] = speed * self._up
-        state[[self._HANDS + 1, told, self._LIFTER + 1]] = speed
-        for number in range(round(_SEEN / gains.period)):
-            motion = law.follow(motion, 0.0, reading)
-            reading = self.reading(state)
-            accelerations = (motion.velocity - state[told]) / gains.period, -BRAKE * (number * gains.period < BRAKED)
-            state = self._step @ state + self._accelerated @ accelerations
-            largest = max(largest, abs(reading))
-        return largest
+        return np.max([_off_goal(self, gains, move) for move in _accelerations(gains[0].period)], axis=0)
+
+    @property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """Step of x (17, 17), what both accelerations of a period add to it (17, 2), and the hands' force over it (17,).
+
+        The accelerations are of what the arms are told, and of the lifter [m/s^2].
+        """
+        return self._step, self._accelerated, self._force
 
     def _without_lifter(self, gains: FollowerGains, gain: float = 1.0) -> tuple[Array, NDArray[np.int64]]:
         """Return the loop behind a lifter that stands, and which of its states those are."""
         closed = self.closed(gains, gain)
         kept = np.delete(np.arange(len(closed)), [self._LIFTER, self._LIFTER + 1])
         return closed[np.ix_(kept, kept)], kept
+
+
+def _accelerations(period: float) -> Iterator[Array]:
+    """Yield for each of `MOVES` the lifter's acceleration in each period [m/s^2]."""
+    for first, speed, seconds in MOVES:
+        changes = [(first, 0.0), (0.0, _JERK if first > speed else 0.0), (speed - first, 0.0), (0.0, seconds)]
+        parts = []
+        for change, still in (*changes, (-speed, 0.0), (0.0, _SEEN)):
+            taken = round(abs(change) / LIFTER_ACCELERATION / period)
+            parts += [np.full(taken, np.sign(change) * LIFTER_ACCELERATION), np.zeros(round(still / period))]
+        yield np.concatenate(parts)
+
+
+def _off_goal(loop: LiftLoop, gains: Sequence[FollowerGains], accelerations: Array) -> Array:
+    """Return the largest (n,) force off its goal with each of n gains; the law is that of `LeaderFollower.follow`."""
+    stepped, accelerated, felt = loop.matrices
+    discrete = np.array([LeaderFollower(each).discrete for each in gains])
+    carried = np.array([each.carried for each in gains])
+    readings = np.array([each.readings for each in gains])
+    kept = np.array([math.exp(-each.period / each.memory) for each in gains])
+    averaged = np.arange(readings.max()) >= readings.max() - readings[:, None]
+    count, period = len(gains), gains[0].period
+    x, errors = np.zeros((count, loop.STATES)), np.zeros(averaged.shape)
+    velocity, lifter, reading, largest, gained, before = np.zeros((6, count))
+    for number, acceleration in enumerate(accelerations, start=1):
+        errors = np.column_stack([errors[:, 1:], carried * before - reading])
+        error = (errors * averaged).sum(axis=1) / np.minimum(readings, number)
+        free, estimate = np.einsum("nij,jn->in", discrete, [velocity, lifter, error])
+        now = np.maximum(free, 0.0)
+        # Of a velocity that the hands were refused nothing is remembered.
+        lifter = np.where(now == free, estimate, now + kept * (lifter - now))
+        before, gained = gained, (now - velocity) / period
+        velocity = now
+        reading = x @ felt
+        largest = np.maximum(largest, np.abs(reading))
+        told = (now - x[:, loop.TOLD]) / period
+        x = x @ stepped.T + np.outer(told, accelerated[:, 0]) + acceleration * accelerated[:, 1]
+    return largest
 
 
 def _spectral_radius(A: Array) -> float:
@@ -239,13 +287,16 @@ def design_gains(plate: HungPlate, felt_mass: float, cup_force: float) -> Follow
     def worst_growth(gains: FollowerGains) -> float:
         return max(said.growth(gains, GAIN_MARGIN), *(loop.growth(gains) for loop in loops))
 
-    sharpest_first = sorted(_candidates(usual, felt_mass, cup_force), key=said.deviation)
+    candidates = list(_candidates(usual, felt_mass, cup_force))
+    sharpest_first = [candidates[number] for number in np.argsort(said.deviations(candidates), kind="stable")]
     steady = (gains for gains in sharpest_first if worst_growth(gains) < 1.0)
     calm = next((gains for gains in steady if said.restlessness(gains) < RESTLESSNESS), None)
     return calm or min(sharpest_first, key=worst_growth)
 
 
 def _candidates(usual: FollowerGains, felt_mass: float, cup_force: float) -> Iterator[FollowerGains]:
-    for share, carried, readings in itertools.product(_INERTIAS, _CARRIED, _READINGS):
-        inertia, known = share * felt_mass, carried * felt_mass
-        yield replace(usual, inertia=inertia, carried=known, readings=readings, damping=_DAMPING * cup_force)
+    choices = itertools.product(_INERTIAS, _CARRIED, _READINGS, _DAMPINGS, _MEMORIES)
+    for share, carried, readings, damping, memory in choices:
+        yield FollowerGains(
+            share * felt_mass, damping * cup_force, carried * felt_mass, memory, readings, period=usual.period
+        )

@@ -86,8 +86,7 @@ class Deviation:
         return task.model_copy(update=changed)
 
     def settings(self) -> SimulationSettings:
-        """Return what the simulation assumes: this cup and lifter, and no more friction than the actual task says."""
+        """Return what the simulation assumes: this cup and lifter; what friction there is the actual task says."""
         usual = SimulationSettings()
         winch = usual.winch.times(self.lifter)
-        contact = replace(usual.contact, friction_factor=1.0)
-        return replace(usual, contact=contact, cup=replace(usual.cup, strength=self.cup), winch=winch)
+        return replace(usual, cup=replace(usual.cup, strength=self.cup), winch=winch)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from planners.geometry.pose import Array
 from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_loop import (
     GAIN_MARGIN,
+    MOVES,
     SERVO,
     STIFFNESS_DOUBTS,
     HungPlate,
@@ -53,12 +55,19 @@ def designed(mass: float, cup_force: float, seed: int = 0) -> FollowerGains:
     return design_gains(*hung(mass, cup_force, seed), cup_force)
 
 
-def integrate(plate: HungPlate, gains: FollowerGains, accelerations: Array, gain: float = 1.0) -> Array:
-    """Return the readings of the hands' force when the lifter speeds up so [m/s^2], one number a period."""
+def integrate(
+    plate: HungPlate, gains: FollowerGains, accelerations: Array, gain: float = 1.0, speed: float = SPEED
+) -> Array:
+    """Return the readings of the hands' force when the lifter speeds up so [m/s^2], one number a period.
+
+    All rise with `speed` before [m/s].
+    """
     up, law = plate.rising, LeaderFollower(gains)
     mass = np.concatenate([np.full(3, plate.mass), plate.inertia])
-    motion, reading, readings = FollowerMotion(SPEED, SPEED, (0.0,) * gains.readings), 0.0, []
-    y = np.concatenate([np.zeros(6), SPEED * up, [0.0, SPEED, SPEED, 0.0, SPEED]])
+    # A law that begins at rest has no reading yet; one in motion has felt no error so far.
+    felt = (0.0,) * gains.readings if speed > 0.0 else ()
+    motion, reading, readings = FollowerMotion(speed, speed, felt), 0.0, []
+    y = np.concatenate([np.zeros(6), speed * up, [0.0, speed, speed, 0.0, speed]])
 
     def forces(y: Array) -> tuple[Array, Array]:
         """Of the hands and of the cup on the plate."""
@@ -139,7 +148,8 @@ def test_hands_with_designed_gains_follow_better_than_with_those_of_their_full_m
     plate, felt = hung(mass, cup_force)
     heavy = FollowerGains(inertia=felt, damping=1.1 * cup_force)
     loop = LiftLoop(plate, PERIOD)
-    assert loop.deviation(designed(mass, cup_force)) < 0.75 * loop.deviation(heavy)
+    best, worse = loop.deviations([designed(mass, cup_force), heavy])
+    assert best < 0.6 * worse
 
 
 @pytest.mark.parametrize(("mass", "cup_force"), PLATES)
@@ -152,12 +162,30 @@ def test_at_any_steady_speed_the_hands_bear_their_goal(mass: float, cup_force: f
 
 
 @pytest.mark.parametrize(("mass", "cup_force"), PLATES)
-def test_a_lifter_of_three_times_the_usual_speed_leaves_the_cup_a_third_of_its_force(
+def test_a_lifter_of_three_times_the_usual_speed_leaves_the_cup_three_quarters_of_its_force(
     mass: float, cup_force: float
 ) -> None:
-    """It brakes with 0.5 m/s^2 from 0.15 m/s."""
+    """It moves at up to 0.15 m/s, and speeds up and brakes with 0.5 m/s^2."""
     plate, _ = hung(mass, cup_force)
-    assert LiftLoop(plate, PERIOD).deviation(designed(mass, cup_force)) < cup_force / 3.0
+    assert LiftLoop(plate, PERIOD).deviations([designed(mass, cup_force)]) < cup_force / 4.0
+
+
+def test_hands_of_many_gains_deviate_as_those_of_each_that_follow_the_law() -> None:
+    """The differential equations are integrated with the law itself, for each gains and move."""
+    plate, felt = hung(4.0, 20.0)
+    usual = FollowerGains()
+    many = [
+        replace(usual, inertia=0.2 * felt, carried=0.9 * felt, readings=7, memory=0.3),
+        replace(usual, inertia=1.4 * felt, damping=10.0, readings=5),
+    ]
+    moves = [
+        np.concatenate([np.full(round(up * 200), 0.5), np.zeros(jerk), np.full(round((up - on) * 200), -0.5),
+                        np.zeros(round(100 * seconds)), np.full(round(on * 200), -0.5), np.zeros(50)])
+        for (up, on, seconds), jerk in zip(MOVES, (0, 6), strict=True)
+    ]  # fmt: skip
+    expected = [max(np.abs(integrate(plate, each, move, speed=0.0)).max() for move in moves) for each in many]
+    assert min(expected) > 1.0
+    assert LiftLoop(plate, PERIOD).deviations(many) == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize(("mass", "cup_force"), PLATES)

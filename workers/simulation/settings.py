@@ -13,9 +13,8 @@ from planners.lifting.leader_follower import FollowerGains
 class ContactSettings:
     """Rubber on the plate."""
 
-    friction_factor: float = 1.2
-    """True friction over the one planned with, of all contacts [1]: rubber on acrylic has 0.6, planned with 0.5. A
-    plan of least effort lies on the border of its friction cones, so that any disturbance would make it slip."""
+    friction_factor: float = 1.0
+    """True friction over that of the task, of all contacts [1]: physics tests the plan, not rubber that is better."""
     squeeze: float = 60.0
     """Force of each of the gripper's fingers where the plan commands none [N]: internal, no load of the arm."""
     pad_normal_stiffness: float = 30e3

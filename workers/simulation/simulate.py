@@ -33,8 +33,7 @@ from workers.simulation.world import LiftWorld, ToolWorld
 
 LIFT_MODEL = (
     "Plate, table, support and obstacles are rigid bodies in PyBullet; arms are chains of links driven by servos.",
-    "True friction is a stated factor above the planned coefficients, at all contacts; a plan of least effort lies on "
-    "the border of its friction cones.",
+    "Friction is what the task says, at all contacts, times a stated factor.",
     "Pads and tip are springs and dampers within Coulomb friction; the gripper squeezes with the force that the plan "
     "commands, which is no load of the arm.",
     "In the manipulation hands track the planned wrenches by admittance on a noisy, tared sensor; the stick never "
