@@ -206,9 +206,9 @@ class LiftLoop:
 
     @property
     def matrices(self) -> tuple[Array, Array, Array]:
-        """Step of x (17, 17), what both accelerations of a period add to it (17, 2), and the hands' force over it (17,).
+        """Step of x (17, 17), what two accelerations add to it (17, 2), and the hands' force over it (17,).
 
-        The accelerations are of what the arms are told, and of the lifter [m/s^2].
+        The accelerations, over a period, are of what the arms are told, and of the lifter [m/s^2].
         """
         return self._step, self._accelerated, self._force
 

@@ -50,6 +50,16 @@ class JobLeft(error.DBOSWorkflowCancelledError):
         super().__init__(f"plan {plan_id} is not this worker's any more")
 
 
+async def stay_begun() -> None:
+    """Wait until the event loop ends: stopping is no end of a job, which whoever starts next begins anew.
+
+    Whoever handles a cancellation by this goes on at once if it was the loop's end, which cancels no task twice.
+    """
+    task = asyncio.current_task()
+    if task is None or not task.cancelling():
+        await asyncio.Event().wait()
+
+
 class JobRunner:
     """Runs jobs on the running event loop, at most `worker_slots` at a time."""
 
@@ -173,7 +183,7 @@ class JobRunner:
         self, plan_id: str, request: SolverRequest, show: OnReport, show_certified: OnCertified
     ) -> PackedDocument:
         if self._stopping:
-            await self._wait_for_the_end()
+            await stay_begun()
         # An earlier run of the same job in this process has lost it: only the newest may have a solver.
         self.leave(plan_id)
         limit = self._settings.solver_seconds
@@ -183,7 +193,8 @@ class JobRunner:
             return await solving
         except asyncio.CancelledError:
             if self._stopping:
-                await self._wait_for_the_end()
+                await stay_begun()
+                raise
             if solving in self._left:
                 raise JobLeft(plan_id) from None
             solving.cancel()
@@ -194,7 +205,3 @@ class JobRunner:
             self._left.discard(solving)
             if self._solving.get(plan_id) is solving:
                 del self._solving[plan_id]
-
-    async def _wait_for_the_end(self) -> None:
-        """Stopping is not an end of the job: it stays begun, and is begun anew when a worker of this name starts."""
-        await asyncio.Event().wait()

@@ -10,7 +10,7 @@ import structlog
 
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint, best_of
-from workers.engine.job_runner import JobLeft
+from workers.engine.job_runner import JobLeft, stay_begun
 from workers.settings import WorkerSettings
 from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import OnPoint, SolverDied, SolverFault
@@ -110,7 +110,7 @@ class StudyRunner:
 
     async def _in_a_process(self, job_id: str, request: StudyRequest, keep: OnPoint) -> None:
         if self._stopping:
-            await asyncio.Event().wait()
+            await stay_begun()
         self.leave(job_id)
         examining = asyncio.create_task(self._pool.examine(request, keep))
         self._examining[job_id] = examining
@@ -118,8 +118,8 @@ class StudyRunner:
             await examining
         except asyncio.CancelledError:
             if self._stopping:
-                # Stopping is not an end of the job: it stays begun, and is begun anew after the next start.
-                await asyncio.Event().wait()
+                await stay_begun()
+                raise
             if examining in self._left:
                 raise JobLeft(job_id) from None
             examining.cancel()
