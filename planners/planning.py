@@ -94,7 +94,7 @@ def solve(
     >>> stages = []
     >>> plan = solve(task, on_progress=lambda report: stages.append(report.stage))
     >>> list(dict.fromkeys(stages))
-    ['scene', 'remedies', 'certify']
+    ['scene', 'certify', 'remedies']
     >>> plan.outcome, plan.certificate.passed
     ('infeasible', True)
 
@@ -186,11 +186,13 @@ class TaskSolver:
         name: str = "",
         uploads: Uploads = no_uploads,
         on_progress: Progress = silent,
-        on_certified: Callable[[Plan], None] = lambda _: None,
+        on_certified: Callable[[Plan], bool] = lambda _: False,
     ) -> Plan:
         """Return what `planners.solve` returns, as the plan of this name (its `id`), and simulated if it shall be.
 
-        A plan that is going to be simulated is handed to `on_certified` before, as it is without that.
+        A plan that is going to be simulated, and a proof that there is none for which remedies are going to be looked
+        for, are handed to `on_certified` before, without those. Where that returns True they are returned so;
+        `completed` adds what they lack.
         """
         begun = self.clock()
         on_progress(Report("scene", 0, 1))
@@ -202,8 +204,6 @@ class TaskSolver:
         else:
             found = self.plan(task, scene, on_progress, self.clock, self.handovers)
         found = found.model_copy(update={"id": name, "software": self.software})
-        if task.options.remedies and found.outcome != "solved":
-            found = self._with_remedies(found, task, uploads, on_progress)
         planned = self.clock()
         on_progress(Report("certify", 0, 1))
         certificate = self._certificate_of(found)
@@ -214,15 +214,28 @@ class TaskSolver:
         found = found.model_copy(update={"certificate": certificate, "statistics": statistics})
         if certificate is not None and not certificate.passed:
             raise CertificateFailed(found, certificate.failures)
-        found = found.sealed()
-        if self.simulate is None or found.outcome != "solved" or not task.options.simulate:
+        found, options = found.sealed(), task.options
+        if not (self.simulate is not None and options.simulate if found.outcome == "solved" else options.remedies):
             return found
-        on_certified(found)
-        return self._simulated(found, scene, task.seed, on_progress)
+        # What was not found claims nothing yet: it is an answer when no change of the task has made it one.
+        if certificate is not None and on_certified(found):
+            return found
+        return self.completed(found, uploads, on_progress, scene)
 
-    def simulated(self, certified: Plan, uploads: Uploads = no_uploads, on_progress: Progress = silent) -> Plan:
-        """Return a plan that `solve` has handed to `on_certified`, simulated: whatever became of that `solve`."""
-        scene = build_scene(certified.task, self.cells, uploads=uploads, tools=self.tools)
+    def completed(
+        self,
+        certified: Plan,
+        uploads: Uploads = no_uploads,
+        on_progress: Progress = silent,
+        scene: PlateLiftScene | SuctionToolScene | None = None,
+    ) -> Plan:
+        """Return what `solve` has handed to `on_certified`, with what it lacked: whatever became of that `solve`.
+
+        That is a simulation or remedies. `scene` is that of its task; None: it is built.
+        """
+        if certified.outcome != "solved":
+            return self._with_remedies(certified, uploads, on_progress).sealed()
+        scene = scene or build_scene(certified.task, self.cells, uploads=uploads, tools=self.tools)
         return self._simulated(certified, scene, certified.task.seed, on_progress)
 
     def _simulated(
@@ -282,11 +295,9 @@ class TaskSolver:
         statistics = found.statistics.taking(times, sum(seconds for _, seconds in times))
         return placed, built, found.model_copy(update={"explanation": explanation, "statistics": statistics})
 
-    def _with_remedies(
-        self, found: Plan, task: PlateLiftTask | SuctionToolTask, uploads: Uploads, on_progress: Progress
-    ) -> Plan:
+    def _with_remedies(self, found: Plan, uploads: Uploads, on_progress: Progress) -> Plan:
         """Look for changes of a task that has no plan, and add what helps to the explanation."""
-        begun = self.clock()
+        begun, task = self.clock(), found.task
         effort = Effort(MOST_STEPS, plan=6 if isinstance(task, PlateLiftTask) else 4)
         known: dict[str, HandoverDatabase] = {}
         build = partial(build_scene, cells=self.cells, uploads=uploads, tools=self.tools)
@@ -337,8 +348,9 @@ class TaskSolver:
         helps = f"What helps: {remedies[0].sentence}" if remedies else "Of the changes that were tried, none helps."
         summary = f"{found.explanation.summary} {helps}"
         explanation = found.explanation.model_copy(update={"summary": summary, "remedies": remedies})
-        times = [*found.statistics.times, ("remedies", self.clock() - begun)]
-        statistics = found.statistics.taking(times, sum(seconds for _, seconds in times))
+        seconds, statistics = self.clock() - begun, found.statistics
+        times = [*statistics.times, ("remedies", seconds)]
+        statistics = statistics.taking(times, (statistics.total_seconds or 0.0) + seconds)
         return found.model_copy(update={"explanation": explanation, "statistics": statistics})
 
 

@@ -172,15 +172,14 @@ class PlanCollection:
         return dict(task)
 
     def document(self, plan_id: str) -> StoredDocument:
-        """Return the document of a plan that is certified, or whose job has succeeded.
+        """Return the document of a plan of which it is known whether there is one.
 
         Raises:
             PlanNotFound: There is no plan of that id.
-            DocumentNotReady: Neither is so.
+            DocumentNotReady: That is not known yet, or will never be.
         """
         plan = self.plan(plan_id)
-        there = plan.certified_at is not None or plan.state == JobState.SUCCEEDED.value
-        document = self.store.document(plan_id) if there else None
+        document = None if plan.verdict is None else self.store.document(plan_id)
         if document is None:
             raise DocumentNotReady(plan.state, done=plan.done)
         return document

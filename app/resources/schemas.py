@@ -221,13 +221,15 @@ class PlanResource(Resource):
     """The state as an MES names it (ISA-95, OPC 10031-4)."""
     outcome: Outcome | None
     """Once succeeded."""
+    verdict: Outcome | None = None
+    """The outcome as soon as it is known: from then on the document can be fetched, at first without its simulation, or
+    without changes that would help, and stays valid whatever becomes of those."""
     progress: PlanProgress
     created_at: datetime
     started_at: datetime | None
     finished_at: datetime | None
     certified_at: datetime | None = None
-    """When a plan was found and had passed its certificate: from then on its document can be fetched, at first without
-    its simulation, and stays valid whatever becomes of that. None where nothing was found."""
+    """When a plan was found and had passed its certificate. None where nothing was found."""
     attempts: int
     """How often a solver process began."""
     error: PlanError | None
@@ -385,6 +387,7 @@ def plan_resource(
             "job_order_state": JOB_ORDER_STATES[job.state],
             "done": job.state.done,
             "outcome": record.outcome if succeeded else None,
+            "verdict": record.outcome,
             "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},
             "created_at": _time(record.created_us),
             "started_at": _time(record.started_us),

@@ -138,7 +138,7 @@ def get_document(
     if_none_match: Annotated[str | None, Header()] = None,
     accept_encoding: Annotated[str, Header()] = "",
 ) -> Response:
-    """Return the plan document, once the plan is certified or the job has succeeded.
+    """Return the plan document, once there is a `verdict`.
 
     A plan that is still simulated has the `simulation` null, and another `ETag` than when that is there.
     """
@@ -198,7 +198,8 @@ async def get_program(
         **NOT_FOUND,
         200: {
             "content": {"text/event-stream": {}},
-            "description": "`progress` events, one `certified` where a plan is simulated, then one `finished`",
+            "description": "`progress` events; one `certified` before a plan is simulated, or one `verdict` before "
+            "changes are tried of a task without a plan; then one `finished`",
         },
         204: {"description": "Everything was received already"},
         400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},

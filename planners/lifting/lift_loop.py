@@ -137,7 +137,7 @@ class LiftLoop:
         A[h, h + 1] = A[lifter, lifter + 1] = 1.0
         A[h + 1, [h + 1, told]] = -1.0 / SERVO, 1.0 / SERVO
         A[told, size] = A[lifter + 1, size + 1] = 1.0
-        stepped = expm(A * period)
+        stepped = np.asarray(expm(A * period), dtype=float)
         self._step, self._accelerated = stepped[:size, :size], stepped[:size, size:]
         self._up = up
         self._force = np.zeros(size)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -85,6 +86,48 @@ def test_plans_that_are_not_simulated_are_certified_when_they_end_and_without_a_
     solved, infeasible = (finished(client, post(client, wish)) for wish in ("now", "infeasible"))
     assert solved["certified_at"] is not None
     assert (infeasible["certified_at"], infeasible["state"]) == (None, "succeeded")
+
+
+def test_a_proof_that_there_is_no_plan_can_be_fetched_while_changes_are_tried_that_would_help(
+    client: httpx.Client,
+) -> None:
+    plan = post(client, "remedies-20")
+    address = plan["links"]["document"]
+
+    def known() -> dict[str, Any]:
+        now = client.get(plan["links"]["self"]).json()
+        return now if now["verdict"] else {}
+
+    now = wait_for(known)
+    assert (now["state"], now["verdict"], now["outcome"], now["certified_at"]) == ("running", "infeasible", None, None)
+    before = client.get(address).raise_for_status()
+    ended = finished(client, plan)
+    assert (ended["state"], ended["verdict"], ended["outcome"]) == ("succeeded", "infeasible", "infeasible")
+    after = client.get(address, headers={"If-None-Match": before.headers["ETag"]})
+    assert after.json() == {**before.json(), "remedies": ["another place"]}
+    told = [name for name in re.findall("^event: (.*)$", client.get(plan["links"]["events"]).text, re.MULTILINE)]
+    assert [name for name in told if name != "progress"] == ["verdict", "finished"]
+
+
+def test_whoever_waits_for_a_verdict_does_not_wait_for_the_physics_and_remedies_of_others(client: httpx.Client) -> None:
+    """The one that is begun while the other two wait is put off, and done when nobody waits any more."""
+    ahead = post(client, "steps-20")
+    wait_for(lambda: client.get(ahead["links"]["self"]).json()["state"] == "running")
+    first, second = post(client, "remedies-40"), post(client, "simulate-40")
+
+    def both_known() -> list[dict[str, Any]]:
+        now = [client.get(plan["links"]["self"]).json() for plan in (first, second)]
+        return now if all(plan["verdict"] for plan in now) else []
+
+    put_off, last = wait_for(both_known)
+    assert (put_off["state"], put_off["verdict"], put_off["queue_position"]) == ("running", "infeasible", None)
+    assert (last["state"], last["verdict"]) == ("running", "solved")
+    found = client.get("/v1/plans", params={"state": "running"}).json()["plans"]
+    assert {first["id"], second["id"]} <= {plan["id"] for plan in found}
+    put_off, last = finished(client, first), finished(client, second)
+    assert (put_off["state"], put_off["attempts"], last["state"], last["attempts"]) == ("succeeded", 2, "succeeded", 1)
+    assert put_off["finished_at"] > last["finished_at"]
+    assert client.get(put_off["links"]["document"]).json()["remedies"]
 
 
 def test_an_event_of_its_own_tells_that_a_plan_is_certified_between_those_of_progress(client: httpx.Client) -> None:

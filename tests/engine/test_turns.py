@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -17,14 +18,17 @@ from support.places import database_at, on_both_databases
 
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
-from workers.stores.job_queue import JobQueue, NewJob
-from workers.stores.jobs import input_table, workflow_table
+from workers.stores.job_queue import PUT_OFF_SECONDS, JobQueue, NewJob
+from workers.stores.jobs import JobState, input_table, workflow_table
 
+WORKER = "worker"
 OWNERS = ("a", "b", "c", None)
-POST, BEGIN, END = "post", "begin", "end"
+POST, BEGIN, PUT_OFF, END = "post", "begin", "put off", "end"
+LATER = 100
 Step = tuple[str, str | None, int]
 steps = st.lists(
-    st.tuples(st.sampled_from((POST, POST, BEGIN, END)), st.sampled_from(OWNERS), st.integers(0, 9)), max_size=25
+    st.tuples(st.sampled_from((POST, POST, BEGIN, BEGIN, PUT_OFF, END)), st.sampled_from(OWNERS), st.integers(0, 9)),
+    max_size=25,
 )
 
 
@@ -33,25 +37,31 @@ class Model:
     """The rule, in so many words."""
 
     waiting: list[tuple[str | None, int, int, str]] = field(default_factory=list)
-    """(owner, -priority, created, id) of each job."""
-    running: list[tuple[str | None, str]] = field(default_factory=list)
+    """(owner, -priority, created, id) of each job; `LATER` is added to the second of those that are put off."""
+    running: list[tuple[str | None, int, int, str]] = field(default_factory=list)
     begun: dict[str | None, int] = field(default_factory=dict)
 
     def order(self) -> list[str]:
         """Return the ids of all that wait, the next to begin first."""
-        busy, ahead = Counter(owner for owner, _ in self.running), Counter[str | None]()
-        ranked: list[tuple[int, int, int, str]] = []
-        for owner, _, created, job in sorted(self.waiting, key=lambda each: each[1:]):
+        busy, ahead = Counter(owner for owner, *_ in self.running), Counter[str | None]()
+        ranked: list[tuple[bool, int, int, int, str]] = []
+        for owner, urgency, created, job in sorted(self.waiting, key=lambda each: each[1:]):
             ahead[owner] += 1
-            ranked.append((busy[owner] + ahead[owner], self.begun.get(owner, 0), created, job))
+            ranked.append((urgency > 0, busy[owner] + ahead[owner], self.begun.get(owner, 0), created, job))
         return [job for *_, job in sorted(ranked)]
 
     def begin(self, job: str, now: int) -> None:
         """Take a job from the queue."""
-        (owner,) = [each[0] for each in self.waiting if each[3] == job]
-        self.waiting = [each for each in self.waiting if each[3] != job]
-        self.running.append((owner, job))
-        self.begun[owner] = now
+        (begun,) = [each for each in self.waiting if each[3] == job]
+        self.waiting.remove(begun)
+        self.running.append(begun)
+        self.begun[begun[0]] = now
+
+    def put_off(self, number: int) -> str:
+        """Put a job that runs back into the queue, behind all others, and return its id."""
+        owner, urgency, created, job = self.running.pop(number)
+        self.waiting.append((owner, urgency if urgency > 0 else urgency + LATER, created, job))
+        return job
 
 
 class Queue:
@@ -108,14 +118,38 @@ def test_the_next_job_and_all_places_are_those_of_the_rule(queue: Queue, steps: 
             (job,) = queue.next()
             assert job == model.order()[0]
             model.begin(job, now)
-            queue.put(job, status="PENDING", started_at_epoch_ms=now)
+            queue.put(job, status="PENDING", started_at_epoch_ms=now, executor_id=WORKER)
+        elif deed == PUT_OFF and model.running:
+            job = model.put_off(priority % len(model.running))
+            queue.queue.put_off("another worker", job)
+            assert job not in queue.queue.places([job], 1000)
+            queue.queue.put_off(WORKER, job)
         elif deed == END and model.running:
-            _, job = model.running.pop(priority % len(model.running))
+            *_, job = model.running.pop(priority % len(model.running))
             queue.put(job, status="SUCCESS")
     assert queue.next() == model.order()[:1]
     places = queue.queue.places([job for *_, job in model.waiting], 1000)
     assert sorted(places, key=places.__getitem__) == model.order()
     assert sorted(places.values()) == list(range(1, len(model.waiting) + 1))
+    assert queue.queue.another_waits() == any(urgency <= 0 for _, urgency, *_ in model.waiting)
+    states = {each: job.state for each, job in queue.queue.jobs([job for *_, job in model.waiting]).items()}
+    assert states == {job: JobState.RUNNING if urgency > 0 else JobState.QUEUED for _, urgency, _, job in model.waiting}
+
+
+def test_a_job_that_is_put_off_comes_after_all_others_but_does_not_wait_for_ever(queue: Queue) -> None:
+    queue.clear()
+    queue.post("put off", "a", 9, 1)
+    queue.put("put off", status="PENDING", executor_id=WORKER)
+    queue.queue.put_off(WORKER, "put off")
+    queue.post("new", "a", 0, 2)
+    assert queue.next() == ["new"]
+    queue.put("new", status="PENDING", executor_id=WORKER)
+    queue.post("newer", "b", 0, 3)
+    assert queue.next() == ["newer"]
+    queue.put("new", status="SUCCESS")
+    long_ago = round(1e3 * (time.time() - PUT_OFF_SECONDS))
+    queue.put("put off", updated_at=long_ago)
+    assert queue.next() == ["put off"]
 
 
 def test_whoever_tops_up_at_the_highest_priority_has_every_second_turn_and_no_more(queue: Queue) -> None:

@@ -10,15 +10,18 @@ from typing import Any
 import pytest
 
 from planners import read_task, solve
+from planners.cell.cell import ShippedCells
 from planners.contract.task_change import PatchOperation, changed
 from planners.contract.task_spec import PlateLiftTask, write_task
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Remedy
+from planners.planning import TaskSolver
 from planners.progress import Report, silent
 from planners.remedies.change import Effort, TaskChange
 from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, find_remedies
 from planners.scene.scene import build_scene
+from planners.scene.suction_tool import load_tools
 from tests.support.plan_shelf import PlanShelf
 from tests.support.samples import among
 
@@ -69,6 +72,24 @@ def test_the_summary_names_the_first_remedy(unsolved: tuple[dict[str, Any], Plan
 def test_remedies_are_left_out_where_nobody_wants_them() -> None:
     plan = solve(read_task(posted("pb1_weak_cup", {"options": {"remedies": False}})))
     assert plan.explanation.remedies is None
+
+
+@pytest.mark.parametrize("name", among(("lid_too_heavy", "pb1_weak_cup"), ["lid_too_heavy"]))
+def test_a_proof_is_told_before_remedies_and_given_them_later_as_it_would_have_been_then(name: str) -> None:
+    told: list[Plan] = []
+    solver, task = TaskSolver(ShippedCells(), load_tools()), read_task(posted(name, {}))
+
+    def enough(plan: Plan) -> bool:
+        told.append(plan)
+        return True
+
+    whole, early = solver.solve(task), solver.solve(task, on_certified=enough)
+    assert told == [early]
+    assert early.certificate is not None
+    assert early.certificate.passed
+    assert early.explanation.remedies is None
+    assert early.digest != whole.digest
+    assert solver.completed(Plan.read(early.write())).digest == whole.digest
 
 
 # The search for them, with planners that are told what to answer.

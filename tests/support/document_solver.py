@@ -16,12 +16,14 @@ from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, SolverRequest
 
 
-def solve(request: SolverRequest, _: object, certified: Callable[[Answer], None]) -> Answer:
+def solve(request: SolverRequest, _: object, certified: Callable[[Answer], bool]) -> Answer:
     folder, name = Path(sys.argv[1]), request.task["external_id"]
     document = {**json.loads((folder / f"{name}.json").read_text()), "id": request.id}
     simulating = folder / f"{name}.simulating"
     if simulating.exists():
-        certified(answer({**document, "simulation": None}))
+        before = answer({**document, "simulation": None})
+        if certified(before):
+            return before
     while simulating.exists():
         time.sleep(0.02)
     return answer(document)

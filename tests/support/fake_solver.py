@@ -2,9 +2,9 @@
 
 What it does is told by the task's `external_id`: `steps-5` takes five steps, `hang` never ends, `die` kills itself,
 `fail` raises, `eat` takes 64 GiB, `child` starts a process of its own and hangs; `infeasible` is answered so at once,
-anything else is solved. `simulate-5` is certified, and then simulated for five steps, `simulate-hang` for ever;
-`simulate-die` kills itself in the first simulation, `simulate-fail` raises in each. Documents tell who planned them.
-An argument `fail` has every task fail.
+`remedies-5` is, too, and then told what helps after five steps; anything else is solved. `simulate-5` is certified, and
+then simulated for five steps, `simulate-hang` for ever; `simulate-die` kills itself in the first simulation,
+`simulate-fail` raises in each. Documents tell who planned them. An argument `fail` has every task fail.
 """
 
 from __future__ import annotations
@@ -27,13 +27,18 @@ from workers.solver.protocol import Answer, SolverRequest
 STEP_SECONDS = 0.05
 
 
-def solve(request: SolverRequest, progress: Progress, certified: Callable[[Answer], None]) -> Answer:
+def solve(request: SolverRequest, progress: Progress, certified: Callable[[Answer], bool]) -> Answer:
     if request.certified is not None:
-        return simulated(json.loads(gzip.decompress(base64.b64decode(request.certified))), progress, again=True)
+        before = json.loads(gzip.decompress(base64.b64decode(request.certified)))
+        solved = before["outcome"] == "solved"
+        return simulated(before, progress, again=True) if solved else remedied(before, progress)
     document = planned(request, progress)
     if str(request.task.get("external_id")).startswith("simulate-"):
-        certified(Answer("solved", json.dumps({**document, "simulation": None}).encode()))
-        return simulated(document, progress, again=False)
+        before = Answer("solved", json.dumps({**document, "simulation": None}).encode())
+        return before if certified(before) else simulated(document, progress, again=False)
+    if str(request.task.get("external_id")).startswith("remedies-"):
+        before = Answer(document["outcome"], json.dumps(document).encode())
+        return before if certified(before) else remedied(document, progress)
     return Answer(document["outcome"], json.dumps(document).encode())
 
 
@@ -62,7 +67,7 @@ def planned(request: SolverRequest, progress: Progress) -> dict[str, Any]:
     return {
         "schema_version": "1.0",
         "id": request.id,
-        "outcome": "infeasible" if wish == "infeasible" else "solved",
+        "outcome": "infeasible" if wish == "infeasible" or wish.startswith("remedies-") else "solved",
         "process": os.getpid(),
         "task": request.task,
         "meshes": sorted(request.meshes or {}),
@@ -82,6 +87,15 @@ def simulated(document: dict[str, Any], progress: Progress, *, again: bool) -> A
         progress(Report("simulate", step + 1, steps))
         time.sleep(STEP_SECONDS)
     return Answer("solved", json.dumps({**document, "simulation": {"outcome": "lifted"}}).encode())
+
+
+def remedied(document: dict[str, Any], progress: Progress) -> Answer:
+    """Add what helps to a proof that there is no plan."""
+    steps = int(str(document["task"]["external_id"]).removeprefix("remedies-"))
+    for step in range(steps):
+        progress(Report("remedies", step + 1, steps))
+        time.sleep(STEP_SECONDS)
+    return Answer("infeasible", json.dumps({**document, "remedies": ["another place"]}).encode())
 
 
 if __name__ == "__main__":

@@ -74,7 +74,7 @@ class PlanShelf:
                 path.write_bytes(self._pipeline.answer(replace(request, id=NOBODY), progress).document)
         return path.read_bytes().replace(NOBODY.encode(), request.id.encode())
 
-    def answer(self, request: SolverRequest, progress: Progress, _: Callable[[Answer], None]) -> Answer:
+    def answer(self, request: SolverRequest, progress: Progress, _: Callable[[Answer], bool]) -> Answer:
         """Answer as a solver."""
         document = self.take(request, progress)
         return Answer(json.loads(document)["outcome"], document)

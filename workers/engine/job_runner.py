@@ -28,6 +28,8 @@ from workers.webhooks.runner import message
 
 CERTIFIED = "certified"
 """What events and messages call it that a plan is certified and can be fetched, while it is still simulated."""
+VERDICT = "verdict"
+"""What events call it that a proof that there is no plan can be fetched, while changes are tried that would help."""
 log = structlog.get_logger(__name__)
 
 
@@ -120,44 +122,44 @@ class JobRunner:
             if certified is not None:
                 # Somebody may have begun to follow that plan: it is simulated, and no other one takes its place.
                 request = replace(request, certified=base64.b64encode(certified).decode())
+            others = certified is None and await once_it_is_there(self._queue.another_waits)
+            request = replace(request, until_certified=others)
+            scale = ProgressScale.of(request.task, record.fraction)
             try:
-                document = await self._attempt(record, request)
+                document = await self._attempt(record, scale, request)
             except JobFailed as failure:
                 if not await once_it_is_there(self._store.mark_failed, plan_id, record.attempts, failure.why):
                     raise JobLeft(plan_id) from failure
                 log.warning("job failed", job_id=plan_id, why=failure.why, error=str(failure))
                 raise
+            if document is not None and not document.complete:
+                await once_it_is_there(self._keep_certified, record, scale, document)
+                await once_it_is_there(self._queue.put_off, self._settings.executor_name, plan_id)
+                log.info("job put off for others", job_id=plan_id, outcome=document.outcome)
+                # Not `JobLeft`, after which the engine asks for the job's result until there is one.
+                raise asyncio.CancelledError
             if document is not None:
                 if not await once_it_is_there(self._store.save_document, plan_id, record.attempts, document):
                     raise JobLeft(plan_id)
                 log.info("job solved", job_id=plan_id, outcome=document.outcome, bytes=len(document.gzip))
                 return document.outcome
 
-    async def _attempt(self, record: PlanRecord, request: SolverRequest) -> PackedDocument | None:
+    async def _attempt(self, record: PlanRecord, scale: ProgressScale, request: SolverRequest) -> PackedDocument | None:
         """Have a solver process try; None if it died and another one may try."""
-        plan_id, scale = record.id, ProgressScale.of(request.task, record.fraction)
-
-        def event(report: Report) -> PlanEvent:
-            fraction = round(scale.advance(report), 4)
-            return PlanEvent(
-                attempt=record.attempts, stage=report.name, done=report.done, total=report.total, fraction=fraction
-            )
+        plan_id = record.id
 
         async def show(report: Report) -> None:
             try:
-                await asyncio.to_thread(self._store.add_event, plan_id, event(report))
+                await asyncio.to_thread(self._store.add_event, plan_id, _event(record, scale, report))
             except SQLAlchemyError as loss:
                 # Whatever the database says, it is no reason to end a job: what the solver reports next tells more.
                 log.warning("progress not kept", job_id=plan_id, error=said_by(loss))
 
         async def show_certified(document: PackedDocument) -> None:
-            told = replace(event(Report("certify", 1, 1)), event=CERTIFIED, outcome=document.outcome)
-            body = message(record, CERTIFIED, JobState.RUNNING, document.outcome)
-            tell = partial(tell_certified, plan_id, body, partial(self._enqueue_message, plan_id))
             try:
-                await asyncio.to_thread(self._store.save_certified, plan_id, document, told, tell)
+                await asyncio.to_thread(self._keep_certified, record, scale, document)
             except SQLAlchemyError as loss:
-                # It is stored again with its simulation.
+                # It is stored again with what is added to it.
                 log.warning("certified plan not kept", job_id=plan_id, error=said_by(loss))
 
         limit = self._settings.solver_seconds
@@ -175,6 +177,20 @@ class JobRunner:
             if crashes >= self._settings.crash_limit:
                 raise JobFailed(f"given up after {crashes} attempts: {death}", "crashes") from death
             return None
+
+    def _keep_certified(self, record: PlanRecord, scale: ProgressScale, document: PackedDocument) -> None:
+        """Store a document that more will be added to, and tell of it."""
+        certified = _event(record, scale, Report("certify", 1, 1))
+        solved = document.outcome == "solved"
+        told = replace(certified, event=CERTIFIED if solved else VERDICT, outcome=document.outcome)
+
+        def tell(transaction: sa.Connection) -> None:
+            # Whoever asked to be told of certified plans goes on with them; where there is none the end is soon enough.
+            if solved:
+                body = message(record, CERTIFIED, JobState.RUNNING, document.outcome)
+                tell_certified(record.id, body, partial(self._enqueue_message, record.id), transaction)
+
+        self._store.save_certified(record.id, document, told, tell)
 
     def _enqueue_message(self, plan_id: str, transaction: sa.Connection, delivery_id: str) -> None:
         self._queue.enqueue_delivery(transaction, plan_id, delivery_id, number=1, pause=0.0)
@@ -205,3 +221,11 @@ class JobRunner:
             self._left.discard(solving)
             if self._solving.get(plan_id) is solving:
                 del self._solving[plan_id]
+
+
+def _event(record: PlanRecord, scale: ProgressScale, report: Report) -> PlanEvent:
+    """Return what is told of a report of a plan's solver."""
+    fraction = round(scale.advance(report), 4)
+    return PlanEvent(
+        attempt=record.attempts, stage=report.name, done=report.done, total=report.total, fraction=fraction
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -75,8 +76,9 @@ class Worker:
         self._examiners = ExaminerPool(studies)
         self._study_runner = StudyRunner(settings, queue, self._studies, parts, self._examiners)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
-        self._at_work: set[str] = set()
-        """The jobs that the engine has given to this process and has no result of yet."""
+        self._at_work = Counter[str]()
+        """The jobs that the engine has given to this process and has no result of yet; one may be begun while its last
+        run still ends."""
         self._telling: asyncio.Task[None] | None = None
         lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
         self._takeover = Takeover(settings, queue, lock, lambda: frozenset(self._at_work), lambda: supervisor.stuck)
@@ -201,11 +203,12 @@ class Worker:
 
     @contextmanager
     def _working_on(self, workflow_id: str) -> Iterator[None]:
-        self._at_work.add(workflow_id)
+        self._at_work[workflow_id] += 1
         try:
             yield
         finally:
-            self._at_work.discard(workflow_id)
+            self._at_work[workflow_id] -= 1
+            self._at_work += Counter()
 
     async def _leave_lost_jobs(self) -> None:
         """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""

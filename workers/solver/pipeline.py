@@ -96,18 +96,18 @@ class Pipeline:
                 yield cell, tool, settings.handovers
 
     def answer(
-        self, request: SolverRequest, progress: Progress, certified: Callable[[Answer], None] = lambda _: None
+        self, request: SolverRequest, progress: Progress, certified: Callable[[Answer], bool] = lambda _: False
     ) -> Answer:
-        """Return what `solve` finds as it is sent; `certified` gets it before it is simulated, if it shall be."""
+        """Return what `solve` finds as it is sent; `certified` gets it before, as it does there."""
         return _answer(self.solve(request, progress, lambda plan: certified(_answer(plan))))
 
     def solve(
-        self, request: SolverRequest, progress: Progress, certified: Callable[[Plan], None] = lambda _: None
+        self, request: SolverRequest, progress: Progress, certified: Callable[[Plan], bool] = lambda _: False
     ) -> Plan:
-        """Return the certified and simulated plan of a task, or the one that says why there is none.
+        """Return the certified and simulated plan of a task, or the one that says why there is none and what to change.
 
-        That nothing was found is no claim: such a plan has the certificate None. A plan that is going to be simulated
-        is handed to `certified` before.
+        That nothing was found is no claim: such a plan has the certificate None. What is certified, and is going to be
+        simulated or to be given remedies, is handed to `certified` before, which says whether to stop there.
 
         Raises:
             SceneError, pydantic.ValidationError: The task is not one that can be planned.
@@ -117,7 +117,7 @@ class Pipeline:
         solver = replace(self.solver, cells=cells_of(request, task.cell, self.solver.cells))
         if request.certified is not None:
             plan = Plan.read(gzip.decompress(base64.b64decode(request.certified)))
-            return solver.simulated(plan, uploads, progress)
+            return solver.completed(plan, uploads, progress)
         try:
             return solver.solve(task, request.id, uploads, progress, certified)
         except CertificateFailed as failure:

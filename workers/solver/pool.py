@@ -9,7 +9,7 @@ import signal
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import structlog
@@ -124,7 +124,8 @@ class SolverProcess:
     ) -> PackedDocument:
         """Hand over a request and wait for its document; then, or after a fault, the process gets ready again.
 
-        `on_certified` is given the document before, as soon as it is certified, if it is simulated after that.
+        `on_certified` is given the document before, as soon as it is certified, if more is added to it after that.
+        Where the request says `until_certified` that document is returned, as one that is not complete.
 
         Raises:
             SolverDied: It ended before.
@@ -139,6 +140,8 @@ class SolverProcess:
                 await on_report(message.progress)
             elif message.certified is not None:
                 certified = await self._receive_document(message.certified)
+                if request.until_certified:
+                    return replace(certified, complete=False)
                 if on_certified is not None:
                     await on_certified(certified)
             elif message.document is not None:
@@ -245,7 +248,7 @@ class SolverPool:
             request: what is to be solved.
             on_report: told of progress.
             most_seconds: so long the solver may take, from when it is ready [s]; None: as long as it likes.
-            on_certified: given the document once it is certified, if it is simulated after that.
+            on_certified: given the document once it is certified, if more is added to it after that.
 
         Raises:
             SolverDied: The process ended before.

@@ -49,8 +49,9 @@ PARTS = ("plate_lift", "suction_tool")
 GZIP_LEVEL = 3
 """Documents shrink to a fifth at this level in about a tenth of the time of the highest one."""
 
-Solve = Callable[[SolverRequest, Progress, Callable[[Answer], None]], Answer]
-"""Answers a request, telling its progress, and its answer before it is simulated, if it shall be."""
+Solve = Callable[[SolverRequest, Progress, Callable[[Answer], bool]], Answer]
+"""Answers a request, telling its progress, and its answer as soon as that is certified, if more is to be added to it;
+what is told of that says whether to stop there."""
 
 
 class ThreadsAlive(LiftwrightError):
@@ -269,13 +270,19 @@ def _dying_with_the_worker() -> Iterator[None]:
 
 def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
     """Hand over the document of a request."""
+    ended = False
 
-    def send_certified(answer: Answer) -> None:
+    def send_certified(answer: Answer) -> bool:
+        nonlocal ended
         header, packed = _packed(answer)
         channel.send(Message(certified=header), packed)
+        ended = request.until_certified
+        return ended
 
-    header, packed = _packed(solve(request, ThrottledReports(channel), send_certified))
-    channel.send(Message(document=header), packed)
+    answer = solve(request, ThrottledReports(channel), send_certified)
+    if not ended:
+        header, packed = _packed(answer)
+        channel.send(Message(document=header), packed)
 
 
 def _packed(answer: Answer) -> tuple[DocumentHeader, bytes]:

@@ -33,6 +33,8 @@ STAGE_SHARES: Mapping[str, Mapping[str, float]] = {
 
 Graphs and motion of a suction tool are found in turns with its regrasps and are not counted apart.
 """
+ADDED = {"remedies": "simulate"}
+"""What is added to a verdict: remedies where there is no plan, in place of the simulation of one."""
 CUP_PLACES_SHARE = 0.4
 """About how much of a job's time trying places of the cup takes, after the scene, where a task leaves it open [1]."""
 UNCOUNTED_HALF = 20.0
@@ -66,6 +68,7 @@ class ProgressScale:
     def advance(self, report: Report) -> float:
         """Take a report and return the fraction of the whole, 0 … 1."""
         stage, done, total, name = report
+        stage = ADDED.get(stage, stage)
         if stage in self._shares:
             stages = list(self._shares)
             before = sum(self._shares[earlier] for earlier in stages[: stages.index(stage)])

@@ -16,12 +16,14 @@ from workers.stores.jobs import (
     DELAYED,
     ENQUEUED,
     HIGHEST_PRIORITY,
+    PUT_OFF,
     QUEUED,
     RUNNING,
     STATE_OF_STATUS,
     Job,
     JobState,
     input_table,
+    state_of,
     together,
     workflow_table,
 )
@@ -45,6 +47,8 @@ TIMED = (JobState.SUCCEEDED, JobState.FAILED)
 """How jobs end that were not stopped."""
 TURNS_REMEMBERED = 200
 """Of so many jobs that were begun last it is known whose they were [1]; more owners than that take less even turns."""
+PUT_OFF_SECONDS = 60.0
+"""A job that was put off for so long takes its turn like any other [s]."""
 JOBS_TIMED = 50
 """From so many jobs that were begun last it is told how long one takes [1]."""
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
@@ -196,9 +200,9 @@ class JobQueue:
         """Return the jobs of `plan_ids`; one that does not exist is left out."""
         if not plan_ids:
             return {}
-        columns = (self._jobs.c.workflow_uuid, self._jobs.c.status, self._jobs.c.updated_at)
+        columns = (self._jobs.c.workflow_uuid, self._jobs.c.status, self._jobs.c.priority, self._jobs.c.updated_at)
         rows = self._database.rows(sa.select(*columns).where(self._jobs.c.workflow_uuid.in_(plan_ids)))
-        states = {row.workflow_uuid: STATE_OF_STATUS[row.status] for row in rows}
+        states = {row.workflow_uuid: state_of(row.status, row.priority or 0) for row in rows}
         errors = self._errors([plan_id for plan_id, state in states.items() if state is JobState.FAILED])
         return {
             row.workflow_uuid: _job(states[row.workflow_uuid], row.updated_at, errors.get(row.workflow_uuid))
@@ -298,6 +302,11 @@ class JobQueue:
         return job.in_(sa.select(waiting.c.workflow_uuid).where(waiting.c.place == 1))
 
     @property
+    def _no_verdict(self) -> sa.ColumnElement[bool]:
+        """What holds of jobs that have never been put off."""
+        return self._jobs.c.priority <= PUT_OFF
+
+    @property
     def _due(self) -> sa.ColumnElement[bool]:
         """What holds of jobs that may be begun, or run."""
         # As the engine's partial indexes have it, word for word: SQLite uses them for nothing else.
@@ -309,6 +318,7 @@ class JobQueue:
 
         Owners take turns: a job comes as many rounds later as its owner has jobs that run, or wait before it. Within a
         round the owner comes first whose last job was begun longest ago. All of it is read from the engine's indexes.
+        Jobs that are put off come after all others, but not for ever.
         """
         jobs, begun = self._jobs, self._jobs.alias("begun")
         of_owner = [jobs.c.priority, jobs.c.created_at, jobs.c.workflow_uuid]
@@ -317,6 +327,9 @@ class JobQueue:
                 jobs.c.workflow_uuid,
                 jobs.c.created_at,
                 jobs.c.queue_partition_key.label("owner"),
+                sa.and_(sa.not_(self._no_verdict), jobs.c.updated_at > _now_ms() - round(1e3 * PUT_OFF_SECONDS)).label(
+                    "put_off"
+                ),
                 sa.func.row_number().over(partition_by=jobs.c.queue_partition_key, order_by=of_owner).label("ahead"),
             )
             .where(self._due, jobs.c.status == ENQUEUED)
@@ -346,6 +359,7 @@ class JobQueue:
             return sa.func.coalesce(other.c.owner, nobody) == sa.func.coalesce(waiting.c.owner, nobody)
 
         turn = [
+            waiting.c.put_off,
             sa.func.coalesce(running.c.number, 0) + waiting.c.ahead,
             sa.func.coalesce(last.c.begun_ms, 0),
             waiting.c.created_at,
@@ -367,6 +381,26 @@ class JobQueue:
             found.setdefault(row.executor_id, set()).add(row.workflow_uuid)
         return found
 
+    def another_waits(self) -> bool:
+        """Return whether any job that may be begun has no verdict yet."""
+        waiting = sa.select(sa.literal(1)).where(self._due, self._jobs.c.status == ENQUEUED, self._no_verdict)
+        return bool(self._database.scalar(sa.select(waiting.exists())))
+
+    def put_off(self, worker: str, plan_id: str) -> None:
+        """Put a job whose verdict is known back into the queue, if it still belongs to `worker`.
+
+        It comes after all jobs that have no verdict yet, or when it has waited for `PUT_OFF_SECONDS`. Whoever runs it
+        at that moment no longer owns it, as after `begin_anew`.
+        """
+        mine = sa.and_(
+            self._jobs.c.workflow_uuid == plan_id,
+            self._jobs.c.status == RUNNING,
+            self._jobs.c.executor_id == worker,
+        )
+        changes = {"status": ENQUEUED, "owner_xid": None, "recovery_attempts": 0, "updated_at": _now_ms()}
+        later = sa.case((self._no_verdict, self._jobs.c.priority + PUT_OFF), else_=self._jobs.c.priority)
+        self._database.write(sa.update(self._jobs).where(mine).values(**changes, priority=later))
+
     def begin_anew(self, worker: str, plan_ids: Collection[str]) -> int:
         """Put running jobs back into the queue if they still belong to `worker`, and return how many did.
 
@@ -381,7 +415,7 @@ class JobQueue:
                 self._jobs.c.status == RUNNING,
                 self._jobs.c.executor_id == worker,
             )
-            .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=time.time_ns() // 1_000_000)
+            .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=_now_ms())
         )
         with self._database.engine.begin() as transaction:
             number = transaction.execute(taken).rowcount
@@ -399,6 +433,10 @@ class JobQueue:
     def _count(self, state: sa.ColumnElement[bool], most: int) -> sa.ScalarSelect[int]:
         found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
         return sa.select(sa.func.count()).select_from(found.limit(most).subquery()).scalar_subquery()
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
 
 
 def part_workflow_id(study_id: str, part: int) -> str:

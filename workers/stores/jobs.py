@@ -13,6 +13,8 @@ from enum import Enum
 import sqlalchemy as sa
 
 HIGHEST_PRIORITY = 9
+PUT_OFF = 100
+"""Is added to the engine's priority of a job whose verdict is known, and that waits for the rest of its answer."""
 
 POSTGRES_SCHEMA = "dbos"
 ENQUEUED = "ENQUEUED"
@@ -73,7 +75,25 @@ STATE_OF_STATUS = {
     GIVEN_UP: JobState.FAILED,
     CANCELLED: JobState.CANCELLED,
 }
-"""What the engine's words for the status of a workflow mean."""
+"""What the engine's words for the status of a workflow mean, unless its job is put off."""
+
+
+def state_of(status: str, priority: int) -> JobState:
+    """Return where a job stands, by what the engine has of it; one that is put off runs, whoever looks at it."""
+    return JobState.RUNNING if status == ENQUEUED and priority > PUT_OFF else STATE_OF_STATUS[status]
+
+
+def in_state(jobs: sa.TableClause, state: JobState) -> sa.ColumnElement[bool]:
+    """Return what holds of jobs in a state, in the engine's table."""
+    put_off = sa.and_(jobs.c.status == ENQUEUED, jobs.c.priority > PUT_OFF)
+    meant = jobs.c.status.in_([status for status, means in STATE_OF_STATUS.items() if means is state])
+    match state:
+        case JobState.QUEUED:
+            return sa.and_(meant, sa.not_(put_off))
+        case JobState.RUNNING:
+            return sa.or_(meant, put_off)
+        case _:
+            return meant
 
 
 @dataclass(frozen=True)

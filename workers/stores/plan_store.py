@@ -23,9 +23,9 @@ from workers.stores.jobs import (
     GIVEN_UP,
     QUEUED,
     RUNNING,
-    STATE_OF_STATUS,
     JobOrder,
     JobState,
+    in_state,
     workflow_table,
 )
 from workers.stores.tables import (
@@ -56,6 +56,8 @@ class PackedDocument:
     gzip: bytes
     stages: Sequence[tuple[str, float]] = ()
     """Name and seconds of each; one that several objects went through is there for each."""
+    complete: bool = True
+    """Whether nothing will be added to it; else its simulation, or remedies, are still to come."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class PlanRecord:
     fraction: float
     """How much is done, 0 … 1; never falls."""
     outcome: str | None
-    """Of the document, if there is one; it counts once the job has succeeded."""
+    """Of the document, if there is one."""
     work_master: str | None
     priority: int
     start_us: int | None
@@ -128,9 +130,8 @@ class PlanFilter:
         state = JobState.SUCCEEDED if self.outcome is not None and self.state is None else self.state
         if state is not None:
             jobs = workflow_table(dialect)
-            statuses = [status for status, meant in STATE_OF_STATUS.items() if meant is state]
             job = sa.select(jobs.c.workflow_uuid).where(jobs.c.workflow_uuid == PLANS.c.id)
-            yield job.where(jobs.c.status.in_(statuses)).exists()
+            yield job.where(in_state(jobs, state)).exists()
 
 
 @dataclass(frozen=True, eq=False)
@@ -483,13 +484,13 @@ class PlanStore:
         event: PlanEvent,
         tell: Callable[[sa.Connection], None],
     ) -> None:
-        """Store the document of a certified plan that is still to be simulated, until `save_document` replaces it.
+        """Store a certified document that more will be added to, until `save_document` replaces it.
 
         Nothing happens unless the event's `attempt` is the newest, all of it or nothing.
 
         Args:
             plan_id: of which plan.
-            document: without a simulation.
+            document: without a simulation, or without remedies.
             event: as for `add_event`; appended.
             tell: has whoever wants to know be told, in the same transaction.
         """
@@ -497,7 +498,8 @@ class PlanStore:
             if not _add_event(transaction, plan_id, event):
                 return
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
-            stored = _document(plan_id, document).values(certified_us=now_us(), awaits_simulation=True)
+            certified_us = now_us() if document.outcome == "solved" else None
+            stored = _document(plan_id, document).values(certified_us=certified_us, awaits_simulation=True)
             transaction.execute(stored)
             tell(transaction)
 
@@ -527,7 +529,7 @@ class PlanStore:
         return self._database.scalar(sa.select(DOCUMENTS.c.outcome).where(final))
 
     def certified(self, plan_id: str) -> bytes | None:
-        """Return the document, as gzip, of a certified plan that is still to be simulated; None: there is none."""
+        """Return the certified document, as gzip, that more will be added to; None: there is none."""
         awaiting = sa.and_(DOCUMENTS.c.plan_id == plan_id, DOCUMENTS.c.awaits_simulation)
         return self._database.scalar(sa.select(DOCUMENTS.c.gzip).where(awaiting))
 

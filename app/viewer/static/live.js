@@ -325,7 +325,7 @@ function showList(newest) {
   const mine = plans.find(({ id }) => id === wanted) ?? (posted?.id === wanted ? posted : null);
   if (!mine || faulty === wanted || connection.busy) return;
   if (loaded === wanted) followSimulation(mine);
-  else if (mine.state === "succeeded" || mine.certified_at) choose(wanted);
+  else if (mine.state === "succeeded" || mine.verdict) choose(wanted);
   else {
     player.close(nameOf(mine));
     say(...whyNot(mine));
