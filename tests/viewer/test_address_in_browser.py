@@ -27,10 +27,11 @@ def document(shelf: PlanShelf) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def folder(document: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(document: dict[str, Any], shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return where the service's solver finds its documents."""
     folder = tmp_path_factory.mktemp("documents")
     (folder / "ab1.json").write_text(json.dumps(document))
+    (folder / "pb1_weak_cup.json").write_text(json.dumps(shelf.document(task("pb1_weak_cup.json"))))
     return folder
 
 
@@ -89,6 +90,23 @@ def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simul
     simulating.unlink()
     window.wait_for_function("player.description?.simulation")
     assert window.evaluate("[player.time, player.sourceName, simulating]") == [2.5, "plan", False]
+
+
+def test_a_proof_is_shown_at_once_and_what_to_change_once_that_is_known(
+    window: Page, service: ServiceProcess, folder: Path
+) -> None:
+    trying = folder / "pb1_weak_cup.simulating"
+    trying.touch()
+    with service.client() as client:
+        plan = client.post("/v1/plans", json=task("pb1_weak_cup.json", external_id="pb1_weak_cup")).json()
+    window.goto("about:blank")
+    window.goto(f"{service.address}/viewer/?plan={plan['id']}")
+    wait_for_plan(window, "pb1_weak_cup")
+    assert window.get_by_text("Changes are being tried").is_visible()
+    window.wait_for_function("simulating")
+    trying.unlink()
+    window.locator(".remedies li").first.wait_for()
+    assert not window.get_by_text("Changes are being tried").count()
 
 
 def test_the_address_follows_time_and_view(window: Page, address: str) -> None:

@@ -81,6 +81,8 @@ connection.onplan = (description) => {
   if (description.id !== wanted) return;
   loaded = description.id;
   [bare, simulating] = [!description.simulation, false];
+  // What can be shown already may still lack its simulation, or what to change.
+  description.pending = plans.some(({ id, done }) => id === wanted && !done);
   say();
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);

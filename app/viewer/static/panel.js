@@ -92,7 +92,8 @@ class Panel {
   }
 
   /** Where there is no plan: what to change, each with what came of planning it, and a button that has it planned. */
-  remedies({ outcome, remedies }) {
+  remedies({ outcome, remedies, pending }) {
+    if (outcome !== "solved" && !remedies && pending) return [heading("What to change"), quiet("Changes are being tried …")];
     if (outcome === "solved" || !remedies) return [];
     const items = remedies.map(({ sentence, figures, task }) => {
       const item = element("li", {}, element("b", { textContent: sentence }), element("small", { textContent: figures }));
@@ -140,8 +141,8 @@ class Panel {
     return [heading("Segments"), element("div", { className: "scroll", tabIndex: 0 }, table), quiet("s: when it begins. N: the most that a hand bears. %: the least share of all limits that is kept back.")];
   }
 
-  executed({ simulation }) {
-    if (!simulation) return [quiet("This plan was not simulated.")];
+  executed({ simulation, pending }) {
+    if (!simulation) return [quiet(pending ? "This plan is being simulated …" : "This plan was not simulated.")];
     const verdict = element("p", { className: `verdict ${simulation.good ? "good" : "bad"}` },
       element("b", { textContent: simulation.words }), simulation.sentence);
     const model = element("ul", { className: "model" }, ...simulation.model.map((words) => element("li", { textContent: words })));
