@@ -49,6 +49,7 @@ def summarise(plan: Plan) -> str:
         "segments": f"{len(plan.segments)}, {plan.duration:.1f} s of motion",
         "largest force": f"{force:.1f} N ({arm} hand)" if arm else "no hand bears anything",
         **_reserve(plan),
+        **_joint_torque(plan),
         "planning time": "not told" if total is None else f"{total - certifying - simulating:.2f} s",
         "certificate": _certificate(plan, certifying),
         "simulation": _simulated(plan, simulating),
@@ -88,6 +89,21 @@ def _reserve(plan: Plan) -> dict[str, str]:
         return {}
     least, time = found
     return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s)"}
+
+
+def least_torque(plan: Plan) -> tuple[float, str] | None:
+    """Return what is left of a joint's largest torque where that is least, as a share of it [1], and where.
+
+    None: the certificate does not tell, or there is none.
+    """
+    checks = () if plan.certificate is None else plan.certificate.checks
+    told = ((check.share_left, str(check.where)) for check in checks if check.share_left is not None)
+    return next(told, None)
+
+
+def _joint_torque(plan: Plan) -> dict[str, str]:
+    found = least_torque(plan)
+    return {} if found is None else {"joint torque": f"{found[0]:.2f} left ({found[1]})"}
 
 
 def _cup_place(plan: Plan) -> dict[str, str]:

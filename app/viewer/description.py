@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import JsonValue, PlainSerializer
 
 from app.check_words import PROOF, words_of_check
-from app.summary import figures_of, least_reserve, reason_of
+from app.summary import figures_of, least_reserve, least_torque, reason_of
 from app.viewer.charts import (
     DIGITS,
     PERCENT,
@@ -163,6 +163,8 @@ class LeastReserveDescription(StrictModel):
     """What would give way, and what be lost."""
     where: str
     time: Seconds
+    torque: str
+    """What is left of a joint's largest torque where that is least, and where; empty where that is not told."""
 
 
 class LegendEntry(StrictModel):
@@ -437,7 +439,7 @@ def _least_reserve(plan: Plan, segments: Sequence[SegmentDescription]) -> LeastR
     found = least_reserve(plan)
     if found is None:
         return None
-    least, time = found
+    (least, time), torque = found, least_torque(plan)
     options = plan.task.options
     asked = options.reserve if "reserve" in options.model_fields_set else 0.0
     return LeastReserveDescription(
@@ -446,6 +448,7 @@ def _least_reserve(plan: Plan, segments: Sequence[SegmentDescription]) -> LeastR
         of=f"{plain(least.limited_by)}: {plain(least.body)} would be lost",
         where=f"segment {least.segment + 1}: {segments[least.segment].words}",
         time=time,
+        torque="" if torque is None else f"Joint torque: {PERCENT * torque[0]:.1f} % left, {plain(torque[1])}",
     )
 
 

@@ -133,6 +133,8 @@ class Check(StrictModel):
     unit: str | None
     where: JsonValue = None
     """The worst place: segment, time or sample, and the joint, bodies or contact."""
+    share_left: Finite | None = None
+    """What is left there of the limit itself, as a share of it [1]; told of joint torques."""
 
 
 class Certificate(StrictModel):

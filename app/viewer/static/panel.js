@@ -110,7 +110,7 @@ class Panel {
     const button = element("button", { id: "least-reserve", title: "Go there", onclick: () => this.visit(least.time) },
       element("b", { textContent: `${least.value} at ${least.time.toFixed(1)} s` }), element("span", { textContent: least.asked }),
       element("span", { textContent: least.of }), element("small", { textContent: least.where }));
-    return [heading("Smallest reserve"), button];
+    return [heading("Smallest reserve"), button, ...(least.torque ? [quiet(least.torque)] : [])];
   }
 
   layers() {

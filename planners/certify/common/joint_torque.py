@@ -7,8 +7,10 @@ it holds, by its contacts. What bodies weigh and what moving them takes is in th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -46,6 +48,8 @@ class _Weighed:
 def torque_check(evidence: Evidence) -> Check:
     """Check |torque| of each joint at every sample against its largest torque, less a part of it.
 
+    The worst place is where the smallest share of a joint's largest torque is left.
+
     Documents of 0.1.0 state neither masses of links nor torques: those of the known cell of that name are taken.
     """
     arms = {arm: _weighed(evidence, arm) for arm in ARMS}
@@ -53,18 +57,28 @@ def torque_check(evidence: Evidence) -> Check:
     if unknown:
         where = f"not checked: masses and largest torques are not stated of the {' and the '.join(unknown)} arm"
         return Check(name=NAME, passed=True, margin=None, unit="Nm", where=where)
-    finding = Finding(NAME, "Nm")
+    finding, reserve = Finding(NAME, "1"), evidence.settings.torque_reserve
+    most = 1.0
+    """Of the joint at the worst place [Nm]."""
+
+    def place(sample: int, joint: int, motion: SegmentMotion, first: int, torque_max: Array) -> str:
+        nonlocal most
+        most = float(torque_max[joint])
+        return f"{motion.segment.place(sample)}: {JOINT_NAMES[first + joint]}"
+
     for motion in evidence.motions:
         for number, (arm, weighed) in enumerate(arms.items()):
             assert weighed is not None
             columns = slice(6 * number, 6 * number + 6)
             held = _unladen(weighed.dynamics, motion, columns)
             torques = np.max([np.abs(held + exerting) for exerting in _exerting(evidence.plan, motion, arm)], axis=0)
-            finding.note_all(
-                (1.0 - evidence.settings.torque_reserve) * weighed.torque_max - torques,
-                lambda i, j, m=motion, first=6 * number: f"{m.segment.place(i)}: {JOINT_NAMES[first + j]}",
-            )
-    return finding.check()
+            left = 1.0 - reserve - torques / weighed.torque_max
+            finding.note_all(left, partial(place, motion=motion, first=6 * number, torque_max=weighed.torque_max))
+    share = finding.check()
+    if share.margin is None:
+        return share
+    margin = share.margin * most if math.isfinite(share.margin * most) else share.margin
+    return share.model_copy(update={"margin": margin, "unit": "Nm", "share_left": share.margin + reserve})
 
 
 def _weighed(evidence: Evidence, arm: ArmName) -> _Weighed | None:
