@@ -207,6 +207,16 @@ def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
     certificate: dict[str, Any] | None,
 ) -> None:
     least = {"value": 0.1234, "limited_by": "cup", "body": "plate", "segment": 1, "sample": 2}
+    if certificate is not None:
+        torque = {
+            "name": "joint torque",
+            "passed": True,
+            "margin": 3.0,
+            "unit": "Nm",
+            "where": "an elbow",
+            "share_left": 0.3,
+        }
+        certificate = {**certificate, "checks": [torque]}
     plan = _plan(
         segments=[segment(begin, 3, time=[begin, begin + 3.3, begin + 3.55]) for begin in (0.0, 3.7)],
         certificate=certificate,
@@ -214,6 +224,7 @@ def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
     )
     lines = summarise(plan).splitlines()
     assert "reserve:        0.12 (cup, 7.2 s)" in lines
+    assert ("joint torque:   0.30 left (an elbow)" in lines) == (certificate is not None)
     (told,) = (line for line in lines if line.startswith("certificate:"))
     passed = certificate is not None and certificate["passed"]
     assert ("passed" in told, is_certified(plan)) == (passed, passed)

@@ -102,3 +102,12 @@ def test_a_reserve_below_what_was_asked_for_says_so(planned: dict[str, Any], ask
     least = described(planned)["least_reserve"]
     assert least["asked"] == told
     assert least["time"] == pytest.approx(1.3)
+    assert least["torque"] == ""
+
+
+def test_beside_the_smallest_reserve_it_is_told_of_which_joints_torque_least_is_left(planned: dict[str, Any]) -> None:
+    least = {"value": 0.2, "limited_by": "cup: pull", "body": "plate", "segment": 1, "sample": 3}
+    planned["statistics"]["reserve"] = least
+    check = {"name": "joint torque", "passed": True, "margin": 2.0, "unit": "Nm", "where": "left_elbow_joint"}
+    planned["certificate"] = {"passed": True, "checks": [{**check, "share_left": 0.125}]}
+    assert described(planned)["least_reserve"]["torque"] == "Joint torque: 12.5 % left, left elbow joint"
