@@ -18,6 +18,7 @@ from support.service import task
 
 from planners.cell.cell import load_cell
 from planners.certify import Certificate, Check
+from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.solid_mesh import take_mesh
 from planners.plan.plan import Plan
@@ -33,19 +34,21 @@ CELLS = {"dual_ur3e_lift": load_cell("dual_ur3e_lift")}
 REQUEST = SolverRequest("p1", task())
 
 
-def a_plan(*_: Any) -> Plan:
+def a_plan(planned: Any = None, *_: Any) -> Plan:
     statistics = Statistics(
         total_seconds=0.0, stages=[StageTime(name="search", seconds=1.0)], graph={}, search={}, rejections={}
     )
     cell = CELLS["dual_ur3e_lift"].document()
-    return Plan.model_construct(outcome="solved", cell=cell, segments=[], statistics=statistics)
+    return Plan.model_construct(
+        outcome="solved", task=planned or read_task(task()), cell=cell, segments=[], statistics=statistics
+    )
 
 
 NO_REMEDIES = SolverRequest("p1", task(options={"remedies": False}))
 
 
-def nothing(*_: Any) -> Plan:
-    return a_plan().model_copy(update={"outcome": "not_found"})
+def nothing(planned: Any, *_: Any) -> Plan:
+    return a_plan(planned).model_copy(update={"outcome": "not_found"})
 
 
 def certificate_with(**check: Any) -> Certificate:

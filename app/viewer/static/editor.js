@@ -394,11 +394,12 @@ class Editor {
   /** Tell how a plan comes on, until it has ended or another one is asked for. */
   async follow(plan) {
     [this.plan, this.running] = [plan.id, plan.links.cancel];
-    while (this.plan === plan.id) {
-      const { state, done, progress, outcome, error, links } = plan;
+    for (let shown = null; this.plan === plan.id;) {
+      const { state, done, progress, outcome, verdict, error, links } = plan;
+      const stage = verdict === "solved" ? "In physics" : verdict ? "There is no plan; trying changes" : `Planning: ${(progress.stage ?? "begins").replaceAll("_", " ")}`;
       byId("plan-progress").value = progress.fraction;
       byId("plan-progress").hidden = done;
-      byId("plan-status").textContent = done ? "" : state === "queued" ? "Waiting for its turn" : `Planning: ${(progress.stage ?? "begins").replaceAll("_", " ")}, ${Math.round(100 * progress.fraction)} %`;
+      byId("plan-status").textContent = done ? "" : state === "queued" ? "Waiting for its turn" : `${stage}, ${Math.round(100 * progress.fraction)} %`;
       byId("plan-links").replaceChildren(...(done ? this.linksOf(plan) : [element("button", { textContent: "Cancel", onclick: () => fetch(links.cancel, { method: "POST" }) })]));
       if (done) {
         this.running = null;
@@ -407,6 +408,9 @@ class Editor {
         if (outcome) this.lastPlan = plan.id;
         return;
       }
+      // What is known already is shown, and once more when everything is.
+      if (verdict && !shown) this.connection.send({ type: "path", plan: plan.id });
+      shown = verdict;
       await new Promise((wait) => setTimeout(wait, POLL_MILLISECONDS));
       const answer = await fetch(links.self);
       if (answer.ok) plan = await answer.json();
