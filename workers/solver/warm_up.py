@@ -8,8 +8,8 @@ from __future__ import annotations
 import ast
 import hashlib
 import os
+import pickle
 import platform
-import re
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
@@ -19,8 +19,10 @@ from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numba
 import structlog
 from llvmlite import binding
+from numba.core import serialize
 from numba.core.caching import UserProvidedCacheLocator
 
 from planners.contract.strict_model import parsed
@@ -105,10 +107,7 @@ def _compile(settings: WorkerSettings, caches: Mapping[tuple[str, ...], str]) ->
 def keep_kernels(
     caches: Sequence[Path], packages: tuple[Path, ...] = KERNEL_FOLDERS, cache_dir: str | None = None
 ) -> None:
-    """Copy kernels that several processes compiled to where the compiler looks for them.
-
-    Of a kernel that more than one of them compiled, that of most signatures is kept: the others' are compiled when they
-    are asked for.
+    """Copy kernels that several processes compiled to where the compiler looks for them: all signatures of each.
 
     Args:
         caches: where each process kept its own.
@@ -118,23 +117,33 @@ def keep_kernels(
     kept_apart = os.environ.get(CACHE_VARIABLE) if cache_dir is None else cache_dir
     for source in {path.parent for package in packages for path in package.rglob("*.py")}:
         name = UserProvidedCacheLocator.get_suitable_cache_subpath(str(source / "any.py"))
-        kept: dict[str, list[Path]] = {}
-        for cache in caches:
-            kernels: dict[str, list[Path]] = {}
-            for path in _compiled(cache / name):
-                kernels.setdefault(_kernel_of(path), []).append(path)
-            kept |= {kernel: files for kernel, files in kernels.items() if len(files) > len(kept.get(kernel, ()))}
-        if kept:
-            target = Path(kept_apart) / name if kept_apart else source / "__pycache__"
-            target.mkdir(parents=True, exist_ok=True)
-            # An index comes after all code that it names.
-            for path in sorted(chain.from_iterable(kept.values()), key=lambda file: _SUFFIXES.index(file.suffix)):
-                shutil.copy2(path, target / path.name)
+        target = Path(kept_apart) / name if kept_apart else source / "__pycache__"
+        for index in chain.from_iterable(sorted((cache / name).glob("*.nbi")) for cache in caches):
+            _keep_signatures(index, target)
 
 
-def _kernel_of(path: Path) -> str:
-    """Return the name of a compiled file without what tells its signatures apart."""
-    return re.sub(r"(\.\d+)?\.nb[ic]$", "", path.name)
+def _keep_signatures(index: Path, target: Path) -> None:
+    """Copy the code of each signature in an index of the compiler's to a folder, if that has none of it yet."""
+    stamp, compiled = _read_index(index)
+    kept_index = target / index.name
+    kept_stamp, kept = _read_index(kept_index) if kept_index.exists() else (stamp, {})
+    if kept_stamp != stamp:
+        kept = {}
+    target.mkdir(parents=True, exist_ok=True)
+    # Both processes number theirs from one.
+    for signature in [each for each in compiled if each not in kept]:
+        kept[signature] = f"{index.stem}.{len(kept) + 1}.nbc"
+        shutil.copy2(index.with_name(compiled[signature]), target / kept[signature])
+    # An index comes after all code that it names.
+    kept_index.write_bytes(pickle.dumps(numba.__version__, protocol=-1) + serialize.dumps((stamp, kept)))
+
+
+def _read_index(path: Path) -> tuple[object, dict[object, str]]:
+    """Return an index of the compiler's: what it knows the source by, and the file of each signature's code."""
+    with path.open("rb") as file:
+        # Processes of ours have just written it.
+        pickle.load(file)  # noqa: S301
+        return pickle.loads(file.read())  # noqa: S301
 
 
 def is_warm(settings: WorkerSettings) -> bool:
