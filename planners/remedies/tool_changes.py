@@ -43,6 +43,10 @@ _OTHER_CUPS = (0.8, 0.6, 1.25)
 """How many times the cup's radius [1]."""
 _CUP_REASONS = ("heavier than the cup", "large as the pad", "can sit", "peel", "bends")
 """Words of causes for which another cup may help."""
+_WEIGHT_REASONS = ("heavier than", "more of one hand")
+"""Words of causes that tell a weight [N] and what bears it."""
+_LIGHTER = (1.0, 0.9, 0.75, 0.6)
+"""How much of what is borne an object weighs, the heaviest first [1]."""
 
 
 class ToolChanges:
@@ -65,7 +69,8 @@ class ToolChanges:
         self._directions = Directions(table - bases.mean(axis=0))
         self._middle, self._table_top = bases.mean(axis=0), scene.cell.table_top
         self._reach = min(arm.robot.reach for arm in scene.cell.arms.values())
-        explanation = failed.explanation
+        self._gravity = float(np.linalg.norm(scene.cell.gravity))
+        self._explanation = explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
         named = [each for each in task.objects if self._names(each.name)]
         self._objects = [(task.objects.index(each), each) for each in named or task.objects]
@@ -83,7 +88,7 @@ class ToolChanges:
         if max(starts, goals) > _NEARER[0] * self._reach:
             far_off = [goals_moved] if goals >= starts else [starts_moved, goals_moved]
             places = [kind for kind in places if kind not in far_off]
-        rest = [self._tool(), self._limits(), self._aside()]
+        rest = [self._tool(), self._limits(), self._aside(), self._lighter()]
         first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
         others = [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
@@ -164,6 +169,24 @@ class ToolChanges:
                 TaskChange("object_aside", f"Take {each.name} off the table first.", (removed(f"/objects/{index}"),))
                 for index, each in enumerate(self.task.objects)
             )
+
+    def _lighter(self) -> Iterator[TaskChange]:
+        """Have an object weigh what cup, fingers and hand bear of it, where they are told not to bear it."""
+        for index, each in self._objects:
+            excess = [
+                cause.needed - cause.available
+                for cause in self._explanation.causes
+                if cause.where == each.name and any(words in cause.reason for words in _WEIGHT_REASONS)
+                if cause.needed is not None and cause.available is not None and cause.unit == "N"
+            ]
+            if excess and each.mass is not None:
+                most = each.mass - max(excess) / self._gravity
+                yield from self._of(self._of_mass(index, each, share * most) for share in _LIGHTER)
+
+    def _of_mass(self, index: int, each: ObjectToMove, mass: float) -> TaskChange:
+        mass = math.floor(100.0 * mass) / 100.0
+        sentence = f"Make {each.name} lighter, or move it in parts: {mass:g} kg instead of {each.mass:g} kg."
+        return TaskChange("mass", sentence, (put(f"/objects/{index}/mass", mass),))
 
     # Obstacles.
 

@@ -17,6 +17,8 @@ from planners.plan.plan import Plan
 from planners.remedies.change import Directions, moved_pose
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
+from planners.scene.suction_tool import tool_descriptions
+from planners.scene.tool_scene import SuctionToolScene
 from tests.support.samples import among
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
@@ -27,6 +29,9 @@ DIE = {
 UNSOLVED: dict[str, dict[str, Any]] = {
     "smaller than the pad": {"objects": [DIE], "options": {"simulate": False}},
     "under a roof": {},
+    "too heavy for cup and hand": {
+        "objects": [{**DIE, "mass": 3.0, "shape": {"type": "box", "size": [0.1, 0.1, 0.03]}}]
+    },
 }
 
 
@@ -54,6 +59,25 @@ def test_an_obstacle_that_is_named_is_changed_first(unsolved: tuple[dict[str, An
     body, plan = unsolved
     assert plan.explanation.remedies
     assert (plan.explanation.remedies[0].kind == "obstacle") == bool(body["obstacles"])
+
+
+@pytest.mark.parametrize("strong", [False, True])
+def test_an_object_that_is_too_heavy_is_made_as_light_as_cup_and_hand_bear(strong: bool) -> None:
+    """First as heavy as the weaker of the two bears, to 10 g; whichever of them that is."""
+    force = 400.0 if strong else 12.0
+    tool = tool_descriptions()["short_asymmetric"].model_dump(mode="json")
+    tool["cup"] |= {"max_force": force}
+    task = read_task(posted({"objects": [{**DIE, "mass": 5.0}], "tool": tool, "options": {"remedies": False}}))
+    assert isinstance(task, SuctionToolTask)
+    scene, plan = build_scene(task), solve(task)
+    assert isinstance(scene, SuctionToolScene)
+    kinds = [list(kind) for kind in ToolChanges(task, build_scene, plan).by_kind()]
+    told = [change.patch[0].value for kind in kinds for change in kind if change.kind == "mass"]
+    masses = [each for each in told if isinstance(each, float)]
+    borne = min(force, max(scene.carry_force_limits.values()) - 9.81 * scene.tool.mass) / 9.81
+    assert 0.0 <= borne - masses[0] < 0.01
+    assert len(told) > 1
+    assert told == sorted(masses, reverse=True)
 
 
 def test_all_changes_are_tasks_that_the_contract_takes(unsolved: tuple[dict[str, Any], Plan]) -> None:
