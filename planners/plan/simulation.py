@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, JsonValue
 
-from planners.contract.arrays import Positive, Real, Rows, Samples, Vector
+from planners.contract.arrays import ArmName, Positive, Real, Rows, SampledWrench, Samples, Vector
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
 
@@ -86,6 +86,9 @@ class SimulatedLift(StrictModel):
     """Whether the hands followed by force."""
     law: FollowerLaw | None = None
     """By which they did; documents before this one do not say it."""
+    hand_wrenches: dict[ArmName, SampledWrench] | None = None
+    """What each hand exerts on the plate as the lift begins, of which `goal_force` is part: force and torque about the
+    middle of its contacts, world axes [N, Nm]. The first documents do not say it."""
 
 
 class ForceDips(StrictModel):

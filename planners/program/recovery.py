@@ -15,7 +15,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
 from planners.plan.scenery import ARMS
 from planners.plan.segment import SegmentKind
-from planners.program.schedule import ProgramStep, Schedule
+from planners.program.schedule import ProgramStep, Schedule, WrenchCurve
 
 BACK_SPEED = 0.25
 """Of the planned speed, on the average, at which arms go back [1]."""
@@ -68,6 +68,7 @@ def way_back(schedule: Schedule, reached: Mapping[ArmName, float]) -> Schedule |
             width=None,
             squeeze=None,
             vacuum=None,
+            wrenches=_wrenches_on_path(schedule, arm, time, target + length * falling),
         )
     number = free[-1].number
     words = f"back to the begin of step {number}"
@@ -142,3 +143,17 @@ def _on_path(schedule: Schedule, arm: ArmName, clock: Array) -> tuple[Array, Arr
         local = np.clip(clock[rows] - step.begin, 0.0, step.duration)
         positions[rows], velocities[rows] = step.arms[arm].curve(local), step.arms[arm].curve(local, 1)
     return positions, velocities
+
+
+def _wrenches_on_path(schedule: Schedule, arm: ArmName, time: Array, clock: Array) -> WrenchCurve | None:
+    """Return what a hand exerts on a plate at times (n,) of a step that is at times (n,) on the plan's clock."""
+    curves = [step.arms[arm].wrenches for step in schedule.steps]
+    if curves[0] is None:
+        return None
+    index = np.searchsorted([step.begin for step in schedule.steps], clock, side="right") - 1
+    values = np.empty((len(clock), 6))
+    for each in np.unique(index):
+        rows, step, curve = index == each, schedule.steps[max(each, 0)], curves[max(each, 0)]
+        assert curve is not None
+        values[rows] = curve.at(np.clip(clock[rows] - step.begin, 0.0, step.duration)).values
+    return WrenchCurve(time, values)

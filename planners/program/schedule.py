@@ -10,8 +10,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from planners.contract.arrays import ArmName
-from planners.geometry.pose import Array, Transform, transform
+from planners.contract.task_spec import PlateLiftTask
+from planners.geometry.pose import Array, Transform, from_pose7s, transform
+from planners.lifting.hand_admittance import LEAST_PUSH
 from planners.plan.plan import Plan
+from planners.plan.planned_wrenches import planned_wrenches, told_wrenches
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.plan.segment import Segment, SegmentKind, riding_on
 from planners.plan.simulation import LiftSimulation
@@ -28,6 +31,25 @@ class Load:
     """[kg]"""
     com: tuple[float, float, float]
     """In the flange frame [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchCurve:
+    """What a hand exerts on a plate, straight between samples."""
+
+    time: Array
+    """(n,) from the step's begin [s]."""
+    values: Array
+    """(n, 6) force and torque about the TCP, axes of the arm's base [N, Nm]; NaN where the hand does not touch it."""
+
+    @property
+    def bears(self) -> bool:
+        """Whether the hand is on the plate all the time."""
+        return not np.isnan(self.values).any()
+
+    def at(self, time: Array) -> WrenchCurve:
+        """Return the curve at other times (m,) of the step."""
+        return WrenchCurve(time, np.column_stack([np.interp(time, self.time, column) for column in self.values.T]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +72,8 @@ class ArmStep:
     """Whether the vacuum of the tool in this hand goes on or off as the step begins; None: it stays."""
     force_limit: float
     """Of the force at the wrist, beyond which the program stops [N]."""
+    wrenches: WrenchCurve | None = None
+    """What the hand exerts on the plate of a lift during the step; None: there is no plate."""
 
     @property
     def moves(self) -> bool:
@@ -129,6 +153,36 @@ class Schedule:
 class _StepReader:
     plan: Plan
 
+    @cached_property
+    def _wrenches(self) -> dict[ArmName, Array]:
+        """By arm: (n, 6) at all samples of the plan of a lift, as `WrenchCurve` has them; nothing for a pile."""
+        if not isinstance(self.plan.task, PlateLiftTask):
+            return {}
+        segments, arms = self.plan.segments, self.plan.cell.arms
+        told = {arm: told_wrenches(segments, planned_wrenches(segments, arm)) for arm in ARMS}
+        plate = self.plan.bodies["plate"].pose
+        for segment, first in zip(segments, self._first[:-1], strict=True):
+            count = len(segment.time)
+            poses = segment.body_poses.get("plate", np.repeat(plate[None], count, axis=0))
+            plate = poses[-1]
+            if segment.push is not None:
+                normals = from_pose7s(poses)[:, :3, :3] @ segment.push.normal
+                forces = told[segment.push.arm][first : first + count, :3]
+                missing = np.maximum(0.0, LEAST_PUSH - np.einsum("ij,ij->i", forces, normals))
+                forces += missing[:, None] * normals
+        return {arm: in_base(rows, arms[arm].T_world_base) for arm, rows in told.items()}
+
+    @cached_property
+    def _first(self) -> list[int]:
+        """Of each segment: which of all samples of the plan its first one is."""
+        return [0, *np.cumsum([len(segment.time) for segment in self.plan.segments]).tolist()]
+
+    def _wrench_curve(self, arm: ArmName, index: int, segment: Segment) -> WrenchCurve | None:
+        if arm not in self._wrenches:
+            return None
+        rows = self._wrenches[arm][self._first[index] : self._first[index + 1]]
+        return WrenchCurve(segment.time - segment.time[0], rows)
+
     def steps(self) -> Iterator[ProgramStep]:
         for index, segment in enumerate(self.plan.segments):
             yield ProgramStep(
@@ -162,6 +216,7 @@ class _StepReader:
             squeeze=self._squeeze(arm, segment) if closing else None,
             vacuum=self._vacuum(arm, index),
             force_limit=self._force_limit(arm),
+            wrenches=self._wrench_curve(arm, index, segment),
         )
 
     def _squeeze(self, arm: ArmName, segment: Segment) -> float:
@@ -202,6 +257,11 @@ class _StepReader:
         if robot.payload is None or hand.mass is None:
             return FORCE_ALLOWANCE
         return (robot.payload - hand.mass) * float(np.linalg.norm(self.plan.cell.gravity)) + FORCE_ALLOWANCE
+
+
+def in_base(wrenches: Array, T_world_base: Transform) -> Array:
+    """Return wrenches (n, 6) in the axes of an arm's base instead of the world's."""
+    return np.hstack([wrenches[:, :3] @ T_world_base[:3, :3], wrenches[:, 3:] @ T_world_base[:3, :3]])
 
 
 def carried_by(arm: ArmName, segment: Segment) -> Iterator[tuple[str, Transform]]:

@@ -1,8 +1,9 @@
 """A program in URScript for each of two Universal Robots controllers that share one plan.
 
 Motion is streamed with `servoj`: between two samples of the plan the program evaluates the same cubic as `Plan.at`,
-once each control cycle, so that an arm never leaves the path that was checked. Both programs wait for each other before
-every step. Integrators fill in the functions at the head of a program: fingers, vacuum, and who confirms steps.
+once each control cycle, so that an arm never leaves the path that was checked; a hand on the plate of a lift is off it
+by the millimetres that it gives way, see `HandAdmittance`. Both programs wait for each other before every step.
+Integrators fill in the functions at the head of a program: fingers, vacuum, and who confirms steps.
 """
 
 from __future__ import annotations
@@ -17,12 +18,25 @@ from scipy.spatial.transform import Rotation
 
 from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array, Transform
+from planners.lifting.hand_admittance import HandAdmittance
 from planners.lifting.leader_follower import FollowerGains, LeaderFollower
 from planners.plan.scenery import ARMS, GripperDocument
-from planners.program.schedule import ArmStep, Load, ProgramStep, Schedule
+from planners.program.schedule import ArmStep, ProgramStep, Schedule, WrenchCurve, in_base
 
 JOINT_TOLERANCE = 0.01
 """How far each joint may be from where the plan begins [rad]."""
+BEARING_TOLERANCE = 0.2
+"""Likewise where a program begins with a hand on the plate, which is off the plan by what it gives way [rad]."""
+SETTLING = 1.5
+"""How long hands take on the forces with which a lift begins, in the first half linearly [s]."""
+GIVING_ACCELERATION, TURNING_ACCELERATION = 2.0, 15.0
+"""With which a hand on the plate begins to give way, or to press on [m/s², rad/s²]."""
+LEADER = ARMS[0]
+"""The arm whose program has law (11): the other hand rises as this one tells, so that both rise alike."""
+CATCHING_UP = 2.0
+"""Rate at which the other hand makes up for a height at which it is behind [1/s]."""
+LIFT_TOLERANCE = 5e-4
+"""The other hand has arrived so far below [m]."""
 STOP_ACCELERATION = 40.0
 """Of the joints when a program stops by itself: from 3 rad/s they stand still in less than 0.1 s [rad/s²]."""
 FASTEST_LIFT = 0.25
@@ -62,6 +76,10 @@ class Registers:
     """Input, double: share of the planned speed, 0 to 1."""
     other_force: int = 19
     """Input, double: vertical force that the other hand exerts on the plate [N]."""
+    other_lift_speed: int = 20
+    """Input, double: `lift_speed` of the arm that leads the other in the lift [m/s]."""
+    other_lift_height: int = 21
+    """Input, double: `lift_height` of that arm [m]."""
     step: int = 12
     """Output, integer: the step that is being run."""
     barrier: int = 13
@@ -72,6 +90,10 @@ class Registers:
     """Output, double: time in the step, on the plan's clock [s]."""
     force: int = 13
     """Output, double: vertical force that this hand exerts on the plate [N]."""
+    lift_speed: int = 14
+    """Output, double: with which the hand rises behind the lifter [m/s]."""
+    lift_height: int = 15
+    """Output, double: how far it has risen [m]."""
 
 
 class ProgramState(IntEnum):
@@ -217,18 +239,26 @@ class _Writer:
         yield "    global lw_share = wanted"
         yield "  end"
         yield "end"
+        if self._is_lift:
+            yield from self._admittance()
+        goal = "lw_on_plate(goal, w, s)" if self._is_lift else "goal"
         yield from _HERMITE
+        yield f"def lw_to(duration, q, v{', w' if self._is_lift else ''}):"
+        yield from _HERMITE_LOOP
         yield f"    write_output_float_register({r.path_time}, lw_path + lw_rest)"
-        yield f"    servoj(goal, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
+        yield f"    servoj({goal}, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
         yield "  end"
         yield "  global lw_rest = lw_rest - duration"
         yield "  global lw_path = lw_path + duration"
         yield "  global lw_q = q"
         yield "  global lw_v = v"
+        if self._is_lift:
+            yield "  global lw_w = w"
         yield "end"
         yield "# Ends a step where the plan has it end."
         yield "def lw_settle():"
-        yield f"  servoj(lw_q, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
+        goal = "lw_on_plate(lw_q, lw_w, 1)" if self._is_lift else "lw_q"
+        yield f"  servoj({goal}, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
         yield f"  stopj({_number(STOP_ACCELERATION)})"
         yield "end"
         yield "# Waits on the spot for as long as the other arm moves."
@@ -244,6 +274,79 @@ class _Writer:
         yield "end"
         yield from self._barrier()
         yield ""
+
+    @property
+    def _is_lift(self) -> bool:
+        return self.schedule.steps[0].arms[self.arm].wrenches is not None
+
+    def _admittance(self) -> Iterator[str]:
+        """Yield what has a hand exert the planned wrench, see `HandAdmittance`."""
+        told = HandAdmittance()
+        grips = isinstance(self.schedule.plan.cell.hands[self.arm], GripperDocument)
+        turning = 1.0 / told.torsional_damping if grips else 0.0
+        yield "# A hand on the plate is off the plan by lw_trim [m, rad, base axes]: it gives way to more than the"
+        yield "# planned wrench, and presses on below it. lw_w [N, Nm]: that of the hand on the plate, about the TCP."
+        yield "# One that has let go is off it by lw_away [rad], which it takes back."
+        yield "global lw_bears = False"
+        for name in ("lw_w", "lw_trim", "lw_away", "lw_rate"):
+            yield f"global {name} = {_list(np.zeros(6))}"
+        yield f"global lw_yield = {_list(np.repeat([1.0 / told.damping, turning], 3))}"
+        yield f"global lw_change = {_list(np.repeat([GIVING_ACCELERATION, TURNING_ACCELERATION], 3))}"
+        yield "def lw_changed(i, next):"
+        yield f"  local most = get_steptime() * {_number(TURNING_ACCELERATION)}"
+        yield "  if lw_bears:"
+        yield "    most = get_steptime() * lw_change[i]"
+        yield "  end"
+        yield "  if next > lw_rate[i] + most:"
+        yield "    return lw_rate[i] + most"
+        yield "  elif next < lw_rate[i] - most:"
+        yield "    return lw_rate[i] - most"
+        yield "  end"
+        yield "  return next"
+        yield "end"
+        yield "def lw_on_plate(goal, w, s):"
+        yield "  local felt = get_tcp_force()"
+        yield "  local i = 0"
+        yield "  if not lw_bears:"
+        yield "    while i < 6:"
+        yield f"      lw_rate[i] = lw_changed(i, -lw_away[i] / {_number(told.fading)})"
+        yield "      lw_away[i] = lw_away[i] + get_steptime() * lw_rate[i]"
+        yield "      goal[i] = goal[i] + lw_away[i]"
+        yield "      i = i + 1"
+        yield "    end"
+        yield "    return goal"
+        yield "  end"
+        yield "  while i < 6:"
+        yield "    local missing = (1 - s) * lw_w[i] + s * w[i] + felt[i]"
+        yield f"    lw_rate[i] = lw_changed(i, missing * lw_yield[i] - {_number(told.leak)} * lw_trim[i])"
+        yield "    lw_trim[i] = lw_trim[i] + get_steptime() * lw_rate[i]"
+        yield "    i = i + 1"
+        yield "  end"
+        for first, most in ((0, told.largest_correction), (3, told.largest_turning)):
+            yield f"  local size = norm([lw_trim[{first}], lw_trim[{first + 1}], lw_trim[{first + 2}]])"
+            yield f"  if size > {_number(most)}:"
+            for i in range(first, first + 3):
+                yield f"    lw_trim[{i}] = lw_trim[{i}] * {_number(most)} / size"
+            yield "  end"
+        yield "  local moved = p[lw_trim[0], lw_trim[1], lw_trim[2], lw_trim[3], lw_trim[4], lw_trim[5]]"
+        yield "  return get_inverse_kin(pose_add(moved, get_forward_kin(goal)), goal)"
+        yield "end"
+        yield "# Takes the hand to be off the plan by as much as it is: a step begins where the one before ended."
+        yield "def lw_take_over(bears):"
+        yield "  local here = get_target_tcp_pose()"
+        yield "  local planned = get_forward_kin(lw_q)"
+        yield "  local turn = pose_trans(here, pose_inv(planned))"
+        yield "  local off = [here[0] - planned[0], here[1] - planned[1], here[2] - planned[2]]"
+        yield "  local now = get_target_joint_positions()"
+        yield "  local i = 0"
+        yield "  while i < 6:"
+        yield "    lw_away[i] = now[i] - lw_q[i]"
+        yield "    lw_rate[i] = 0"
+        yield "    i = i + 1"
+        yield "  end"
+        yield "  global lw_trim = [off[0], off[1], off[2], turn[3], turn[4], turn[5]]"
+        yield "  global lw_bears = bears"
+        yield "end"
 
     def _barrier(self) -> Iterator[str]:
         r = self.registers
@@ -285,26 +388,27 @@ class _Writer:
         yield f"lw_begin_at = {_list(self.schedule.start[self.arm])}"
         yield "lw_now = get_actual_joint_positions()"
         yield "lw_joint = 0"
+        tolerance = _number(start_tolerance(self.schedule, self.arm))
         yield "while lw_joint < 6:"
         yield "  lw_off = lw_now[lw_joint] - lw_begin_at[lw_joint]"
-        yield f"  if lw_off > {_number(JOINT_TOLERANCE)} or lw_off < -{_number(JOINT_TOLERANCE)}:"
+        yield f"  if lw_off > {tolerance} or lw_off < -{tolerance}:"
         yield f'    lw_end({ProgramState.WRONG_START}, "the arm is not where the plan begins")'
         yield "  end"
         yield "  lw_joint = lw_joint + 1"
         yield "end"
-        load: Load | None = None
+        before: ArmStep | None = None
         for step in self.schedule.steps:
             mine = step.arms[self.arm]
-            yield from self._step(step, mine, load)
-            load = mine.load
+            yield from self._step(step, mine, before)
+            before = mine
         yield from self._lift()
         yield f"stopj({_number(STOP_ACCELERATION)})"
         yield f"lw_tell({ProgramState.DONE})"
 
-    def _step(self, step: ProgramStep, mine: ArmStep, load: Load | None) -> Iterator[str]:
+    def _step(self, step: ProgramStep, mine: ArmStep, before: ArmStep | None) -> Iterator[str]:
         yield f"# step {step.number} of {self.schedule.last}: {step.words}"
         yield f"lw_begin({step.number})"
-        if mine.load != load:
+        if before is None or mine.load != before.load:
             com = ", ".join(map(_number, mine.load.com))
             yield f"set_payload({_number(mine.load.mass)}, [{com}])"
         yield f"set_tcp({_pose(mine.T_flange_tcp)})"
@@ -313,11 +417,40 @@ class _Writer:
             yield f"site_vacuum({mine.vacuum})"
         if mine.width is not None:
             yield f"site_fingers({_number(mine.width)}, {_number(mine.squeeze or 0.0)})"
+        if mine.wrenches is not None:
+            yield from self._on_plate(mine, mine.wrenches, before)
+            return
         if not mine.moves:
             yield f"lw_stay({_number(step.duration)})"
             return
         for duration, q, v in zip(np.diff(mine.time), mine.positions[1:], mine.velocities[1:], strict=True):
             yield f"lw_to({_number(duration)}, {_list(q)}, {_list(v)})"
+        yield "lw_settle()"
+
+    def _on_plate(self, mine: ArmStep, wrenches: WrenchCurve, before: ArmStep | None) -> Iterator[str]:
+        """Yield a step of a lift: the motion, with the wrench that the hand exerts on the plate meanwhile."""
+        if wrenches.bears:
+            yield f"global lw_w = {_list(wrenches.values[0])}"
+        elif before is None or (before.wrenches is not None and not before.wrenches.bears):
+            yield "# The hand touches nothing: what is felt now is the sensor's own."
+            yield "zero_ftsensor()"
+        yield f"lw_take_over({wrenches.bears})"
+        time, positions, velocities = mine.time, mine.positions, mine.velocities
+        if not mine.moves:
+            time = wrenches.time if wrenches.bears else wrenches.time[[0, -1]]
+            positions, velocities = np.repeat(positions, len(time), axis=0), np.zeros((len(time), 6))
+        values = wrenches.at(time).values if wrenches.bears else np.zeros((len(time), 6))
+        for row in zip(np.diff(time), positions[1:], velocities[1:], values[1:], strict=True):
+            duration, q, v, wrench = row
+            yield f"lw_to({_number(duration)}, {_list(q)}, {_list(v)}, {_list(wrench)})"
+        yield "lw_settle()"
+
+    def _take_on(self, wrench: Array) -> Iterator[str]:
+        """Yield how a hand takes on the wrench (6,) with which the lift begins, world axes."""
+        told = in_base(wrench[None], self.schedule.plan.cell.arms[self.arm].T_world_base)[0]
+        yield "lw_take_over(True)"
+        for _ in range(2):
+            yield f"lw_to({_number(0.5 * SETTLING)}, lw_q, {_list(np.zeros(6))}, {_list(told)})"
         yield "lw_settle()"
 
     def _lift(self) -> Iterator[str]:
@@ -335,23 +468,38 @@ class _Writer:
         yield f"# step {number}: follow the lifter by force (paper B, eq. 11), {height:.3f} m up at most;"
         yield f"# confirming step {number + 1} ends it."
         yield f"lw_begin({number})"
+        if simulation.lift.hand_wrenches is not None:
+            yield from self._take_on(simulation.lift.hand_wrenches[self.arm])
         yield f"lw_up = {_list(T_world_base[2, :3])}"
         yield "lw_speed = 0"
-        yield "lw_lifter = 0"
         yield "lw_risen = 0"
-        yield f"lw_errors = {_list(np.zeros(gains.readings))}"
+        yield "# Each hand's force is known to the other before either rises."
         yield "lw_count = 0"
-        yield "lw_gained = 0"
-        yield "lw_gained_before = 0"
-        yield (f"while lw_risen < {_number(height)} and read_input_integer_register({r.confirmed}) < {number + 1}:")
-        yield from _indented(self._law(gains, told.goal_force))
+        yield "while lw_count < 20:"
+        yield from _indented(self._feel())
+        yield f"  write_output_float_register({r.lift_speed}, 0)"
+        yield f"  write_output_float_register({r.lift_height}, 0)"
+        yield "  lw_count = lw_count + 1"
+        yield "  sync()"
+        yield "end"
+        going_on = f"read_input_integer_register({r.confirmed}) < {number + 1}"
+        if self.arm == LEADER:
+            yield "lw_lifter = 0"
+            yield f"lw_errors = {_list(np.zeros(gains.readings))}"
+            yield "lw_count = 0"
+            yield "lw_gained = 0"
+            yield "lw_gained_before = 0"
+            yield f"while lw_risen < {_number(height)} and {going_on}:"
+            yield from _indented(self._law(gains, told.goal_force))
+        else:
+            yield f"while lw_risen < {_number(height - LIFT_TOLERANCE)} and {going_on}:"
+            yield from _indented(self._follow())
         yield "end"
         yield f"stopl({_number(LIFT_ACCELERATION)})"
 
-    def _law(self, gains: FollowerGains, goal_force: float) -> Iterator[str]:
-        """Yield one period of `LeaderFollower.follow`."""
-        r, period, kept = self.registers, _number(gains.period), _number(math.exp(-gains.period / gains.memory))
-        (a, b, c), (d, e, f) = (map(_number, row) for row in LeaderFollower(gains).discrete)
+    def _feel(self) -> Iterator[str]:
+        """Yield what each period of the lift begins with: a stop on request, and the force of this hand is told."""
+        r = self.registers
         yield f"if read_input_integer_register({r.stop}) == 1:"
         yield f'  lw_end({ProgramState.STOPPED}, "stopped on request")'
         yield "end"
@@ -359,6 +507,28 @@ class _Writer:
         yield "lw_felt = get_tcp_force()"
         yield "lw_mine = -(lw_felt[0] * lw_up[0] + lw_felt[1] * lw_up[1] + lw_felt[2] * lw_up[2])"
         yield f"write_output_float_register({r.force}, lw_mine)"
+
+    def _follow(self) -> Iterator[str]:
+        """Yield one control cycle of the hand that rises as the other one tells."""
+        r = self.registers
+        yield from self._feel()
+        behind = f"read_input_float_register({r.other_lift_height}) - lw_risen"
+        yield f"lw_speed = read_input_float_register({r.other_lift_speed}) + {_number(CATCHING_UP)} * ({behind})"
+        yield "if lw_speed < 0:"
+        yield "  lw_speed = 0"
+        yield "end"
+        yield from self._rise("get_steptime()")
+
+    def _rise(self, period: str) -> Iterator[str]:
+        yield "lw_xd = [lw_up[0] * lw_speed, lw_up[1] * lw_speed, lw_up[2] * lw_speed, 0, 0, 0]"
+        yield f"speedl(lw_xd, {_number(LIFT_ACCELERATION)}, {period})"
+        yield f"lw_risen = lw_risen + lw_speed * {period}"
+
+    def _law(self, gains: FollowerGains, goal_force: float) -> Iterator[str]:
+        """Yield one period of `LeaderFollower.follow`."""
+        r, period, kept = self.registers, _number(gains.period), _number(math.exp(-gains.period / gains.memory))
+        (a, b, c), (d, e, f) = (map(_number, row) for row in LeaderFollower(gains).discrete)
+        yield from self._feel()
         yield f"lw_both = lw_mine + read_input_float_register({r.other_force})"
         yield f"lw_force = lw_both - {_number(gains.carried)} * lw_gained_before"
         yield f"lw_errors[lw_count % {gains.readings}] = {_number(goal_force)} - lw_force"
@@ -381,14 +551,13 @@ class _Writer:
         yield f"lw_gained = (lw_next - lw_speed) / {period}"
         yield "lw_lifter = lw_estimate"
         yield "lw_speed = lw_next"
-        yield "lw_xd = [lw_up[0] * lw_speed, lw_up[1] * lw_speed, lw_up[2] * lw_speed, 0, 0, 0]"
-        yield f"speedl(lw_xd, {_number(LIFT_ACCELERATION)}, {period})"
-        yield f"lw_risen = lw_risen + lw_speed * {period}"
+        yield f"write_output_float_register({r.lift_speed}, lw_speed)"
+        yield f"write_output_float_register({r.lift_height}, lw_risen)"
+        yield from self._rise(period)
 
 
-_HERMITE = (
-    "# Moves to (q, v) in a time on the plan's clock, along the cubic that the plan means.",
-    "def lw_to(duration, q, v):",
+_HERMITE = ("# Moves to (q, v) in a time on the plan's clock, along the cubic that the plan means.",)
+_HERMITE_LOOP = (
     "  while lw_rest < duration:",
     "    lw_guard()",
     "    lw_pace()",
@@ -405,6 +574,12 @@ _HERMITE = (
     "    end",
     "    global lw_rest = lw_rest + get_steptime() * lw_share",
 )
+
+
+def start_tolerance(schedule: Schedule, arm: ArmName) -> float:
+    """Return how far each joint of an arm may be from where a schedule begins [rad]."""
+    wrenches = schedule.steps[0].arms[arm].wrenches
+    return BEARING_TOLERANCE if wrenches is not None and wrenches.bears else JOINT_TOLERANCE
 
 
 def _indented(lines: Iterator[str]) -> Iterator[str]:

@@ -1,8 +1,8 @@
 """`make demo-robot`: plans, exports, executes and replays a lift and a pile, on controllers that stand in for robots.
 
 Everything is done by the commands that one types at a real cell, except that the one that executes goes by the clock of
-the controllers, which waits for it where a machine is busy. They are a process each and know nothing of plans; a lifter
-on a spring is felt at their wrists while the hands follow it.
+the controllers, which waits for it where a machine is busy. They are a process each and know nothing of plans. What
+their arms move is in one world of physics, which their wrists feel, and so is who raises the lifter, unevenly.
 """
 
 from __future__ import annotations
@@ -14,18 +14,14 @@ import sys
 import webbrowser
 from pathlib import Path
 
-import numpy as np
-
 from app.cli.execute_command import EXECUTED, ExecuteRequest, execute_file
 from planners.cell.cell import load_cell
 from planners.plan.plan import Plan
 from planners.program.guard import exportable
 from planners.program.schedule import Schedule
 from tests.support.controller.lock_step import lock_step
-from tests.support.controller.spring_lifter import SpringLifter
+from tests.support.controller.physical_cell import physical_cell
 from tests.support.controller.stand_in import hosts
-from workers.simulation.lifter import WinchProfile
-from workers.simulation.settings import WinchSettings
 
 TASKS = ("ab1", "domino_pile")
 SEED = 1
@@ -58,15 +54,16 @@ def show(task: str, folder: Path, speed: float) -> Path | None:
         return None
     document = plan.read_bytes()
     schedule = Schedule.of(exportable(document, load_cell(Plan.read(document).cell.name)))
-    with lock_step(schedule) as clock:
-        if schedule.lift is not None:
-            winch = WinchProfile.draw(1.0, 0.002, np.random.default_rng(SEED), WinchSettings())
-            clock.physics = SpringLifter(schedule, winch)
+    with physical_cell(schedule, SEED) as physics, lock_step(schedule) as clock:
+        clock.physics = physics
         at = hosts()
         addresses = ("--left", at["left"], "--right", at["right"])
         _tell("execute", str(plan), *addresses, "--run", "--continuous", "--speed", str(speed), "--log", str(log))
         asked = ExecuteRequest(plan, at, None, True, True, speed, log)
         executed = execute_file(asked, clock.connect) == EXECUTED
+        if physics.gave_way is not None:
+            print(f"in physics: {physics.gave_way}", file=sys.stderr)
+            return None
     return page if executed and _run("replay", str(plan), str(log), "--out", str(page)) == 0 else None
 
 

@@ -28,7 +28,7 @@ LEAVE_SECONDS = 1.0
 VARIABLES = (
     "timestamp actual_q actual_qd actual_TCP_force safety_mode runtime_state "
     "output_int_register_12 output_int_register_13 output_int_register_14 "
-    "output_double_register_12 output_double_register_13"
+    "output_double_register_12 output_double_register_13 output_double_register_14 output_double_register_15"
 ).split()
 
 
@@ -57,6 +57,10 @@ class ArmState:
     """In the step, on the plan's clock [s]."""
     lift_force: float
     """That this hand exerts on the plate, along the vertical [N]."""
+    lift_speed: float
+    """With which it rises behind the lifter [m/s]."""
+    lift_height: float
+    """How far it has risen [m]."""
 
     @property
     def is_still(self) -> bool:
@@ -123,6 +127,8 @@ class ArmLink:
             barrier=told.getOutputIntRegister(registers.barrier),
             path_time=told.getOutputDoubleRegister(registers.path_time),
             lift_force=told.getOutputDoubleRegister(registers.force),
+            lift_speed=told.getOutputDoubleRegister(registers.lift_speed),
+            lift_height=told.getOutputDoubleRegister(registers.lift_height),
         )
 
     def silence(self, timestamp: float) -> float:
@@ -156,9 +162,11 @@ class ArmLink:
         self._tell(self._registers.confirmed, step)
 
     def relay(self, other: ArmState) -> None:
-        """Pass on which barrier the other arm has reached, and what its hand bears."""
+        """Pass on which barrier the other arm has reached, what its hand bears, and how it rises."""
         self._tell(self._registers.other_barrier, other.barrier)
         self._tell(self._registers.other_force, other.lift_force)
+        self._tell(self._registers.other_lift_speed, other.lift_speed)
+        self._tell(self._registers.other_lift_height, other.lift_height)
 
     def pace(self, share: float) -> None:
         """Have the program run at this share of the plan's speed."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from planners.contract.arrays import ArmName
 from planners.plan.scenery import ARMS
 from planners.program.schedule import ProgramStep, Schedule
-from planners.program.urscript import JOINT_TOLERANCE, SHARE_RATE, ProgramState, write_urscript
+from planners.program.urscript import SHARE_RATE, ProgramState, start_tolerance, write_urscript
 from workers.robot.arm_link import ArmLink, ArmState
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.supervision import ArmSupervisor, Stop, StopReason, SupervisionSettings
@@ -94,7 +94,8 @@ class Executor:
     def off_start(self) -> dict[ArmName, list[int]]:
         """Return which joints of which arm are not where the plan begins, by their places from 0."""
         off = {arm: abs(self._links[arm].state().positions - self._schedule.start[arm]) for arm in ARMS}
-        return {arm: [int(j) for j in (off[arm] > JOINT_TOLERANCE).nonzero()[0]] for arm in ARMS}
+        most = {arm: start_tolerance(self._schedule, arm) for arm in ARMS}
+        return {arm: [int(j) for j in (off[arm] > most[arm]).nonzero()[0]] for arm in ARMS}
 
     def run(self) -> Execution:
         """Load both programs and see them to their end; both arms stand still when this returns."""
@@ -153,7 +154,7 @@ class Executor:
         return {arm: link.state() for arm, link in self._links.items()}
 
     def _watch(self) -> Stop | None:
-        told: dict[ArmName, tuple[int, float]] = {}
+        told: dict[ArmName, tuple[int, float, float, float]] = {}
         looked = self._clock.now()
         while True:
             late, looked = self._clock.now() - looked, self._clock.now()
@@ -173,8 +174,10 @@ class Executor:
             for link in self._links.values():
                 link.beat()
             for arm, other in ((ARMS[0], ARMS[1]), (ARMS[1], ARMS[0])):
-                if told.get(arm) != (news := (states[other].barrier, states[other].lift_force)):
-                    self._links[arm].relay(states[other])
+                each = states[other]
+                news = each.barrier, each.lift_force, each.lift_speed, each.lift_height
+                if told.get(arm) != news:
+                    self._links[arm].relay(each)
                     told[arm] = news
             self._ask(states)
             self._keep_in_step(states)

@@ -9,8 +9,10 @@ from enum import StrEnum
 import numpy as np
 
 from planners.contract.arrays import ArmName
-from planners.geometry.pose import Array
-from planners.program.schedule import Schedule
+from planners.geometry.pose import Array, rotation_angle
+from planners.kinematics.forward import flange_pose
+from planners.lifting.hand_admittance import HandAdmittance
+from planners.program.schedule import ArmStep, Schedule
 from planners.program.urscript import ProgramState
 from workers.robot.arm_link import NORMAL_MODES, ArmState
 
@@ -40,6 +42,10 @@ class SupervisionSettings:
     themselves, see `HEARTBEAT_RATE` [s]."""
     deviation: float = 0.03
     """Of a joint from the plan: what an arm at full speed moves in a few control cycles [rad]."""
+    bearing_distance: float = HandAdmittance.largest_correction + 0.01
+    """Of a hand's TCP from the plan of a lift, in which it gives way to what it feels [m]."""
+    bearing_angle: float = HandAdmittance.largest_turning + 0.03
+    """Likewise [rad]."""
     apart: float = 0.1
     """Between the times of the plan at which both arms are [s]."""
     pull: float = 8.0
@@ -106,9 +112,25 @@ class ArmSupervisor:
         if float(np.linalg.norm(state.force)) > step.arms[arm].force_limit:
             return StopReason.OVERLOAD
         expected = self.expected(arm, state)
-        if expected is not None and float(np.abs(expected - state.positions).max()) > settings.deviation:
+        if expected is not None and self._deviates(arm, step.arms[arm], expected, state.positions):
             return StopReason.DEVIATION
         return None
+
+    def _deviates(self, arm: ArmName, step: ArmStep, expected: Array, positions: Array) -> bool:
+        """Tell whether joints (6,) are too far from those that the plan has [rad]."""
+        if float(np.abs(expected - positions).max()) <= self.settings.deviation:
+            return False
+        if step.wrenches is None:
+            return True
+        described = self.schedule.plan.cell.arms[arm]
+        T_planned, T_told = (
+            flange_pose(described.dh, described.T_world_base, np.ascontiguousarray(q, dtype=float)) @ step.T_flange_tcp
+            for q in (expected, positions)
+        )
+        return (
+            float(np.linalg.norm(T_planned[:3, 3] - T_told[:3, 3])) > self.settings.bearing_distance
+            or rotation_angle(T_planned[:3, :3], T_told[:3, :3]) > self.settings.bearing_angle
+        )
 
 
 _TOLD = {

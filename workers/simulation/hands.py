@@ -102,7 +102,7 @@ class SimulatedHand(ABC):
                 faded, self._trim, self._forward,
             )  # fmt: skip
         else:
-            self._trim *= 1.0 - period / 0.2
+            self._trim *= 1.0 - period / self.settings.hand.fading
             self._forward -= faded * self._forward
 
     def correction(self, positions: Array) -> Array:

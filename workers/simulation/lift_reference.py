@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict, deque
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, from_pose7
-from planners.plan.contacts import Contact
 from planners.plan.plan import Plan
-from planners.plan.segment import Segment, SegmentKind
+from planners.plan.planned_wrenches import LEAD, planned_wrenches, told_wrenches
+from planners.plan.segment import SegmentKind
 from planners.plan.simulation import NodeComparison
 from workers.simulation.timeline import PlannedMoment, SampledTimeline
 
-LEAD = 0.3
-"""Hands and lifter begin to change what they bear so long before the plan has it change [s]."""
 BEARERS = ("left", "right", "cup", "support")
 """Who exerts forces on the plate; "support" is whatever it rests on."""
 _STANDS = np.zeros(3)
@@ -35,9 +32,8 @@ class LiftReference(SampledTimeline):
         # Normalised one by one: together, some quaternions get another last digit, and physics makes much of it.
         self.T_world_plate = np.array([from_pose7(pose) for pose in poses])
         """(n, 4, 4)"""
-        self._planned = {name: np.concatenate([_wrenches(each, name) for each in plan.segments]) for name in BEARERS}
-        borders = np.cumsum([len(segment.time) for segment in plan.segments])[:-1]
-        told = {name: _begun_before(self.time, self._planned[name], borders) for name in BEARERS[:3]}
+        self._planned = {name: planned_wrenches(plan.segments, name) for name in BEARERS}
+        told = {name: told_wrenches(plan.segments, self._planned[name]) for name in BEARERS[:3]}
         points = self.T_world_plate[:, :3, :3] @ pad + self.T_world_plate[:, :3, 3]
         first = self.table.shape[1]
         self._told = {name: slice(first + 6 * i, first + 6 * i + 6) for i, name in enumerate(told)}
@@ -124,50 +120,3 @@ class NodeForcesRecorder:
         if segment.kind is not SegmentKind.TRANSFER:
             return None
         return segment.end - (0.0 if last else min(LEAD, 0.5 * float(segment.end - segment.time[0])))
-
-
-def _wrenches(segment: Segment, name: str) -> Array:
-    """Return the (n, 6) planned wrenches of one bearer, linear in time between the contact sets; NaN: bears nothing."""
-    absent = np.full(6, 0.0 if name == "cup" else np.nan)
-    sets: defaultdict[int, list[Contact]] = defaultdict(list)
-    for contact in segment.contacts:
-        if contact.kind != "inertia" and (contact.by == name or (name, contact.kind) == ("support", "environment")):
-            sets[contact.sample].append(contact)
-    if not sets:
-        return np.repeat(absent[None], len(segment.time), axis=0)
-    samples = sorted({contact.sample for contact in segment.contacts})
-    totals = np.array([_total(sets[sample]) if sample in sets else absent for sample in samples])
-    if _leaves_a_stronger_contact(segment):
-        # The first set still counts on the contact that the motion gives up at once.
-        totals[0] = totals[1]
-    return np.column_stack([np.interp(segment.time, segment.time[samples], totals[:, k]) for k in range(6)])
-
-
-def _leaves_a_stronger_contact(segment: Segment) -> bool:
-    counts: dict[int, int] = {}
-    for contact in segment.contacts:
-        counts[contact.sample] = counts.get(contact.sample, 0) + (contact.kind == "environment")
-    samples = sorted(counts)
-    return segment.kind is SegmentKind.TRANSFER and len(samples) > 1 and counts[samples[0]] > counts[samples[1]]
-
-
-def _total(contacts: Sequence[Contact]) -> Array:
-    """Return the (6,) sum of wrenches about the middle of their points."""
-    points = np.array([contact.point for contact in contacts])
-    wrenches = np.array([contact.wrench for contact in contacts])
-    total = wrenches.sum(axis=0)
-    total[3:] += np.cross(points - points.mean(axis=0), wrenches[:, :3]).sum(axis=0)
-    return total
-
-
-def _begun_before(time: Array, wrenches: Array, borders: NDArray[np.int64]) -> Array:
-    """Let a bearer change its wrench before a segment that begins with another, not at its first instant.
-
-    Both balance the plate as it is at the border, so all that lies between them does: friction cones are convex.
-    """
-    result = wrenches.copy()
-    for border in borders:
-        jump = np.nan_to_num(wrenches[border] - wrenches[border - 1])
-        part = np.clip((time[:border] - (time[border] - LEAD)) / LEAD, 0.0, 1.0)
-        result[:border] += part[:, None] * jump
-    return result

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+from planners.lifting.hand_admittance import LEAST_PUSH, HandAdmittance
 from planners.lifting.leader_follower import FollowerGains
 
 
@@ -30,8 +31,8 @@ class ContactSettings:
     """Damping over stiffness of all contacts [s]."""
     pad_aspect: float = 37.5 / 22.0
     """Length over width of a pad: a pad is four points at the soft finger's eccentricity [1]."""
-    least_push: float = 3.0
-    """The stick never presses less while it is to push [N]: planned forces of zero would lose the contact."""
+    least_push: float = LEAST_PUSH
+    """The stick never presses less while it is to push [N]."""
 
 
 @dataclass(frozen=True)
@@ -115,19 +116,9 @@ class SensorSettings:
 
 
 @dataclass(frozen=True)
-class HandSettings:
+class HandSettings(HandAdmittance):
     """How a hand tracks its planned wrench during the manipulation, and when it has failed."""
 
-    damping: float = 1500.0
-    """Of the admittance: a force error of 15 N moves the hand by 10 mm/s [Ns/m]."""
-    torsional_damping: float = 3.0
-    """Of the gripping hand's admittance about its pads: an error of 0.3 Nm turns it by 0.1 rad/s [Nms/rad]."""
-    leak: float = 0.3
-    """Rate at which a correction dies away [1/s]: what cannot be tracked does not wander off."""
-    largest_correction: float = 0.012
-    """Of the hand's place by feedback [m]."""
-    largest_turning: float = 0.15
-    """Of the gripping hand's orientation by feedback [rad]."""
     servo_gain: float = 0.4
     """Part of a joint's position error that is made good in one period of the robot [1]."""
     largest_slip: float = 0.012

@@ -166,6 +166,7 @@ def _lift(execution: LiftExecution) -> SimulatedLift | None:
         lifter_seconds=round(lift.winch.duration, _DIGITS),
         controlled=execution.settings.controlled,
         law=FollowerLaw(goal_force=lift.forces.both, **asdict(lift.gains)),
+        hand_wrenches={hand.arm.name: lift.forces.wrenches[hand.arm.name] for hand in execution.hands},
     )
 
 

@@ -50,7 +50,7 @@ class Arm:
         self.q, self.qd = start.astype(float).copy(), np.zeros(6)
         self.limits, self.cycle = limits, cycle
         self.safety_mode, self.reason = SafetyMode.NORMAL, ""
-        self.wrench = np.zeros(6)
+        self.wrench, self._tare = np.zeros(6), np.zeros(6)
         self.tcp, self.payload = np.eye(4), 0.0
         self._dh, self._sent = dh, None
         self._braking = limits.braking
@@ -74,6 +74,15 @@ class Arm:
     @property
     def is_still(self) -> bool:
         return not self.qd.any()
+
+    @property
+    def felt(self) -> Vector:
+        """What the wrist's sensor tells: force and torque on the tool, base axes [N, Nm]."""
+        return self.wrench - self._tare
+
+    def tare(self) -> None:
+        """Have the sensor tell nothing of what it feels now."""
+        self._tare = self.wrench.copy()
 
     def step(self) -> None:
         """Let one control cycle pass."""
@@ -108,15 +117,30 @@ class Arm:
             T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
         return T @ self.tcp
 
-    def joint_speeds(self, twist: Vector) -> Vector:
+    def joint_speeds(self, twist: Vector, q: Vector | None = None) -> Vector:
         """Return the joint speeds of a TCP's speed [m/s, rad/s] in the base frame, by differences and least squares."""
-        T, step = self.tcp_pose(), 1e-6
+        q = self.q if q is None else q
+        T, step = self.tcp_pose(q), 1e-6
         columns: list[Vector] = []
         for joint in range(6):
-            moved = self.q.copy()
+            moved = q.copy()
             moved[joint] += step
-            D = self.tcp_pose(moved)
-            turn = D[:3, :3] @ T[:3, :3].T
-            axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
-            columns.append(np.concatenate([D[:3, 3] - T[:3, 3], axis]) / step)
+            columns.append(_way(T, self.tcp_pose(moved)) / step)
         return np.asarray(np.linalg.lstsq(np.array(columns).T, twist, rcond=1e-6)[0], dtype=np.float64)
+
+    def joints_at(self, T: NDArray[np.float64], near: Vector) -> Vector | None:
+        """Return joints that put the TCP at a pose in the base frame, near others; None: none were found."""
+        q = near.astype(float).copy()
+        for _ in range(20):
+            off = _way(self.tcp_pose(q), T)
+            if np.abs(off).max() < 1e-10:
+                return q
+            q = q + self.joint_speeds(off, q)
+        return None
+
+
+def _way(T: NDArray[np.float64], D: NDArray[np.float64]) -> Vector:
+    """Return how a frame moves that goes from one pose to another near it: translation and rotation vector."""
+    turn = D[:3, :3] @ T[:3, :3].T
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+    return np.concatenate([D[:3, 3] - T[:3, 3], axis])

@@ -388,7 +388,7 @@ class Controller:
             "timestamp": Variable("DOUBLE", lambda: self._ticks * arm.cycle),
             **{name: vector(lambda: arm.q) for name in ("target_q", "actual_q")},
             **{name: vector(lambda: arm.qd) for name in ("target_qd", "actual_qd")},
-            "actual_TCP_force": vector(lambda: arm.wrench),
+            "actual_TCP_force": vector(lambda: arm.felt),
             "actual_TCP_pose": Variable("VECTOR6D", lambda: pose_of(arm.tcp_pose())),
             "target_TCP_pose": Variable("VECTOR6D", lambda: pose_of(arm.tcp_pose())),
             **{
@@ -460,6 +460,8 @@ class Controller:
             "joints": self.arm.q.tolist(),
             "velocities": self.arm.qd.tolist(),
             "output_int": list(self.registers.output_int),
+            "output_float": list(self.registers.output_float),
+            "payload": self.arm.payload,
         }
 
 

@@ -138,11 +138,13 @@ class Intrinsics:
     def get_actual_tcp_pose(self) -> Pose:
         return pose_of(self._arm.tcp_pose())
 
+    get_target_tcp_pose = get_actual_tcp_pose
+
     def get_tcp_force(self) -> tuple[float, ...]:
-        return tuple(self._arm.wrench.tolist())
+        return tuple(self._arm.felt.tolist())
 
     def force(self) -> float:
-        return float(np.linalg.norm(self._arm.wrench[:3]))
+        return float(np.linalg.norm(self._arm.felt[:3]))
 
     # What is set
 
@@ -157,7 +159,9 @@ class Intrinsics:
         self._arm.tcp = matrix_of(pose)
 
     def zero_ftsensor(self) -> None:
-        self._arm.wrench = np.zeros(6)
+        if not self._arm.is_still:
+            raise ProgramFault("zero_ftsensor: the arm must stand still")
+        self._arm.tare()
 
     def read_input_integer_register(self, address: int) -> int:
         return self._registers.input_int[address]
@@ -251,6 +255,20 @@ class Intrinsics:
 
     def pose_trans(self, p_from: Pose, p_from_to: Pose) -> Pose:
         return pose_of(matrix_of(p_from) @ matrix_of(p_from_to))
+
+    def pose_add(self, p_1: Pose, p_2: Pose) -> Pose:
+        T, added = matrix_of(p_1), matrix_of(p_2)
+        T[:3, :3], T[:3, 3] = T[:3, :3] @ added[:3, :3], T[:3, 3] + added[:3, 3]
+        return pose_of(T)
+
+    def get_forward_kin(self, q: object) -> Pose:
+        return pose_of(self._arm.tcp_pose(_joints(q)))
+
+    def get_inverse_kin(self, x: Pose, qnear: object) -> tuple[float, ...]:
+        found = self._arm.joints_at(matrix_of(x), _joints(qnear))
+        if found is None:
+            raise ProgramFault("get_inverse_kin: no joints put the TCP there")
+        return tuple(found.tolist())
 
     def pose_inv(self, p_from: Pose) -> Pose:
         return pose_of(np.linalg.inv(matrix_of(p_from)))

@@ -49,11 +49,17 @@ def translate(script: str, intrinsics: object) -> tuple[str, Callable[[], Progra
     """
     translator = _Translator(words_of(script), intrinsics)
     name = translator.program()
-    space: dict[str, object] = {"I": intrinsics, "G": {}, "pose": Pose, "aid": _Aid()}
+    aid = _Aid()
+    space: dict[str, object] = {"I": intrinsics, "G": {}, "pose": Pose, "aid": aid}
     exec(compile(translator.source(), f"<{name}>", "exec"), space)
-    start = space[f"f_{name}"]
-    assert callable(start)
-    return name, start  # type: ignore[return-value]
+    start: Callable[[], Program] = space[f"f_{name}"]  # type: ignore[assignment]
+
+    def program() -> Program:
+        for _ in start():
+            aid.rounds = 0
+            yield
+
+    return name, program
 
 
 class _Aid:
@@ -61,6 +67,7 @@ class _Aid:
 
     def __init__(self) -> None:
         self.rounds = 0
+        """Of loops in this control cycle."""
 
     def spin(self) -> None:
         self.rounds += 1

@@ -1,0 +1,34 @@
+"""How a hand on the plate exerts what is planned: it gives way to what it feels beyond that, and presses on below it.
+
+Paper B plans the wrenches of both hands (5) and does not say how they are exerted. Positions alone exert none: pads
+and tip are soft, and a plate on its edge needs its hands' forces where the plan has them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LEAST_PUSH = 3.0
+"""A stick never presses less while it is to push [N]: planned forces of zero would lose the contact."""
+
+
+@dataclass(frozen=True)
+class HandAdmittance:
+    """x' = (w_planned - w_felt) / damping - leak x, by which a hand is off its planned pose.
+
+    Both forces are of the hand on the plate, about its TCP. The gripping hand turns likewise; a stick's tip exerts no
+    torque.
+    """
+
+    damping: float = 1500.0
+    """Of the admittance: a force error of 15 N moves the hand by 10 mm/s [Ns/m]."""
+    torsional_damping: float = 3.0
+    """Of the gripping hand's admittance about its pads: an error of 0.3 Nm turns it by 0.1 rad/s [Nms/rad]."""
+    leak: float = 0.3
+    """Rate at which a correction dies away [1/s]: what cannot be tracked does not wander off."""
+    largest_correction: float = 0.012
+    """Of the hand's place by feedback [m]."""
+    largest_turning: float = 0.15
+    """Of the gripping hand's orientation by feedback [rad]."""
+    fading: float = 0.2
+    """In which a hand that has let go takes back its correction [s]."""
