@@ -199,8 +199,6 @@ class _StepReader:
         widths = segment.gripper_width.get(arm)
         gripper = isinstance(hand, GripperDocument)
         changes = widths is not None and float(np.ptp(widths)) > 0.0
-        grip = next((grip for grip in segment.grips if grip.arm == arm), None)
-        closing = changes and segment.kind is SegmentKind.GRIP and grip is not None
         if gripper:
             assert widths is not None, "a plan gives the opening of every gripper in every segment"
             T_flange_tcp = transform(None, [0.0, 0.0, float(np.interp(widths[-1], *hand.tcp.T))])
@@ -213,18 +211,23 @@ class _StepReader:
             load=self._load(arm, segment),
             T_flange_tcp=T_flange_tcp,
             width=float(widths[-1]) if widths is not None and changes else None,
-            squeeze=self._squeeze(arm, segment) if closing else None,
+            squeeze=self._squeeze(arm, index) if changes and segment.kind is SegmentKind.GRIP else None,
             vacuum=self._vacuum(arm, index),
             force_limit=self._force_limit(arm),
             wrenches=self._wrench_curve(arm, index, segment),
         )
 
-    def _squeeze(self, arm: ArmName, segment: Segment) -> float:
-        """Return with what the fingers close: what the plan says, else the hand's least force."""
-        grip, hand = next(grip for grip in segment.grips if grip.arm == arm), self.plan.cell.hands[arm]
+    def _squeeze(self, arm: ArmName, index: int) -> float | None:
+        """Return with what the fingers close: what the plan says, else the hand's least force; None: on nothing.
+
+        A plate is gripped from the segment after the one in which the fingers close on it, a tool from that one on.
+        """
+        hand = self.plan.cell.hands[arm]
         assert isinstance(hand, GripperDocument)
-        if grip.squeeze is not None:
-            return grip.squeeze
+        near = self.plan.segments[index : index + 2]
+        grip = next((grip for segment in near for grip in segment.grips if grip.arm == arm), None)
+        if grip is None or grip.squeeze is not None:
+            return None if grip is None else grip.squeeze
         return 0.0 if hand.force_range is None else float(hand.force_range[0])
 
     def _vacuum(self, arm: ArmName, index: int) -> bool | None:

@@ -276,6 +276,12 @@ class _Writer:
         yield ""
 
     @property
+    def _least_squeeze(self) -> float:
+        """With which fingers move that close on nothing [N]."""
+        hand = self.schedule.plan.cell.hands[self.arm]
+        return hand.force_range[0] if isinstance(hand, GripperDocument) and hand.force_range is not None else 0.0
+
+    @property
     def _is_lift(self) -> bool:
         return self.schedule.steps[0].arms[self.arm].wrenches is not None
 
@@ -416,7 +422,7 @@ class _Writer:
         if mine.vacuum is not None:
             yield f"site_vacuum({mine.vacuum})"
         if mine.width is not None:
-            yield f"site_fingers({_number(mine.width)}, {_number(mine.squeeze or 0.0)})"
+            yield f"site_fingers({_number(mine.width)}, {_number(mine.squeeze or self._least_squeeze)})"
         if mine.wrenches is not None:
             yield from self._on_plate(mine, mine.wrenches, before)
             return

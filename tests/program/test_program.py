@@ -22,13 +22,15 @@ from app.settings import ServiceSettings
 from planners.cell.cell import load_cell
 from planners.certify.motion.kinematics import ArmKinematics
 from planners.geometry.pose import Array, from_pose7
+from planners.lifting.hand_admittance import LEAST_PUSH
 from planners.plan.plan import Plan
-from planners.plan.scenery import ARMS
+from planners.plan.planned_wrenches import LEAD
+from planners.plan.scenery import ARMS, GripperDocument
 from planners.program import NotExportable, ProgramTarget, Schedule, exportable, write_program
 from planners.program.urscript import Handshake, write_urscript
 
 TASKS = ("ab1", "domino_pile")
-MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\]\)")
+MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\](?:, \[[^]]+\])?\)")
 STAY = re.compile(r"lw_stay\(([^)]+)\)")
 BEGIN = re.compile(r"lw_begin\((\d+)\)$")
 
@@ -41,7 +43,7 @@ def streamed(script: str) -> list[tuple[int, float, Array | None, Array | None]]
         if begin := BEGIN.match(line):
             number = int(begin[1])
         elif move := MOVE.match(line):
-            q, v = (np.array(each.split(","), dtype=float) for each in move.groups()[1:])
+            q, v = (np.array(each.split(","), dtype=float) for each in move.groups()[1:3])
             found.append((number, float(move[1]), q, v))
         elif stay := STAY.match(line):
             found.append((number, float(stay[1]), None, None))
@@ -121,17 +123,73 @@ def test_the_payload_is_hand_and_what_rides_on_it_where_pinocchio_has_it(plans: 
     assert carried, "an object is carried by the tool, which a hand carries"
 
 
-def test_fingers_close_with_the_planned_squeeze_and_the_vacuum_is_on_while_objects_ride(plans: dict[str, Plan]) -> None:
+@pytest.mark.parametrize("name", TASKS)
+def test_fingers_close_with_the_planned_squeeze_whenever_a_hand_takes_hold(plans: dict[str, Plan], name: str) -> None:
+    """Nothing is gripped that no step has gripped with that force before."""
+    plan, squeezes = plans[name], dict.fromkeys(ARMS, 0.0)
+    for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+        for arm in ARMS:
+            mine = step.arms[arm]
+            width = part.gripper_width.get(arm, np.zeros(1))
+            assert (mine.width is None) == (np.ptp(width) == 0.0)
+            assert mine.squeeze is None or part.kind == "grip"
+            if mine.width is not None:
+                squeezes[arm] = mine.squeeze or 0.0
+        for grip in part.grips:
+            if part.kind != "release":
+                assert squeezes[grip.arm] == grip.squeeze
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_fingers_are_told_forces_of_their_range_where_they_open_too(plans: dict[str, Plan], name: str) -> None:
+    schedule, all_told = Schedule.of(plans[name]), 0
+    for arm in ARMS:
+        hand = schedule.plan.cell.hands[arm]
+        told = re.findall(r"^ +site_fingers\((.*), (.*)\)$", write_urscript(schedule, arm), re.MULTILINE)
+        all_told += len(told)
+        if isinstance(hand, GripperDocument):
+            assert hand.force_range is not None
+            least, most = hand.force_range
+            assert all(least <= float(force) <= most for _, force in told)
+        else:
+            assert not told
+    assert all_told
+
+
+def test_hands_on_a_plate_are_told_the_sum_of_their_planned_contacts(plans: dict[str, Plan]) -> None:
+    """At samples with contacts, in the base's axes, unless the next segment's begin to be taken on, or a stick presses
+    with its least."""
+    plan = plans["ab1"]
+    compared = 0
+    for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+        last = step.number == len(plan.segments)
+        for sample in sorted({each.sample for each in part.contacts})[1:]:
+            for arm in ARMS:
+                contacts = [each for each in part.contacts if each.sample == sample and getattr(each, "by", "") == arm]
+                curve = step.arms[arm].wrenches
+                assert curve is not None
+                if not contacts:
+                    assert np.isnan(curve.values[sample]).all()
+                    continue
+                force = sum(each.wrench[:3] for each in contacts)
+                if np.linalg.norm(force) < LEAST_PUSH or (part.end - part.time[sample] < LEAD and not last):
+                    continue
+                points = np.array([each.point for each in contacts])
+                torque = sum(
+                    each.wrench[3:] + np.cross(each.point - points.mean(axis=0), each.wrench[:3]) for each in contacts
+                )
+                R = plan.cell.arms[arm].T_world_base[:3, :3]
+                np.testing.assert_allclose(curve.values[sample], [*(R.T @ force), *(R.T @ torque)], atol=1e-9)
+                compared += 1
+    assert compared > 10
+
+
+def test_the_vacuum_is_on_while_objects_ride(plans: dict[str, Plan]) -> None:
     plan = plans["domino_pile"]
     vacuum = False
     for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
         for arm in ARMS:
             mine = step.arms[arm]
-            width = part.gripper_width[arm]
-            assert (mine.width is None) == (np.ptp(width) == 0.0)
-            if mine.squeeze is not None:
-                assert part.kind == "grip"
-                assert mine.squeeze == next(grip.squeeze for grip in part.grips if grip.arm == arm)
             vacuum = vacuum if mine.vacuum is None else mine.vacuum
         objects = {body for body, _ in part.rides} - {"tool"}
         if part.kind not in ("attach", "detach"):
