@@ -40,11 +40,12 @@ class WrenchCurve:
     time: Array
     """(n,) from the step's begin [s]."""
     values: Array
-    """(n, 6) force and torque about the TCP, axes of the arm's base [N, Nm]; NaN where the hand does not touch it."""
+    """(n, 6) force and torque about the TCP, axes of the arm's base [N, Nm]; 0 while the hand comes or goes, NaN where
+    it is away from the plate."""
 
     @property
     def bears(self) -> bool:
-        """Whether the hand is on the plate all the time."""
+        """Whether the hand is at the plate all the time."""
         return not np.isnan(self.values).any()
 
     def at(self, time: Array) -> WrenchCurve:
@@ -180,8 +181,16 @@ class _StepReader:
     def _wrench_curve(self, arm: ArmName, index: int, segment: Segment) -> WrenchCurve | None:
         if arm not in self._wrenches:
             return None
-        rows = self._wrenches[arm][self._first[index] : self._first[index + 1]]
+        rows = self._rows(arm, index)
+        takes = index + 1 < len(self.plan.segments) and not np.isnan(self._rows(arm, index + 1)).any()
+        gives_up = segment.kind is SegmentKind.RELEASE and index > 0 and not np.isnan(self._rows(arm, index - 1)).any()
+        if (takes or gives_up) and np.isnan(rows).any():
+            # While a hand takes hold, or gives it up, it gives way to all that it touches.
+            rows = np.zeros_like(rows)
         return WrenchCurve(segment.time - segment.time[0], rows)
+
+    def _rows(self, arm: ArmName, index: int) -> Array:
+        return self._wrenches[arm][self._first[index] : self._first[index + 1]]
 
     def steps(self) -> Iterator[ProgramStep]:
         for index, segment in enumerate(self.plan.segments):

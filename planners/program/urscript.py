@@ -46,7 +46,8 @@ LIFT_ACCELERATION = 4.0
 LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
 SHARE_RATE = 16.0
-"""At which the speed changes when another share is asked for: a stop on the path takes 1/16 s [1/s]."""
+"""At which the speed changes when another share is asked for, over the largest that was: a stop on the path takes
+1/16 s from any speed, and brakes the less, the slower the arms are [1/s]."""
 HEARTBEAT_RATE = 20.0
 """A program stops when its register `heartbeat` is written less often than that [1/s]."""
 
@@ -199,6 +200,7 @@ class _Writer:
         yield "global lw_rest = 0"
         yield "global lw_path = 0"
         yield "global lw_share = 0"
+        yield "global lw_asked = 0"
         yield f"global lw_q = {_list(self.schedule.start[self.arm])}"
         yield f"global lw_v = {_list(np.zeros(6))}"
         yield f"global lw_force_limit = {_number(self.schedule.steps[0].arms[self.arm].force_limit)}"
@@ -222,7 +224,7 @@ class _Writer:
             yield f'    lw_end({ProgramState.STOPPED}, "stopped on request")'
             yield "  end"
         yield "end"
-        yield "# The share of the speed follows what is asked for, a little each cycle."
+        yield "# The share of the speed follows what is asked for, a little each cycle: the slower, the more gently."
         yield "def lw_pace():"
         wanted = f"read_input_float_register({r.share})" if by_registers else "1"
         yield f"  local wanted = {wanted}"
@@ -230,7 +232,10 @@ class _Writer:
             yield f"  if read_input_integer_register({r.stop}) == 1:"
             yield "    wanted = 0"
             yield "  end"
-        yield f"  local most = {_number(SHARE_RATE)} * get_steptime()"
+        yield "  if wanted > lw_asked:"
+        yield "    global lw_asked = wanted"
+        yield "  end"
+        yield f"  local most = {_number(SHARE_RATE)} * lw_asked * get_steptime()"
         yield "  if wanted > lw_share + most:"
         yield "    global lw_share = lw_share + most"
         yield "  elif wanted < lw_share - most:"

@@ -18,6 +18,7 @@ import numpy as np
 from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array
 from planners.plan.scenery import ARMS
+from planners.plan.segment import SegmentKind
 from planners.program.schedule import Schedule, in_base
 from planners.program.urscript import SETTLING, Registers
 from planners.scene.lift_scene import PlateLiftScene
@@ -28,8 +29,9 @@ from workers.simulation.hands import SimulatedHand
 from workers.simulation.lift_execution import LiftExecution
 from workers.simulation.lifter import WinchProfile
 from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
+from workers.simulation.timeline import PlannedMoment
 from workers.simulation.tool_execution import ToolExecution
-from workers.simulation.world import LiftWorld, ToolWorld
+from workers.simulation.world import LiftWorld, Motion, ToolWorld
 
 from .lock_step import Told
 
@@ -63,13 +65,13 @@ class PhysicalLift:
         """Stand where the plan begins.
 
         Args:
-            schedule: of the plan.
+            schedule: of the plan, that is executed.
             scene: that it was planned in.
             world: the physics, at the start.
             seed: of the winch, of what the lifter gives too much, and of the wrists' noise.
             lets_go: after which of the lift the cup has no vacuum any more [s].
         """
-        self._schedule, self._scene, self.world, self._lets_go = schedule, scene, world, lets_go
+        self.schedule, self._scene, self.world, self._lets_go = schedule, scene, world, lets_go
         settings, rng = SimulationSettings(), np.random.default_rng(seed)
         self.execution = LiftExecution(schedule.plan, scene, world, settings, rng, scene)
         lift = schedule.lift
@@ -92,6 +94,8 @@ class PhysicalLift:
         failure = self.execution.prepare()
         assert failure is None, failure
         self.execution.lift = None
+        # Wrists were tared before the hands touched anything.
+        self._offsets = {hand.arm.name: np.zeros(6) for hand in self.execution.hands}
         return {arm: self.world.positions[part].copy() for arm, part in _PARTS.items()}
 
     def __call__(self, now: float, told: Told) -> dict[ArmName, dict[str, Any]]:
@@ -101,7 +105,7 @@ class PhysicalLift:
         return {hand.arm.name: {"wrench": self._felt(hand)} for hand in self.execution.hands}
 
     def _pass(self, now: float, told: Told) -> None:
-        execution, schedule = self.execution, self._schedule
+        execution, schedule = self.execution, self.schedule
         positions, velocities = _joints(told)
         lifts = all(each["output_int"][_TOLD.step] > schedule.last for each in told.values())
         moment = execution.reference.at(_clock(schedule, told))
@@ -132,12 +136,22 @@ class PhysicalLift:
             wrench = lifter.hoist(*self._winch.at(elapsed), plate)
             if elapsed > self._lets_go:
                 wrench, lifter.pull = np.zeros(6), 0.0
+        self._let_touch(moment, plate)
         failure = execution._step(positions, velocities, wrench, moment)
         self.gave_way = None if failure is None else failure.cause
         if not math.isnan(self._height):
             force = sum(float(hand.force[2]) for hand in execution.hands)
             followed = float(lifter.place(self.world.plate.motion)[2]) - self._height
             self.samples.append(LiftSample(elapsed, self._winch.at(elapsed)[0], followed, lifter.pull, force))
+
+    def _let_touch(self, moment: PlannedMoment, plate: Motion) -> None:
+        """Have a stick that comes touch the face when it meets it: the simulation has it do so once it has come."""
+        segments, hand = self.execution.reference.segments, self.execution.pushing
+        if moment.segment.kind is SegmentKind.APPROACH and moment.number + 1 < len(segments) and not hand.touch.engaged:
+            ahead = segments[moment.number + 1]
+            if moment.segment.push is None and ahead.push is not None:
+                T_world_hand, _ = self.world.hand(hand.arm.name, hand.T_flange_hand)
+                hand.update(moment._replace(segment=ahead), T_world_hand, plate)
 
     def _felt(self, hand: SimulatedHand) -> list[float]:
         """Return what a wrist feels: the plate's wrench on the hand about its TCP, base axes, with offset and noise."""
